@@ -25,16 +25,16 @@ def refuse_in_statics(
     scene: Scene, *, contact: bool = True, on_path: bool = False
 ) -> None:
     """
-    Refuse what statics and modes leave out, with the reason; `contact`: whether it counts.
+    Refuse what statics leave out, with the reason; `contact`: whether it counts.
 
-    `on_path`: friction is followed on a path of states. Raises ParameterError.
+    `on_path`: friction is followed on a path of states, or sticks. Raises ParameterError.
     """
     parameters = scene.parameters
     friction = parameters['contact.friction']
     # Without contact nothing rubs.
     if contact and friction != 0.0 and parameters['contact.mode'] != 'never' and not on_path:
         raise ParameterError(
-            'contact.friction', f'contact.friction {friction:g}: statics and modes go by the '
+            'contact.friction', f'contact.friction {friction:g}: a search for rest goes by the '
             'energy, and friction has none: with it a fabric rests in many ways, which depend on '
             'how it came there; state a path (icofabric statics --load-steps N, ico.step_loads, '
             'or curves of a slab: icofabric elasticity, ico.measure_curve), set it to 0.0 for '

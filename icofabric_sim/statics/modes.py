@@ -30,6 +30,7 @@ from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
+from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.held import check_time, held_time
 from icofabric_sim.statics.iteration import largest_square
 from icofabric_sim.statics.kinks import amplitudes_to_kink
@@ -162,7 +163,8 @@ def solve_modes(
     'lowest' or 'highest'; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger
     one. Loads, drives and anchors are held at `time` [s]; dead loads with their point off the
     centre count, follower loads do not. `branch`: how connectors at their kink count in what is
-    not given for both, 'push' (None) or 'pull'.
+    not given for both, 'push' (None) or 'pull'. With `contact.friction` what presses sticks: small
+    motions stretch its springs, which count as if they held nothing in that configuration.
     """
     require_scene(scene)
     check_snapshot('at', at, scene)
@@ -171,10 +173,14 @@ def solve_modes(
         count = checks.count('count', count, 1)
     checks.choice('which', which, (LOWEST, HIGHEST))
     check_branch(branch)
+    friction = FrictionPath.of(scene)
     fabric = StaticFabric(
-        scene, held_time(scene, time), broken_since=None if at is None else at.broken_since,
-        anchors_broken_since=None if at is None else at.anchors_broken_since)
+        scene, held_time(scene, time, on_path=friction is not None),
+        broken_since=None if at is None else at.broken_since,
+        anchors_broken_since=None if at is None else at.anchors_broken_since, friction=friction)
     here = fabric.start if at is None else fabric.configuration('at', at)
+    if friction is not None and fabric.contacts is not None:
+        fabric.friction = friction.advanced(fabric.contacts, here.position, here.axes)
     jumps = here.kink_jumps
     if not len(jumps):
         return _solve(here, count, which)

@@ -22,6 +22,7 @@ import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
+from icofabric_sim.statics.spectrum import scaled_hessian
 import numpy as np
 import pytest
 
@@ -184,6 +185,53 @@ def test_a_dense_slab_loses_energy_in_a_cycle_of_shear():
 
 def test_friction_without_a_path_is_refused():
     scene = ico.Scene.from_parameters(SLIDER)
-    for search in (ico.solve_equilibrium, ico.solve_modes):
-        with pytest.raises(ico.ParameterError, match='state a path'):
-            search(scene)
+    with pytest.raises(ico.ParameterError, match='state a path'):
+        ico.solve_equilibrium(scene)
+
+
+def test_small_motions_stick():
+    # Along the floor the spring of friction, 2/7 K, holds the slider beside its ties.
+    scene = ico.Scene.from_parameters(SLIDER)
+    rest = on_path(scene, [0.25, 0.5])[-1].snapshot
+    found = ico.solve_modes(scene, at=rest, time=0.0)
+    smooth = ico.solve_modes(changed(scene, {'contact.friction': 0.0}), at=rest, time=0.0)
+    spring = 2.0 / 7.0 * K
+    assert found.mechanism_count == 0
+    square, plain = (scene.shell.mass * each.frequencies**2 for each in (found, smooth))
+    # Three motions: two along the floor, one into it, which friction leaves alone.
+    assert len(square) == len(plain) == 3
+    assert square[:2] == pytest.approx(plain[:2] + spring, rel=1e-6)
+    assert square[2] == pytest.approx(plain[2], rel=1e-9) and square[2] > spring
+
+
+def test_small_motions_of_shells_that_stick_to_each_other():
+    # Beside springs of the slip alone: (x_1 + theta_1 x arm_1 - x_2 - theta_2 x arm_2) along the
+    # surface, and r (theta_1 - theta_2) . n.
+    flat = ico.Scene.from_parameters({
+        'weave.size': [3, 3, 3], 'weave.connector_angle': -0.36,
+        'connector.natural_length': 0.0127, 'connector.bending_stiffness': 0.005,
+        'contact.stiffness': 2e4})
+    rest = ico.solve_equilibrium(flat).snapshot
+    scene = changed(flat, {'contact.friction': 0.3})
+    found = ico.solve_modes(scene, at=rest)
+    fabric = StaticFabric(flat, 0.0)
+    here = fabric.configuration('at', rest)
+    met, count = fabric.contacts.meetings(here.position, here.axes), scene.body_count
+    assert len(met.pairs) > 10 and found.mechanism_count == 6
+    slip = np.zeros((len(met.pairs), 4, count, 6))
+    for row, (pair, point, n) in enumerate(zip(met.pairs, met.point, met.normal)):
+        along = np.eye(3) - np.outer(n, n)
+        for body, sign in zip(pair, (1.0, -1.0)):
+            arm = point - here.position[body]
+            cross = np.array([np.cross(axis, arm) for axis in np.eye(3)]).T
+            slip[row, :3, body, :3] = sign * along
+            slip[row, :3, body, 3:] = sign * along @ cross
+            slip[row, 3, body, 3:] = sign * met.radius[row] * n
+    rows = slip.reshape(-1, 6 * count) / np.tile(fabric.root, count)
+    matrix = scaled_hessian(here).toarray() + 2.0 / 7.0 * 2e4 * rows.T @ rows
+    expected = np.linalg.eigvalsh(matrix)
+    assert found.frequencies**2 == pytest.approx(expected[6:], abs=1e-6 * expected[-1])
+    # Sticking makes the fabric stiffer, by more than any rounding.
+    loose = ico.solve_modes(flat, at=rest)
+    assert (found.frequencies > 0.999999 * loose.frequencies[-len(found.frequencies):]).all()
+    assert found.frequencies[0] > 1.01 * loose.frequencies[0]
