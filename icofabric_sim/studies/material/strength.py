@@ -173,7 +173,7 @@ def _falls(level: Level) -> dict[str, Stage]:
             ('run',), keep, 2.0 * seconds, base),
         'relaxing': Stage(
             [_falling(angle, size, **{'connector.maxwell_time': time})
-             for time in level.pick(_TIMES[1::2], _TIMES, _TIMES)],
+             for time in level.pick(_TIMES[3:4], _TIMES, _TIMES)],
             ('run',), keep, seconds, {**base, 'connector.maxwell_stiffness': _ARM * K})}
 
 
