@@ -200,19 +200,24 @@ def solve_modes(
 
 def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     if here.fabric.model.coulomb is not None and not is_counted(here):
+        _require_isotropic(here)
         return _without_matrix(here, count, which)
-    scene = here.fabric.scene
     matrix = _scaled(here)
     size = matrix.shape[0]
     if size <= DENSE:
         return _all_modes(here, matrix.toarray(), count, which)
-    require_isotropic(
-        scene.parameters, scene.principal_inertia, f'vibrations of more than {DENSE:,} freedoms')
+    _require_isotropic(here)
     wanted = min(_SOME if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
     return _some_modes(here, values, vectors, curvature, size)
+
+
+def _require_isotropic(here: Configuration) -> None:
+    scene = here.fabric.scene
+    require_isotropic(
+        scene.parameters, scene.principal_inertia, f'vibrations of more than {DENSE:,} freedoms')
 
 
 def _scaled(here: Configuration) -> sparse.csr_matrix:
