@@ -14,16 +14,16 @@
 """Packs Maxwell arms of connectors, and the lengths at which their springs rest."""
 
 from icofabric_sim.kernels.outlines import fill_lengths
-from icofabric_sim.kernels.records import Connectors, LINK_COUNT, Links, Maxwell, State
+from icofabric_sim.kernels.records import Connectors, Links, Maxwell
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.maxwell import MaxwellArms
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
-from icofabric_sim.simulation.model.link_places import link_places
+from icofabric_sim.simulation.model.damping import at_links
+from icofabric_sim.simulation.model.layout import Layout
 import numpy as np
 
 
 def pack_arms(
-    arms: MaxwellArms | None, layout: Layout, links: Links, connectors: Connectors
+    arms: MaxwellArms | None, layout: Layout, links: Links, bodies: np.ndarray, edges: np.ndarray
 ) -> Maxwell | None:
     """Return the arms for kernels; None without any."""
     if arms is None:
@@ -32,21 +32,9 @@ def pack_arms(
     most = float(stiffness.max()), float(rate.max())
     if len(stiffness) == len(rate) == 1:
         return Maxwell(*most, None, None)
-    count = len(connectors.first)
     return Maxwell(*most, *(
-        at_connectors(np.broadcast_to(values, count), layout, links, connectors)
+        at_links(np.broadcast_to(values, len(bodies)), layout, links, bodies, edges)
         for values in (stiffness, rate)))
-
-
-def at_connectors(
-    values: np.ndarray, layout: Layout, links: Links, connectors: Connectors
-) -> np.ndarray:
-    """A number of each connector, (c,), at both of its bodies, (12, s); 0 where none is."""
-    places = link_places(layout, links, connectors, slice(None))
-    rows = aligned_empty((LINK_COUNT, layout.slot_count))
-    rows[:] = 0.0
-    rows[places.link, places.slot] = values
-    return rows
 
 
 def lengths_of(connectors: Connectors, state: InitialState) -> np.ndarray:
@@ -76,14 +64,3 @@ def carried_lengths(
     known = {tuple(key): own for key, own in zip(keys[0][held].tolist(), rest[held])}
     return np.array([
         known.get(tuple(key), own) for key, own in zip(keys[1].tolist(), length.tolist())])
-
-
-def rest_lengths(
-    layout: Layout, links: Links, connectors: Connectors, state: State
-) -> np.ndarray | None:
-    """Lengths [m] at which the springs of the arms rest, (c,); None without arms."""
-    if state.rest is None:
-        return None
-    places = link_places(layout, links, connectors, slice(None))
-    # The same at either end.
-    return np.asarray(state.rest[places.link[0], places.slot[0]])

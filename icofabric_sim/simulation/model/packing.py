@@ -48,19 +48,13 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
 from icofabric_sim.simulation.driving import DrivePack
-from icofabric_sim.simulation.model.arms import (
-    at_connectors,
-    carried_lengths,
-    lengths_of,
-    pack_arms,
-    rest_lengths,
-)
+from icofabric_sim.simulation.model.arms import carried_lengths, lengths_of, pack_arms
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.connector_moments import pack_moments
 from icofabric_sim.simulation.model.damping import pack_damping
 from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, pack_magnet
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
-from icofabric_sim.simulation.model.link_places import pack_breakage
+from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces, pack_breakage
 from icofabric_sim.simulation.model.shells import pack_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
@@ -141,13 +135,14 @@ class PackedScene:
 
         Springs of Maxwell arms are at rest in it, or at lengths `rest` [m], (c,).
         """
-        state = self.layout.pack(initial)
-        if self.model.maxwell is None or self.model.links is None or self.connectors is None:
+        state, places = self.layout.pack(initial), self._arm_places
+        if places is None or self.connectors is None:
             return state
-        if rest is None:
-            rest = lengths_of(self.connectors, initial)
-        return state._replace(rest=at_connectors(
-            rest, self.layout, self.model.links, self.connectors))
+        rows = aligned_empty((LINK_COUNT, self.layout.slot_count))
+        rows[:] = 0.0
+        rows[places.link, places.slot] = (
+            lengths_of(self.connectors, initial) if rest is None else rest)
+        return state._replace(rest=rows)
 
     def carry(
         self, previous: 'PackedScene', rest: np.ndarray | None, initial: InitialState
@@ -164,9 +159,18 @@ class PackedScene:
 
     def rest_lengths(self, state: State) -> np.ndarray | None:
         """Lengths [m] at which the springs of Maxwell arms rest, (c,); None without arms."""
-        if self.model.links is None or self.connectors is None:
+        places = self._arm_places
+        if places is None or state.rest is None:
             return None
-        return rest_lengths(self.layout, self.model.links, self.connectors, state)
+        # The same at either end.
+        return np.asarray(state.rest[places.link[0], places.slot[0]])
+
+    @cached_property
+    def _arm_places(self) -> LinkPlaces | None:
+        """Where the connectors are in the rows of a state; None without Maxwell arms."""
+        if self.model.maxwell is None or self.model.links is None or self.connectors is None:
+            return None
+        return link_places(self.layout, self.model.links, self.connectors, slice(None))
 
 
 def pack_scene(
@@ -194,7 +198,7 @@ def pack_scene(
             layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points,
             tables=scene.connectors.tables)
         damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
-        maxwell = pack_arms(scene.connectors.arms, layout, links, connectors)
+        maxwell = pack_arms(scene.connectors.arms, layout, links, bodies, edges)
         if scene.connectors.limits is not None:
             breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
