@@ -24,6 +24,7 @@ from icofabric_sim.simulation.model.stability import hessian_product
 from icofabric_sim.statics import modes
 import numpy as np
 import pytest
+from references import axes_of, resultants
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
@@ -36,11 +37,6 @@ RATE = math.sqrt(2.0 * STIFFNESS / MASS)
 MOMENTS = [0.8 * INERTIA, 1.1 * INERTIA, 1.5 * INERTIA]
 TUMBLING = {'shell.principal_inertia': MOMENTS}
 LONE = {'weave.size': [1, 1, 1], 'weave.connected': False, 'solver.tolerance': 1e-9}
-
-
-def axes_of(orientation):
-    """Rows are the body axes in the world, (n, 3, 3)."""
-    return Rotation.from_quat(orientation).as_matrix().swapaxes(1, 2)
 
 
 def lone(moments, spin, **more):
@@ -115,24 +111,14 @@ def test_a_body_tumbles_by_jacobi_functions(cosines):
 
 
 def right_hand_side(scene):
-    """Rates of (x, q, v, w) of a fabric of springs, by numpy alone."""
-    count, bodies, laws = scene.body_count, scene.connectors.bodies, scene.connectors.laws
+    """Rates of (x, q, v, w) of a fabric of springs, by forces of their own (references.py)."""
     moments = scene.principal_inertia
 
     def rates(_, y):
-        state = y.reshape(count, 13)
+        state = y.reshape(scene.body_count, 13)
         x, q, v, w = state[:, :3], state[:, 3:7], state[:, 7:10], state[:, 10:]
         axes = axes_of(q / np.linalg.norm(q, axis=1)[:, None])
-        arm = np.stack([np.einsum('ci,cij->cj', scene.connectors.points_body[:, end],
-                                  axes[bodies[:, end]]) for end in range(2)], axis=1)
-        ends = x[bodies] + arm
-        u = ends[:, 1] - ends[:, 0]
-        length = np.linalg.norm(u, axis=1)
-        pull = (laws.extension * (length - laws.natural_length) / length)[:, None] * u
-        force, torque = np.zeros((2, count, 3))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            np.add.at(force, bodies[:, end], sign * pull)
-            np.add.at(torque, bodies[:, end], np.cross(arm[:, end], sign * pull))
+        force, torque = resultants(scene, x, axes)
         own = np.einsum('bij,bj->bi', axes, w)
         turn = (np.einsum('bij,bj->bi', axes, torque) - np.cross(own, moments * own)) / moments
         half = 0.5 * np.hstack([

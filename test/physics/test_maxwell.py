@@ -30,6 +30,7 @@ from icofabric_sim.running.run_events import do_event
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 import numpy as np
 import pytest
+from references import axes_of, resultants
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -152,42 +153,37 @@ def test_a_quick_arm_is_a_damper_and_a_slow_one_a_spring():
     assert np.abs(places['slow'] - places['spring']).max() < 1e-5 * change
 
 
-def ends_of(scene, x, q, v, w):
-    """Arms about the centres, and velocities of both ends of each connector, (c, 2, 3)."""
-    bodies = scene.connectors.bodies
-    arms = np.stack([
-        Rotation.from_quat(q[bodies[:, end]]).apply(scene.connectors.points_body[:, end])
-        for end in range(2)], axis=1)
-    return arms, v[bodies] + np.cross(w[bodies], arms)
+def arm_pulls(scene, x, axes, rest):
+    """Forces and torques of the arms on all bodies, (n, 3), and their stretches (c,), by numpy."""
+    bodies, points = scene.connectors.bodies, scene.connectors.points_body
+    arm = np.einsum('cei,ceij->cej', points, axes[bodies])
+    ends = x[bodies] + arm
+    u = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(u, axis=1)
+    pull = (scene.connectors.arms.stiffness * (length - rest) / length)[:, None] * u
+    force, torque = np.zeros((2, scene.body_count, 3))
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        np.add.at(force, bodies[:, end], sign * pull)
+        np.add.at(torque, bodies[:, end], np.cross(arm[:, end], sign * pull))
+    return force, torque, length - rest
 
 
 def right_hand_side(scene):
-    """Rates of (x, q, v, w, rest) of a fabric of springs with arms, by numpy alone."""
-    count, bodies = scene.body_count, scene.connectors.bodies
-    laws, arms = scene.connectors.laws, scene.connectors.arms
+    """Rates of (x, q, v, w, rest) of a fabric of springs with arms (references.py, and above)."""
+    count = scene.body_count
 
     def rates(_, y):
         state = y[:13 * count].reshape(count, 13)
-        x, q, v, w, rest = (
-            state[:, :3], state[:, 3:7], state[:, 7:10], state[:, 10:], y[13 * count:])
-        unit = q / np.linalg.norm(q, axis=1)[:, None]
-        arm, _ = ends_of(scene, x, unit, v, w)
-        ends = x[bodies] + arm
-        u = ends[:, 1] - ends[:, 0]
-        length = np.linalg.norm(u, axis=1)
-        tension = laws.extension * (length - laws.natural_length)
-        tension = tension + arms.stiffness * (length - rest)
-        pull = (tension / length)[:, None] * u
-        force, torque = np.zeros((2, count, 3))
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            np.add.at(force, bodies[:, end], sign * pull)
-            np.add.at(torque, bodies[:, end], np.cross(arm[:, end], sign * pull))
+        x, q, v, w = state[:, :3], state[:, 3:7], state[:, 7:10], state[:, 10:]
+        axes = axes_of(q / np.linalg.norm(q, axis=1)[:, None])
+        force, torque, stretch = arm_pulls(scene, x, axes, y[13 * count:])
+        springs, moments = resultants(scene, x, axes)
         # dq/dt = omega q / 2, scalar last.
         turn = 0.5 * np.hstack([
             w * q[:, 3:] + np.cross(w, q[:, :3]), -(w * q[:, :3]).sum(axis=1)[:, None]])
-        creep = (length - rest) * arms.rate
         return np.concatenate([
-            np.hstack([v, turn, force / MASS, torque / INERTIA]).ravel(), creep])
+            np.hstack([v, turn, (force + springs) / MASS, (torque + moments) / INERTIA]).ravel(),
+            stretch * scene.connectors.arms.rate])
 
     return rates
 
@@ -250,22 +246,13 @@ def test_pulls_and_power_against_their_formula(cosines):
             spent = float(work.spent.power[0].sum())
             creep = packed.rest_lengths(state._replace(rest=slope[row + 6:].copy()))
     force, torque = found[0][0] - found[1][0], found[0][1] - found[1][1]
-    zero = np.zeros_like(x)
-    arms, _ = ends_of(scene, x, q, zero, zero)
-    bodies = scene.connectors.bodies
-    u = x[bodies[:, 1]] + arms[:, 1] - x[bodies[:, 0]] - arms[:, 0]
-    length = np.linalg.norm(u, axis=1)
+    expected, moments, stretch = arm_pulls(scene, x, axes_of(q), rest)
     own = scene.connectors.arms
-    pull = own.stiffness * (length - rest)
-    expected, moments = np.zeros_like(x), np.zeros_like(x)
-    for end, sign in ((0, 1.0), (1, -1.0)):
-        acting = sign * (pull / length)[:, None] * u
-        np.add.at(expected, bodies[:, end], acting)
-        np.add.at(moments, bodies[:, end], np.cross(arms[:, end], acting))
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
     np.testing.assert_allclose(torque, moments, rtol=0, atol=1e-10 * np.abs(moments).max())
-    np.testing.assert_allclose(creep, (length - rest) * own.rate, rtol=1e-12)
-    assert spent == pytest.approx(float((pull * (length - rest) * own.rate).sum()), rel=1e-12)
+    np.testing.assert_allclose(creep, stretch * own.rate, rtol=1e-12)
+    assert spent == pytest.approx(float((
+        own.stiffness * stretch**2 * own.rate).sum()), rel=1e-12)
     assert len(set(own.stiffness.tolist())) == 2
 
 
