@@ -145,8 +145,17 @@ class EventLoop:
         self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
+        # The method of the start, and the one that takes over from it once shells are near each
+        # other; None: none does.
+        self._first, self.near_method = self.method, None
+        if is_chosen and device is None and not fixed > 0.0:
+            self.near_method = method_near_contact(
+                self.method, is_possible=packed.contact is not None,
+                loose=not scene.connector_count)
         if ranks is not None:
             from icofabric_sim.simulation.devices.leader import shared_method
+            from icofabric_sim.simulation.devices.refusals import require_one_method
+            require_one_method(self.near_method)
             method = shared_method(
                 ranks, packed, self.method.name, given=fixed > 0.0,
                 half_edge=scene.geometry.half_edge)
@@ -161,13 +170,6 @@ class EventLoop:
         self.strain = 0.0
         if fixed > 0.0 or not method.adaptive:
             self.strain = expected_strain(scene, self._liveliness(frequency.rate), frequency.rate)
-        # The method of the start, and the one that takes over from it once shells are near each
-        # other; None: none does.
-        self._first, self.near_method = self.method, None
-        if is_chosen and ranks is None and device is None and not fixed > 0.0:
-            self.near_method = method_near_contact(
-                self.method, is_possible=packed.contact is not None,
-                loose=not scene.connector_count)
         if self.near_method is not None:
             self.method = self._first = self.method._replace(
                 reason=f'{self.method.reason}; {self.near_method.name} goes on once shells are '

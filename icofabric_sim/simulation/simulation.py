@@ -419,7 +419,8 @@ class Simulation:
         self._driver.warm_up()
         # Of a larger one another process would need as much memory, and so would the answer.
         self._lacks_kernels = (
-            self.scene.body_count <= LARGEST and not self._event_loop.is_ready())
+            self.scene.body_count <= LARGEST and not self._is_elsewhere
+            and not self._event_loop.is_ready())
         if self.body_force is None and self._lacks_kernels:
             self._compile_ahead()
 
@@ -429,11 +430,14 @@ class Simulation:
 
         After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. With
         `load` what is on disk is loaded too, and what reports need. None where there is nothing to
-        make ready, no process that could compile it, or a body force, which one thread alone may
-        call: then it is compiled where it is needed.
+        make ready, no process that could compile it, a body force, which one thread alone may
+        call, or ranks that share the steps, whose kernels are others: then it is compiled where it
+        is needed.
         """
         load = checks.flag('load', load)
-        if self.contact_kernels is None and self.body_force is None and (
+        if self._is_elsewhere or self.body_force is not None:
+            return None
+        if self.contact_kernels is None and (
                 self._lacks_kernels or load and self.scene.body_count <= LARGEST):
             if self._lacks_kernels and not may_compile_elsewhere(self.scene):
                 return None
@@ -445,6 +449,11 @@ class Simulation:
                 process, self._compile_ahead, partial(self._load_kernels, may_touch),
                 lambda: self._driver.await_no_kernels())
         return self.contact_kernels
+
+    @property
+    def _is_elsewhere(self) -> bool:
+        """Whether ranks or a device take the steps."""
+        return self._driver.trajectory.method.holder is not None
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_ahead(

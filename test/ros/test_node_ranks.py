@@ -50,6 +50,10 @@ def test_a_node_on_ranks_is_driven_as_any_other_and_verifies(tmp_path):
         client.wait_until(client.clock + 10**8)
         client.set(**{'weave.size': [5, 5, 7]})
         client.wait_for(lambda: len(poses[-1].values) == 88, 'the longer fabric')
+        # For a while shells may touch.
+        client.set(**{'contact.mode': 'always'})
+        client.wait_until(client.clock + 2 * 10**7)
+        client.set(**{'contact.mode': 'never'})
         # What ranks cannot share is refused in words, and the fabric goes on.
         [refused] = client.set_messages([parameter('connector.damping', 0.1)])
         words = refused.reason or client.health(
@@ -84,9 +88,9 @@ def _target(body):
 
 
 @pytest.mark.parametrize('own, words', [
-    ((), 'started 2 processes'), (('--ranks',), 'contact.mode')])
+    ((), 'started 2 processes'), (('--ranks',), 'charge.mutual')])
 def test_what_cannot_be_is_said_by_one_of_them(own, words, tmp_path):
-    scene = write_scene(tmp_path / 'scene.yaml', {**SCENE, 'contact': {'mode': 'auto'}})
+    scene = write_scene(tmp_path / 'scene.yaml', {**SCENE, 'charge': {'mutual': True}})
     done = subprocess.run(
         [launcher(), '-n', '2', sys.executable, '-m', 'icofabric_sim.ros.fabric_node', *own,
          '--ros-args', '--params-file', str(scene)], cwd=ROOT, capture_output=True, text=True,

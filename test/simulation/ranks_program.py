@@ -15,13 +15,15 @@
 Runs of small scenes by ranks of MPI, and what is to be the same bits whatever their number.
 
 As a program: started by a launcher, it lets each smaller number of its processes run every scene,
-and prints what came of it as JSON; `test_ranks.py` compares with one process.
+or with the word `long` those of `make test-long`, and prints what came of it as JSON;
+`test_ranks.py` compares with one process.
 """
 
 import faulthandler
 import hashlib
 import json
 from pathlib import Path
+import sys
 import time
 import traceback
 
@@ -35,6 +37,9 @@ COMMON = {
     'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 3},
     'loads': {'l': {'group': 'tip', 'force': [0.01, 0.0, 0.02], 'profile': 'half_sine',
                     'duration': 0.004}}}
+TOUCHING = {
+    'groups': {'tip': 'x_max'}, 'loads': {'l': {'group': 'tip', 'force': [-0.05, 0.0, 0.0]}},
+    'initial_random': {'velocity_sigma': 0.3, 'spin_sigma': 20.0, 'seed': 3}}
 # Slabs of rows end to end, interleaved grids, rows of a turned fabric, loose bodies; with steps
 # given and chosen; laws, moments and an anchor, masses and surface forces, and paths.
 SCENES = {
@@ -86,20 +91,57 @@ SCENES = {
             'group': 'low', 'motion': 'sine', 'linear': [0.002, 0.0, 0.001],
             'angular': [0.0, 0.05, 0.0], 'frequency': 40.0}},
         'solver': {'method': 'srkn6', 'tolerance': 1e-3}},
+    # Through contacts that take energy: it falls and slides on planes, and is pushed.
+    'a floor with friction, leapfrog': {
+        **TOUCHING, 'weave.size': [5, 5, 5], 'gravity': [0.0, 0.0, -9.81],
+        'planes': {
+            'floor': {'normal': [0.1, 0.0, 1.0], 'offset': -0.2},
+            'wall': {'normal': [1.0, 0.0, 0.0], 'offset': -0.2}},
+        'contact': {'friction': 0.4, 'damping': 2.0},
+        'solver': {'method': 'leapfrog', 'tolerance': 0.5}},
+    'faces that meet, with kinks, srkn6': {
+        **TOUCHING, 'weave': {'size': [5, 5, 5], 'connector_angle': -0.3},
+        'connector': {'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
+        'solver': {'method': 'srkn6', 'tolerance': 1e-2}},
 }
+# For `make test-long`: other methods, and shells that no connector holds.
+LONG_SCENES = {
+    'faces that meet, srkn8': {
+        **TOUCHING, 'weave': {'size': [5, 5, 5], 'connector_angle': -0.3},
+        'solver': {'method': 'srkn8', 'tolerance': 1e-2}},
+    'faces that meet, given steps, srkn4': {
+        **TOUCHING, 'weave': {'size': [5, 5, 5], 'connector_angle': -0.3},
+        'contact.stiffness': 2e4, 'solver': {'method': 'srkn4', 'step': 5e-5}},
+    'a pile, leapfrog': {
+        'bodies': {
+            f'b{k}': {
+                'position': [0.033 * (k % 3), 0.033 * (k // 3 % 3), 0.035 + 0.033 * (k // 9)],
+                'linear_velocity': [0.02 * (k % 5 - 2), 0.0, -0.6], 'angular_velocity': [
+                    3.0, -2.0, float(k % 4)]}
+            for k in range(40)},
+        'weave.size': [1, 1, 1], 'gravity': [0.0, 0.0, -9.81],
+        'groups': {'tip': 'ids 40'}, 'loads': {'l': {'group': 'tip'}},
+        'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.02}},
+        'contact': {'friction': 0.5, 'damping': 5.0},
+        'solver': {'method': 'leapfrog', 'tolerance': 0.5}},
+}
+SCENES_ALL = {**SCENES, **LONG_SCENES}
+# Up to when shells have to be let fall before they touch [s].
+LATE = {'a floor with friction, leapfrog': 0.013, 'a pile, leapfrog': 0.009}
 # What devices cannot compute yet.
 FOR_RANKS_ALONE = {
     'own masses and winds, srkn4', 'a law by a table, srkn6', 'drives, leapfrog',
-    'kinks and a drive, srkn6'}
+    'kinks and a drive, srkn6', 'a floor with friction, leapfrog',
+    'faces that meet, with kinks, srkn6'}
 # Where a hand draws a body, too.
 PULLED = {'slab, leapfrog', 'kinks, srkn6', 'own masses and winds, srkn4'}
 
 
 def run(name, ranks=None):
     """Run a scene in pieces; what came of it, as text that says every bit."""
-    simulation = ico.compile_scene(ico.Scene.from_parameters(SCENES[name]), ranks=ranks)
-    # Between two steps, at a step, behind an input.
-    simulation.advance_to(0.0031)
+    simulation = ico.compile_scene(ico.Scene.from_parameters(SCENES_ALL[name]), ranks=ranks)
+    # Between two steps, at a step, behind an input; once shells touch.
+    simulation.advance_to(0.0031 if name not in LATE else LATE[name])
     found = [state_of(simulation)]
     simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
     simulation.advance_steps(5)
@@ -176,6 +218,7 @@ def fail(ranks, victim):
 def main():
     from mpi4py import MPI
     world, found = MPI.COMM_WORLD, {}
+    names = LONG_SCENES if sys.argv[1:] == ['long'] else SCENES
     groups = {
         count: world.Split(0 if world.rank < count else MPI.UNDEFINED, world.rank)
         for count in range(2, world.size + 1)}
@@ -184,7 +227,7 @@ def main():
             continue
         with ico.Ranks(group) as ranks:
             if ranks.leads:
-                found[count] = {name: run(name, ranks) for name in SCENES}
+                found[count] = {name: run(name, ranks) for name in names}
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

@@ -29,13 +29,19 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices.division import divide, halo_bytes
 from icofabric_sim.simulation.devices.leader import SharedSteps
-from icofabric_sim.simulation.devices.refusals import require_shareable, require_shareable_method
+from icofabric_sim.simulation.devices.refusals import (
+    require_one_method,
+    require_shareable,
+    require_shareable_method,
+)
+from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
 from icofabric_sim.simulation.devices.window import resting, slots_of, window_of
 from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.stepping.method_selection import Choice, method_near_contact
 from mpi_launcher import launcher
 import numpy as np
 import pytest
-from ranks_program import COMMON, run, SCENES, state_of, steps_taken
+from ranks_program import COMMON, LONG_SCENES, run, SCENES, state_of, steps_taken, TOUCHING
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 4
@@ -66,8 +72,67 @@ def shared(alone):
 @pytest.mark.parametrize('count', range(2, MOST + 1))
 def test_any_number_of_ranks_gives_the_bits_of_one_process(count, name, alone, shared):
     assert shared['found'][str(count)][name] == alone[name]
-    states = [digest for digest, _ in alone[name]['states']]
-    assert alone[name]['steps'] > 5 and len(set(states)) == len(states)
+    require_motion(alone[name], touching='contact.mode' not in SCENES[name])
+
+
+def test_other_scenes_in_which_shells_touch_have_the_bits_of_one_process():
+    alone = {name: json.loads(json.dumps(run(name))) for name in LONG_SCENES}
+    done = launch(MOST, Path(__file__).with_name('ranks_program.py'), 'long')
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)['found']
+    for name, expected in alone.items():
+        require_motion(expected, touching=True)
+        for count in range(2, MOST + 1):
+            assert found[str(count)][name] == expected, (count, name)
+
+
+def require_motion(found, *, touching):
+    """Something happened between the states; where shells are to be `touching` they were."""
+    states = [digest for digest, _ in found['states']]
+    assert found['steps'] > 5 and len(set(states)) == len(states)
+    if touching:
+        assert any(
+            float.fromhex(energy[name]) > 0.0 for _, energy in found['states']
+            for name in ('contact', 'dissipated'))
+
+
+def test_each_pair_is_with_the_ranks_of_its_bodies_in_order():
+    scene = ico.Scene.from_parameters({
+        **TOUCHING, 'weave': {'size': [5, 5, 9], 'connector_angle': -0.3},
+        'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.016}},
+        'solver': {'method': 'leapfrog', 'tolerance': 0.5}})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.002)
+    packed, contacts = simulation.packed, simulation._event_loop.driver.contact.contacts
+    layout, links, count = packed.layout, packed.model.links, 3
+    shared = SharedContacts(layout, count)
+    assert shared.is_shared(None) and not shared.is_shared(contacts)
+    needed = shared.split(contacts)
+    assert shared.is_shared(contacts)
+    parts = divide(layout, links, count, needed)
+    block = np.full(layout.slot_count, -1)
+    block[layout.slot] = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
+    crossing = 0
+    for rank, part in enumerate(parts):
+        is_own = np.append((block >= part.first) & (block < part.last), False)
+        # Places below 0 are those of planes.
+        mine = [
+            number for number, (first, second) in enumerate(contacts.pairs.tolist())
+            if is_own[first] or is_own[max(second, -1)]]
+        assert shared.which[rank].tolist() == mine
+        window = slots_of(packed.model, layout, part)
+        near = shared.near(contacts, rank, window)
+        for (first, second), number in zip(near.pairs.tolist(), mine):
+            for there, here in zip((first, second), contacts.pairs[number].tolist()):
+                if here < 0:
+                    assert there == here
+                    continue
+                assert LANES * window.kept[there // LANES] + there % LANES == here
+                if not is_own[here]:
+                    crossing += 1
+                    assert block[here] in part.halo and block[here] in needed[rank]
+        assert np.isin(needed[rank], part.halo).all()
+    assert crossing > 5 and (contacts.pairs[:, 1] < 0).any()
 
 
 def test_after_the_block_the_state_is_there_and_goes_no_further(shared):
@@ -117,7 +182,6 @@ def test_processes_of_a_launcher_do_not_all_do_one_run(size, rank, monkeypatch, 
 
 
 @pytest.mark.parametrize('changes, names', [
-    ({'contact.mode': 'auto'}, ['contact.mode', 'never']),
     ({'charge': {'per_body': 1e-9, 'mutual': True}}, ['charge.mutual']),
     ({'connector.obstruction': 'wrap'}, ['connector.obstruction', 'warn']),
     ({'drag.linear': 0.1}, ['dop8', 'drag.linear']),
@@ -129,6 +193,14 @@ def test_what_ranks_cannot_share_is_refused_by_its_name(changes, names):
         require_shareable(scene, cosines=False, body_force=False)
     for name in [*names, 'one process']:
         assert name in str(caught.value)
+
+
+def test_a_method_that_would_go_on_near_contacts_is_refused_with_one_that_need_not():
+    near = method_near_contact(
+        Choice('srkn8', 'least work'), is_possible=True, loose=False)
+    with pytest.raises(ParameterError, match='goes on by dop8 once .* take leapfrog, which runs'):
+        require_one_method(near)
+    require_one_method(None)
 
 
 def test_what_no_parameter_asks_for_is_refused_too():

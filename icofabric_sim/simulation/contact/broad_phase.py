@@ -72,7 +72,7 @@ LOOK_AFTER = 32
 # Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
 _REPORTED, _DEEPEST = 0.01, 0.2
 # A test of a pair takes as long as to follow the bodies of so many slots.
-_SLOTS_OF_A_PAIR = 16
+SLOTS_OF_A_PAIR = 16
 
 
 class Overlap(NamedTuple):
@@ -630,7 +630,7 @@ class BroadPhase:
         layout = self._layout
         blocks, rows = layout.blocks, self._watch.turned.shape[:-1]
         followed = layout.slot_count
-        if not _SLOTS_OF_A_PAIR * count > followed:
+        if not SLOTS_OF_A_PAIR * count > followed:
             blocks, followed = Blocks(blocks.slot[:0], blocks.alive[:0], blocks.reach), 0
         position, orientation = aligned_empty((3, followed)), aligned_empty((*rows, followed))
         position[:], orientation[:] = 0.0, 0.0

@@ -15,10 +15,11 @@
 How a fabric is divided among ranks: who owns which blocks, and who needs whose poses.
 
 Each rank owns a run of blocks, in the order in which one process computes them: as a rule layers
-of the fabric. It needs the poses of the blocks outside that its connectors lead to, once in each
-evaluation of the forces.
+of the fabric. It needs the poses of the blocks outside that its connectors lead to, and of those
+that its bodies may touch, once in each evaluation of the forces.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from icofabric_sim.kernels.records import Links
@@ -36,7 +37,7 @@ class Part(NamedTuple):
     first: int
     last: int  # the one after its last
     drifts: np.ndarray  # (m,) its blocks as they drift, those that others need first
-    border: int  # how many these are; the same blocks need others
+    border: int  # how many these are, with those that need others
     inner: np.ndarray  # (m - border,) the others, as they are pushed
     ahead: np.ndarray  # (t,) int32, how many have to drift before each tile of them is pushed
     # What comes from each rank: (its number, blocks), rising; and what goes to each.
@@ -63,9 +64,12 @@ def bounds_of(block_count: int, rank_count: int) -> np.ndarray:
     return np.array([block_count * rank // rank_count for rank in range(rank_count + 1)])
 
 
-def divide(layout: Layout, links: Links | None, rank_count: int) -> list[Part]:
+def divide(
+    layout: Layout, links: Links | None, rank_count: int,
+    near: Sequence[np.ndarray] | None = None
+) -> list[Part]:
     """
-    Give each rank its part.
+    Give each rank its part; `near`: blocks that its bodies may touch, of each.
 
     Raises ValueError where there are fewer blocks than ranks.
     """
@@ -78,6 +82,8 @@ def divide(layout: Layout, links: Links | None, rank_count: int) -> list[Part]:
     bounds = bounds_of(block_count, rank_count)
     halos = [
         _halo(layout, links, bounds[rank], bounds[rank + 1]) for rank in range(rank_count)]
+    if near is not None:
+        halos = [np.union1d(halo, others) for halo, others in zip(halos, near)]
     parts = []
     for rank in range(rank_count):
         first, last = int(bounds[rank]), int(bounds[rank + 1])
@@ -87,7 +93,8 @@ def divide(layout: Layout, links: Links | None, rank_count: int) -> list[Part]:
         gives = tuple(
             (other, blocks) for other in range(rank_count) if other != rank
             and len(blocks := _within(halos[other], first, last)))
-        drifts, border, inner, ahead = _order(layout, links, first, last)
+        given = np.concatenate([np.zeros(0, np.int64), *(blocks for _, blocks in gives)])
+        drifts, border, inner, ahead = _order(layout, links, first, last, given)
         parts.append(Part(first, last, drifts, border, inner, ahead, needs, gives))
     return parts
 
@@ -120,13 +127,18 @@ def _halo(layout: Layout, links: Links | None, first: int, last: int) -> np.ndar
 
 
 def _order(
-    layout: Layout, links: Links | None, first: int, last: int
+    layout: Layout, links: Links | None, first: int, last: int, given: np.ndarray
 ) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-    """Drifts, how many of them others need, inner pushes and the drifts ahead of their tiles."""
+    """
+    Drifts, how many of them others need, inner pushes and the drifts ahead of their tiles.
+
+    `given`: blocks that others need.
+    """
     own, width = np.arange(first, last), panel_width(layout)
     border = np.zeros(len(own), bool)
+    border[given - first] = True
     for piece, blocks in neighbours_of(layout, links, own):
-        border[piece] = ((blocks < first) | (blocks >= last)).any(axis=1)
+        border[piece] |= ((blocks < first) | (blocks >= last)).any(axis=1)
     first_row, last_row = layout.rows[:, first:last]
     panel = np.where(border, -1, np.maximum(first_row - 1, 0) // width)
     drifts = own[np.argsort(panel, kind='stable')]

@@ -25,16 +25,48 @@ import socket
 from typing import Any
 import weakref
 
+from icofabric_sim.kernels.contact.displacement import farthest, SOON
+from icofabric_sim.kernels.contact.forces import deepest_overlap
+from icofabric_sim.kernels.contact.losses import save_stretches
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.contact.stiffness import swing_of
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.monitor import examine, judge_roughness, ROUGHER, save, UNSOUND
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
+    examine,
+    judge_roughness,
+    least_scale,
+    ROUGHER,
+    save,
+    SWING,
+    SWING_LIMIT,
+    SWINGS,
+    TOO_DEEP,
+    UNSOUND,
+)
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
+from icofabric_sim.simulation.devices.near_pairs import (
+    constants_of,
+    contacts_of,
+    NearPairs,
+    team_of_one,
+    watch_stub,
+)
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.refusals import require_shareable_method
+from icofabric_sim.simulation.devices.shared_contacts import (
+    LOOK,
+    look_at,
+    note_look,
+    remembered_by,
+    SharedContacts,
+    wake,
+)
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import (
@@ -78,6 +110,13 @@ class SharedSteps:
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
             half_edge**-2, method.mends_kinks and has_jumps(links))
         self._parts = divide(layout, links, transport.size)
+        self._shared = SharedContacts(layout, transport.size)
+        # Blocks of others that bodies of each rank may touch, or might before.
+        self._near = [np.zeros(0, np.int64) for _ in self._parts]
+        # The pairs of the run, and whether ranks have been told of those that were shared last;
+        # whether steps with any were ready.
+        self._contacts: Contacts | None = None
+        self._is_told, self._touches = True, False
         slot = layout.blocks.slot
         # Of the windows of the other ranks, once they are cut.
         self._slots: list[Slots] = []
@@ -121,7 +160,7 @@ class SharedSteps:
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: None, ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
         self._transport.require_health()
@@ -131,7 +170,7 @@ class SharedSteps:
             try:
                 return self._advance(
                     model, loads, state, saved, work, origin, index, h, count, since_check,
-                    check_interval, ledger)
+                    check_interval, watch, ledger)
             except BaseException as error:
                 self._is_out = self._is_stale = False
                 # Others wait for poses from here.
@@ -156,57 +195,161 @@ class SharedSteps:
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with self._transport.alone():
-                self._gather(self._run, of_run=True, whole=True)
+                self._gather(self._run, self._contacts, of_run=True, whole=True)
 
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
         index: int, h: float, count: int, since_check: int, check_interval: int,
-        ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
-        of_run = check_interval < NEVER
-        own = self._begin(model, loads, state, work)
+        of_run, contacts = check_interval < NEVER, model.contacts
+        if not self._shared.is_shared(contacts):
+            self._share(contacts)
+        own = self._begin(model, loads, state, work, watch)
         self._send_loads(loads)
-        arrays = Arrays(loads if self._acts else None, state, work)
+        mine = None if contacts is None else self._shared.own(
+            contacts, self._parts[0], of_run=of_run)
+        arrays = Arrays(
+            loads if self._acts else None, state, work, mine, watch if of_run else None)
         if of_run:
-            self._run, self._ledger = arrays, Ledger.over(ledger)
+            self._run, self._ledger, self._contacts = arrays, Ledger.over(ledger), contacts
         if not (of_run and self._is_out):
-            self._scatter(arrays, of_run=of_run)
+            self._scatter(arrays, contacts, of_run=of_run)
         if of_run:
             self._is_out = self._is_stale = True
         blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
+        is_watched = of_run and watch is not None
+        is_guarded_here = of_run and is_guarded(contacts, ledger)
         while done < count:
-            ahead = min(count - done, check_interval - since_check)
-            stretch = Stretch(origin, index + done, h, ahead, since_check, check_interval)
+            ahead, stride = min(count - done, check_interval - since_check), 1
+            if is_watched:
+                # Read anew: a look on the way may change it.
+                stride = stride_of(watch, check_interval)
+                ahead = min(ahead, stride - since_check % stride)
+            if is_guarded_here:
+                # A collision that is damped much may be over within a few.
+                ahead = 1
+            looks = is_watched and (
+                is_guarded_here or (since_check + ahead) % stride == 0)
+            stretch = Stretch(
+                origin, index + done, h, ahead, since_check, check_interval, looks,
+                is_guarded_here)
             self._transport.order(('take', self._number, stretch))
             own.take(arrays, stretch)
+            if contacts is not None:
+                contacts.tests[0] += own.take_touches() * len(contacts.pairs)
             done += ahead
             since_check += ahead
             if not of_run:
                 continue
             book.regular += ahead
-            if since_check < check_interval:
-                continue
-            since_check = 0
-            self._gather(arrays, of_run=True, whole=False)
-            place_all(model, state, work, 0, blocks)
-            status = examine(model, loads, state, work, origin + (index + done) * h, ledger)
-            status |= judge_roughness(
-                work, ledger,
-                self._weights.differences if self._weights.stages < 4 else check_interval)
-            if not status & (UNSOUND | ROUGHER):
+            if looks:
+                self._look(arrays, contacts, watch, is_guarded=is_guarded_here)
+            examined, status = since_check >= check_interval, 0
+            watched, since_check = looks and since_check % stride == 0, (
+                0 if examined else since_check)
+            if is_guarded_here:
+                ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
+                # Any limit that is too large for a number is none.
+                with np.errstate(over='ignore'):
+                    limit = ledger[SWING_LIMIT] * least_scale(ledger)
+                if ledger[SWING] > limit:
+                    status |= SWINGS
+            now = origin + (index + done) * h
+            if examined:
+                self._gather(arrays, contacts, of_run=True, whole=False)
+                place_all(model, state, work, 0, blocks)
+                status |= examine(model, loads, state, work, now, ledger)
+                status |= judge_roughness(
+                    work, ledger,
+                    self._weights.differences if self._weights.stages < 4 else check_interval)
+            if watched and watch is not None:
+                status |= self._judge_ways(arrays, contacts, watch, now, h, gathered=examined)
+                if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
+                    status |= TOO_DEEP
+            if examined and not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
                 book.saved_at = done
                 save(model, state, saved, 0, blocks)
+                if contacts is not None:
+                    save_stretches(contacts.losses, team_of_one())
                 keep_work(loads, 0, blocks)
             if status:
                 return int(status), done, since_check
         if not of_run:
-            self._gather(arrays, of_run=False, whole=True)
+            self._gather(arrays, contacts, of_run=False, whole=True)
         return 0, done, since_check
 
-    def _begin(self, model: Model, loads: Loads, state: State, work: Work) -> PartSteps:
-        """Send the windows with the first steps: by then all that they need is compiled here."""
-        if self._own is not None:
-            return self._own
+    def _look(
+        self, arrays: Arrays, contacts: Contacts | None, watch: Watch | None, *,
+        is_guarded: bool
+    ) -> None:
+        """Hear of all ranks how far their bodies have moved, and how deep shells overlap."""
+        if contacts is not None:
+            contacts.deepest[0] = 0.0
+        own = arrays.contacts
+        if own is not None and contacts is not None:
+            note_look(contacts, None, look_at(own, None))
+            if is_guarded:
+                mine = slice(self._parts[0].first, self._parts[0].last)
+                contacts.pushes[mine] = own.pushes[mine]
+        for rank in range(1, self._transport.size):
+            look = np.zeros(LOOK)
+            self._receive(look, rank)
+            note_look(contacts, watch, look)
+            if is_guarded and contacts is not None:
+                part = self._parts[rank]
+                self._receive(contacts.pushes[part.first:part.last], rank)
+
+    def _judge_ways(
+        self, arrays: Arrays, contacts: Contacts | None, watch: Watch, now: float, h: float, *,
+        gathered: bool
+    ) -> int:
+        """What `judge_ways` says; where it has looked around, ranks watch from there on."""
+        most = farthest(watch, 1)
+        if not most > watch.limits[SOON]:
+            return 0
+        if not gathered:
+            self._gather(arrays, contacts, of_run=True, whole=False)
+        status = int(judge_ways(watch, most, arrays.state, now, h))
+        if not status:
+            self._transport.order(('watch', self._number, watch.frame.copy()))
+        return status
+
+    def _share(self, contacts: Contacts | None) -> None:
+        """Say which of these pairs each rank has; windows are wider where bodies are new there."""
+        if self._is_out and self._run is not None:
+            self._gather(self._run, self._contacts, of_run=True, whole=True)
+            self._is_out = self._is_stale = False
+        needed = self._shared.split(contacts)
+        self._is_told = False
+        if not any(
+                len(np.setdiff1d(blocks, part.halo))
+                for blocks, part in zip(needed, self._parts)):
+            return
+        # What was near once may be so again.
+        self._near = [np.union1d(*pair) for pair in zip(self._near, needed)]
+        self._parts = divide(
+            self._packed.layout, self._packed.model.links, self._transport.size, self._near)
+        self._own, self._acting = None, ()
+
+    def _begin(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> PartSteps:
+        """
+        Send the windows with the first steps, and the pairs that may touch.
+
+        By then all that they need is compiled here.
+        """
+        if self._own is None:
+            self._own = self._send_windows(model, loads, state, work, watch)
+        if not self._is_told:
+            self._tell_contacts(model, loads, state, work, watch)
+        return self._own
+
+    def _send_windows(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> PartSteps:
+        model = model._replace(contacts=None)
         layout = self._packed.layout
         count = work.difference.shape[1] // LANES if self._weights.differences else 0
         blocks = np.arange(count) * len(layout.blocks.slot) // max(count, 1)
@@ -218,14 +361,35 @@ class SharedSteps:
         own = PartSteps(
             self._transport, model, exchange_of(layout, self._parts[0], blocks[chosen[0]]),
             self._weights)
-        own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work))
+        own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work, None, watch))
         self._slots = [slots_of(model, layout, part) for part in self._parts]
         for rank in range(1, self._transport.size):
             window = window_of(
                 model, layout, self._parts[rank], self._slots[rank], blocks[chosen[rank]])
+            window = window._replace(
+                watch=None if watch is None else watch_stub(watch), spends=work.spent is not None)
             self._transport.send_order(('window', self._number, window, self._weights), rank)
-        self._own = own
+        self._is_told = False
         return own
+
+    def _tell_contacts(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        contacts, layout = model.contacts, self._packed.layout
+        if contacts is not None and not self._touches:
+            assert self._own is not None
+            nothing = NearPairs(contacts.pairs[:0], constants_of(contacts))
+            self._own.make_ready(Arrays(
+                loads if len(loads.wrench) else None, state, work,
+                contacts_of(
+                    nothing, layout.blocks.slot, model.blocks, layout.slot_count,
+                    contacts.touch_address), watch))
+            self._touches = True
+        for rank in range(1, self._transport.size):
+            near = None if contacts is None else self._shared.near(
+                contacts, rank, self._slots[rank])
+            self._transport.send_order(('contacts', self._number, near), rank)
+        self._is_told, self._is_out = True, False
 
     def _send_loads(self, loads: Loads) -> None:
         """Send each rank the loads on its bodies, where they are other ones."""
@@ -243,35 +407,68 @@ class SharedSteps:
             self._transport.send_order(('loads', self._number, own), rank)
         self._is_out = False
 
-    def _scatter(self, arrays: Arrays, *, of_run: bool) -> None:
+    def _scatter(
+        self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool
+    ) -> None:
+        """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""
         assert self._own is not None
-        self._transport.order(('scatter', self._number, of_run))
-        loads, state, work = arrays
+        loads, state, work, mine, watch = arrays
+        self._transport.order((
+            'scatter', self._number, of_run, None if watch is None else watch.frame.copy()))
+        tables = tables_of(state, work, contacts, whole=True)
+        if watch is not None:
+            tables += [watch.reference, watch.turned]
         requests: list[Any] = []
         for rank in range(1, self._transport.size):
-            requests += self._rows[rank].send(
-                self._transport, tables_of(state, work, whole=True), rank)
+            requests += self._rows[rank].send(self._transport, tables, rank)
             more = [] if loads is None else [loads.work[self._rows_of_loads(loads, rank)]]
+            if contacts is not None:
+                more += self._shared.remembered(contacts, rank)
             if of_run:
                 more += [
                     np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
             requests += [self._transport.send(row, rank) for row in more]
         self._transport.wait(requests)
+        if contacts is not None and mine is not None:
+            for target, values in zip(remembered_by(mine), self._shared.remembered(contacts, 0)):
+                target[:] = values
+            wake(mine, slice(None), remembered_by(mine))
+            if mine.losses is not None and contacts.losses is not None:
+                self._rows[0].copy(contacts.losses.lost, mine.losses.lost)
         if of_run:
             self._own.difference[:] = work.difference[:, self._samples[0]]
             self._own.roughest = 0.0
 
-    def _gather(self, arrays: Arrays, *, of_run: bool, whole: bool) -> None:
-        """Have the state of all ranks here; `whole`: with all that the next step needs."""
+    def _gather(
+        self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool, whole: bool
+    ) -> None:
+        """
+        Have the state of all ranks here; `whole`: with all that the next step needs.
+
+        `contacts`: those of the whole fabric.
+        """
         assert self._own is not None
         self._transport.order(('gather', self._number, of_run, whole))
-        loads, state, work = arrays
+        loads, state, work, mine, watch = arrays
+        tables = tables_of(state, work, contacts, whole=whole)
+        if contacts is not None and mine is not None:
+            note_look(contacts, None, look_at(mine, None))
+            self._shared.take_back(contacts, 0, remembered_by(mine))
+            if mine.losses is not None and contacts.losses is not None:
+                self._rows[0].copy(mine.losses.lost, contacts.losses.lost)
         roughest = self._own.take_roughest()
         for rank in range(1, self._transport.size):
-            self._rows[rank].receive(
-                self._transport, tables_of(state, work, whole=whole), rank)
+            self._rows[rank].receive(self._transport, tables, rank)
             if loads is not None:
                 self._receive(loads.work[self._rows_of_loads(loads, rank)], rank)
+            if contacts is not None:
+                values = self._shared.remembered(contacts, rank)
+                for row in values:
+                    self._receive(row, rank)
+                self._shared.take_back(contacts, rank, values)
+            look = np.zeros(LOOK)
+            self._receive(look, rank)
+            note_look(contacts, watch, look)
             if not of_run:
                 continue
             rough = np.zeros(1)
@@ -280,9 +477,9 @@ class SharedSteps:
             if whole:
                 samples = self._samples[rank]
                 for row in work.difference:
-                    values = np.empty(len(samples))
-                    self._receive(values, rank)
-                    row[samples] = values
+                    sampled = np.empty(len(samples))
+                    self._receive(sampled, rank)
+                    row[samples] = sampled
         if of_run:
             self._ledger.roughest = max(self._ledger.roughest, roughest)
             if whole:
@@ -310,7 +507,9 @@ class SharedSteps:
                 part = self._parts[rank]
                 slots = LANES * (part.last - part.first + 2 * len(part.halo))
                 wanted[name] = wanted.get(name, 0) + bytes_of(
-                    slots, kinked=self._weights.mends_kinks)
+                    slots, kinked=self._weights.mends_kinks,
+                    touching=self._packed.contact is not None,
+                    spends=self._packed.contact is not None and self._packed.contact.spends)
                 ranks.setdefault(name, []).append(rank)
         for name, need in wanted.items():
             left = min(amount for machine, amount in machines if machine == name)

@@ -17,17 +17,32 @@ Steps of one rank's part of a fabric, each evaluation of the forces beside those
 The same steps as those of kernels/integrators/splitting.py, in the same order for every body. Its
 loop over evaluations stands here, because poses travel in each: the blocks that others need drift
 first, their poses leave, the inner blocks are drifted and pushed, and the rest is pushed once the
-poses of the others have come.
+poses of the others have come. Where shells may touch all drift first, as in one process, and pairs
+are evaluated once the poses have come; what takes energy asks for velocities, too.
 """
 
 from typing import Any, NamedTuple
 
+from icofabric_sim.kernels.contact.displacement import ways_of
+from icofabric_sim.kernels.contact.losses import touch_ahead
+from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
-from icofabric_sim.kernels.records import Kinks, Loads, Model, State, Work
+from icofabric_sim.kernels.records import (
+    ContactLosses,
+    Contacts,
+    Kinks,
+    Loads,
+    Model,
+    State,
+    Team,
+    Watch,
+    Work,
+)
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.rank_kernels import (
     account_all,
     begin_kinked,
@@ -37,10 +52,12 @@ from icofabric_sim.simulation.devices.rank_kernels import (
     note_all_motion,
     POSE,
     put_motions,
+    put_moving,
     put_poses,
     strike_all,
     strike_foretold,
     take_motions,
+    take_moving,
     take_poses,
 )
 from icofabric_sim.simulation.devices.transport import Transport
@@ -75,6 +92,9 @@ class Stretch(NamedTuple):
     steps: int
     since_check: int
     check_interval: int
+    # Whether ranks say at the end how far their bodies have moved, and what contacts do to them.
+    is_watched: bool = False
+    is_guarded: bool = False
 
     @property
     def is_checked(self) -> bool:
@@ -90,6 +110,8 @@ class Arrays(NamedTuple):
     loads: Loads | None
     state: State
     work: Work
+    contacts: Contacts | None = None  # of the part
+    watch: Watch | None = None  # None: of steps beside the run, or where nothing can touch
 
 
 class PartSteps:
@@ -105,13 +127,16 @@ class PartSteps:
             (rank, slots, _room(len(slots))) for rank, slots in exchange.gives]
         self._needs = [
             (rank, slots, _room(len(slots))) for rank, slots in exchange.needs]
-        # The same with velocities, for steps that follow kinks.
+        # The same with velocities, for steps that follow kinks, and for what contacts lose.
         self._tells = [
             (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.gives]
         self._hears = [
             (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.needs]
         border = exchange.drifts[:exchange.border]
-        self._tiles = np.full(-(-len(border) // TILE), len(exchange.drifts), np.int32)
+        # Where all have drifted before.
+        self._tiles, self._inner = (
+            np.full(-(-len(blocks) // TILE), len(exchange.drifts), np.int32)
+            for blocks in (border, exchange.inner))
         self._border = np.ascontiguousarray(border)
         # Differences of the motion in the samples of this part, and the roughest since asked.
         self.difference = aligned_empty((POSE, LANES * len(exchange.samples)))
@@ -119,6 +144,10 @@ class PartSteps:
         self._ledger = np.zeros(LEDGER_COUNT)
         Ledger.over(self._ledger).inverse_size = weights.inverse_size
         self.roughest = 0.0
+        # Evaluations of contacts since this was asked last.
+        self.touches = 0
+        self._team: Team | None = None
+        self._touching = model
 
     def take(self, arrays: Arrays, stretch: Stretch) -> None:
         """Take the steps of a stretch; samples of the roughness are taken on the way."""
@@ -142,6 +171,27 @@ class PartSteps:
             since += ahead
             if sampled >= 0:
                 self._sample(arrays, sampled % differences + 1)
+        if stretch.is_guarded and arrays.contacts is not None:
+            note_pushes(
+                arrays.contacts, self._model, self._exchange.first, self._exchange.last)
+
+    @property
+    def blocks(self) -> slice:
+        """Its own blocks, by their numbers in the arrays of the model."""
+        return slice(self._exchange.first, self._exchange.last)
+
+    def model_with(self, contacts: Contacts | None) -> Model:
+        """Return the constants of the window with these contacts."""
+        if contacts is None:
+            return self._model
+        if self._touching.contacts is not contacts:
+            self._touching = self._model._replace(contacts=contacts)
+        return self._touching
+
+    def take_touches(self) -> int:
+        """Return how often contacts were evaluated since this was asked last."""
+        found, self.touches = self.touches, 0
+        return found
 
     def take_roughest(self) -> float:
         """Return how rough the motion was at most since this was asked last."""
@@ -149,11 +199,22 @@ class PartSteps:
         return found
 
     def make_ready(self, arrays: Arrays) -> None:
-        """Compile what steps need, or load it: with nothing to do."""
-        model, (loads, state, work), kinks = self._model, arrays, arrays.work.kinks
+        """Compile what steps need, or load it: with nothing to do, and no pairs."""
+        loads, state, work, contacts, watch = arrays
+        model, kinks = self.model_with(contacts), work.kinks
         none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
-        push_kept(self._model, loads, state, work, 0.0, 0.0, 0, 0)
-        drift(self._model, loads, state, work, 0.0, 0.0, none, 0, 0)
+        if watch is not None:
+            ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
+        if contacts is not None:
+            self._touch(model, contacts, state, 0.0)
+            self.touches = 0
+            note_pushes(contacts, self._model, 0, 0)
+            if contacts.losses is not None:
+                take_moving(state, contacts.losses, no_slots, _room(0, MOTION))
+                put_moving(
+                    self._model, contacts.losses, state, work, no_slots, _room(0, MOTION))
+        push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
+        drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(
             model, loads, state, work, kinks, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none,
             no_slots)
@@ -166,15 +227,18 @@ class PartSteps:
             note_all_motion(model, kinks, state, work, 1.0, 0, 0)
             account_all(model, kinks, work, 1.0, 0, 0)
             strike_all(model, loads, kinks, state, work, 0, 0, 0)
+            place_all(model, state, work, 0, 0)
+            keep_accelerations(model, state, work, 0.0, 0, 0)
             take_motions(state, kinks, no_slots, _room(0, MOTION))
-            put_motions(model, kinks, state, work, 1.0, no_slots, _room(0, MOTION))
+            put_motions(self._model, kinks, state, work, 1.0, no_slots, _room(0, MOTION))
         if self._weights.differences:
             sample(no_slots, state.position, state.orientation, _room(0), work.weights, 0)
             roughness(work._replace(difference=_room(0)), self._ledger)
 
     def _steps(self, arrays: Arrays, stretch: Stretch, index: int, count: int) -> None:
         """Take `count` steps from `index` on, as `steps` of splitting.py does."""
-        model, exchange, (loads, state, work) = self._model, self._exchange, arrays
+        exchange, (loads, state, work, contacts, _) = self._exchange, arrays
+        model = self.model_with(contacts)
         kicks, drifts = self._weights.kicks, self._weights.drifts
         origin, h = stretch.origin, stretch.step
         kick_first, stages = len(kicks) > len(drifts), self._weights.stages
@@ -197,7 +261,7 @@ class PartSteps:
                 keep = evaluation + 1 == count * stages
                 if stage + 1 == stages and not keep:
                     again = kicks[0] * h
-            self._evaluate(arrays, None, 0.0, now, whole, after, kick, again, keep)
+            self._evaluate(arrays, None, 0.0, h, now, whole, after, kick, again, keep)
             now = after
             if not kick_first and stage + 1 == stages:
                 drift(
@@ -205,29 +269,55 @@ class PartSteps:
                     len(exchange.drifts))
 
     def _evaluate(
-        self, arrays: Arrays, kinks: Kinks | None, step_part: float, now: float, whole: float,
-        after: float, kick: float, again: float, keep: bool
+        self, arrays: Arrays, kinks: Kinks | None, step_part: float, h: float, now: float,
+        whole: float, after: float, kick: float, again: float, keep: bool
     ) -> None:
         """One drift and the push after it; poses travel while inner blocks are computed."""
-        model, exchange = self._model, self._exchange
-        loads, state, work = arrays
-        drift(model, loads, state, work, now, whole, exchange.drifts, 0, exchange.border)
+        exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
+        model, order = self.model_with(contacts), exchange.drifts
+        drift(model, loads, state, work, now, whole, order, 0, exchange.border)
         if keep and kinks is not None:
-            keep_drifted(model, kinks, state, exchange.drifts, 0, exchange.border)
-        requests = self._send_poses(state)
+            keep_drifted(model, kinks, state, order, 0, exchange.border)
+        losses = None if contacts is None else contacts.losses
+        requests = self._send_poses(state) if losses is None else self._send_moving(state, losses)
+        if contacts is None:
+            drift_and_push(
+                model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
+                order, exchange.border, exchange.inner, exchange.ahead)
+            self._put_poses(requests, arrays)
+        else:
+            drift(model, loads, state, work, now, whole, order, exchange.border, len(order))
+            if keep and kinks is not None:
+                keep_drifted(model, kinks, state, order, exchange.border, len(order))
+            if losses is None:
+                self._put_poses(requests, arrays)
+            else:
+                self._put_moving(requests, losses, arrays)
+            self._touch(model, contacts, state, h)
+            drift_and_push(
+                model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
+                order, len(order), exchange.inner, self._inner)
         drift_and_push(
             model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
-            exchange.drifts, exchange.border, exchange.inner, exchange.ahead)
-        self._put_poses(requests, arrays)
-        drift_and_push(
-            model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
-            exchange.drifts, len(exchange.drifts), self._border, self._tiles)
+            order, len(order), self._border, self._tiles)
+        if watch is not None:
+            ways_of(watch, model.blocks, state, after, 0, exchange.first, exchange.last)
+
+    def _touch(self, model: Model, contacts: Contacts, state: State, h: float) -> None:
+        """Forces of all contacts of the part, `h` [s] after they were evaluated last."""
+        if self._team is None:
+            self._team = team_of_one()
+        touch_ahead(
+            contacts.losses, contacts, state, model.inverse_mass, model.inverse_inertia, h, h,
+            self._team)
+        self.touches += 1
 
     def _kinked_steps(
         self, kinks: Kinks, arrays: Arrays, stretch: Stretch, index: int, count: int
     ) -> None:
         """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py does."""
-        model, exchange, (loads, state, work) = self._model, self._exchange, arrays
+        exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
+        model = self.model_with(contacts)
         first, last, order = exchange.first, exchange.last, exchange.drifts
         kicks, drifts = self._weights.kicks, self._weights.drifts
         origin, h, stages = stretch.origin, stretch.step, self._weights.stages
@@ -243,7 +333,8 @@ class PartSteps:
                 after = end if ends else now + whole
                 step_part += drifts[stage]
                 self._evaluate(
-                    arrays, kinks, step_part, now, whole, after, kicks[stage + 1] * h, 0.0, ends)
+                    arrays, kinks, step_part, h, now, whole, after, kicks[stage + 1] * h, 0.0,
+                    ends)
                 now = after
             note_all_motion(model, kinks, state, work, -kicks[stages] * h, first, last)
             self._tell_motions(kinks, arrays, -kicks[stages] * h)
@@ -254,6 +345,10 @@ class PartSteps:
                 drift(model, loads, state, work, start, whole, order, 0, len(order))
                 self._put_poses(self._send_poses(state), arrays)
                 strike_all(model, loads, kinks, state, work, row, first, last)
+            if contacts is not None:
+                self._touch(model, contacts, state, h)
+            if watch is not None:
+                ways_of(watch, model.blocks, state, end, 0, first, last)
             keep_accelerations(model, state, work, end, first, last)
 
     def _send_poses(self, state: State) -> list[Any]:
@@ -271,9 +366,25 @@ class PartSteps:
         for _, slots, poses in self._needs:
             put_poses(self._model, arrays.state, arrays.work, slots, poses)
 
+    def _send_moving(self, state: State, losses: ContactLosses) -> list[Any]:
+        """The same with velocities."""
+        transport = self._transport
+        requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
+        for rank, slots, motions in self._tells:
+            take_moving(state, losses, slots, motions)
+            requests.append(transport.send_poses(motions, rank))
+        return requests
+
+    def _put_moving(
+        self, requests: list[Any], losses: ContactLosses, arrays: Arrays
+    ) -> None:
+        self._transport.wait(requests)
+        for _, slots, motions in self._hears:
+            put_moving(self._model, losses, arrays.state, arrays.work, slots, motions)
+
     def _tell_motions(self, kinks: Kinks, arrays: Arrays, kick: float) -> None:
         """Exchange poses and velocities of the border, around a `kick` [s] as `note_motion`."""
-        transport, (_, state, work) = self._transport, arrays
+        transport, state, work = self._transport, arrays.state, arrays.work
         requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
         for rank, slots, motions in self._tells:
             take_motions(state, kinks, slots, motions)

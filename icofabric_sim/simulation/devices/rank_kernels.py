@@ -20,7 +20,7 @@ kernels because the cache is stamped by that room as a whole: a change here comp
 
 from icofabric_sim.kernels.flows import drift, place_links, push, push_kept
 from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
-from icofabric_sim.kernels.records import Kinks, Loads, Model, State, Work
+from icofabric_sim.kernels.records import ContactLosses, Kinks, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.team import TILE
@@ -182,3 +182,38 @@ def put_motions(
         for k in range(6):
             store(kinks.before, k, s, load(motions, 13 + k, LANES * i))
         note_motion(model.links, kinks, state, work.points, kick, s)
+
+
+@compiled
+def take_moving(
+    state: State, losses: ContactLosses, slots: np.ndarray, motions: np.ndarray
+) -> None:
+    """
+    Copy poses and velocities of the blocks that begin at `slots` to (19, m LANES).
+
+    With what the kick before the drift has added to the velocities.
+    """
+    take_poses(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(motions, 7 + k, LANES * i, load(state.linear_velocity, k, s))
+            store(motions, 10 + k, LANES * i, load(state.angular_velocity, k, s))
+        for k in range(6):
+            store(motions, 13 + k, LANES * i, load(losses.lead, k, s))
+
+
+@compiled
+def put_moving(
+    model: Model, losses: ContactLosses, state: State, work: Work, slots: np.ndarray,
+    motions: np.ndarray
+) -> None:
+    """Copy them back, and place the attachment points of these blocks."""
+    put_poses(model, state, work, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
+            store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
+        for k in range(6):
+            store(losses.lead, k, s, load(motions, 13 + k, LANES * i))

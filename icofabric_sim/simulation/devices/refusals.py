@@ -19,6 +19,7 @@ from itertools import chain
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
+from icofabric_sim.simulation.stepping.method_selection import Choice
 from icofabric_sim.simulation.stepping.methods import facts_of, METHODS
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
@@ -60,6 +61,16 @@ def require_shareable_method(name: str) -> None:
     _require_method(name, _SHARED, _ONE)
 
 
+def require_one_method(near: Choice | None) -> None:
+    """Raise ParameterError where another method goes on `near` contacts that ranks cannot take."""
+    if near is not None and not facts_of(near.name).symplectic:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method auto goes on by {near.name} once shells are near each other, which '
+            f'{_SHARED} yet: take leapfrog, which runs through contacts, or contact.mode never '
+            f'where they do not meet, {_ONE}')
+
+
 def require_method_on_device(name: str, device: str) -> None:
     """Raise ParameterError where the `device` cannot take the steps of the method `name`."""
     _require_method(name, _on(device), _CPU)
@@ -99,9 +110,6 @@ def _require_method(name: str, lacks: str, alone: str) -> None:
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
     """Yield parameters with what they ask for, and the way out: what neither can."""
     parameters = scene.parameters
-    if scene.body_count + len(parameters.names('planes')) > 1 and (
-            parameters['contact.mode'] != 'never'):
-        yield 'contact.mode', str(parameters['contact.mode']), 'take never'
     if parameters['charge.mutual']:
         yield 'charge.mutual', 'true', 'take false'
     if parameters['connector.obstruction'] == 'wrap':
@@ -111,6 +119,9 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
 def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     """The same of what ranks can."""
     parameters = scene.parameters
+    if scene.body_count + len(parameters.names('planes')) > 1 and (
+            parameters['contact.mode'] != 'never'):
+        yield 'contact.mode', str(parameters['contact.mode']), 'take never'
     if scene.connector_count and scene.connectors.tables.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
     for section, what in (('drives', 'with a drive'), ('tractions', 'with a surface force')):

@@ -16,7 +16,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from icofabric_sim.kernels.records import State, Work
+from icofabric_sim.kernels.records import Contacts, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.transport import Transport
 import numpy as np
@@ -51,10 +51,27 @@ class SlotRows:
             transport.wait([transport.receive(values, rank)])
             row[self._index] = values
 
+    def copy(self, source: np.ndarray, target: np.ndarray) -> None:
+        """Copy them from one table to another."""
+        target[:, self._index] = source[:, self._index]
 
-def tables_of(state: State, work: Work, *, whole: bool) -> tuple[np.ndarray, ...]:
-    """What is exchanged of a state; `whole`: also the accelerations for the next step."""
-    return (*state.rows(), work.acceleration) if whole else tuple(state.rows())
+
+def tables_of(
+    state: State, work: Work, contacts: Contacts | None, *, whole: bool
+) -> list[np.ndarray]:
+    """
+    What is exchanged of a state, with what was spent.
+
+    `whole`: also what the first kick of the next step needs, accelerations and what contacts lose.
+    """
+    tables = [*state.rows()]
+    if work.spent is not None:
+        tables.append(work.spent.done)
+    if whole:
+        tables.append(work.acceleration)
+        if contacts is not None and contacts.losses is not None:
+            tables.append(contacts.losses.lost)
+    return tables
 
 
 def _rows(tables: Sequence[np.ndarray]) -> Iterator[np.ndarray]:

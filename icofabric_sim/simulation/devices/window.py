@@ -29,9 +29,11 @@ from icofabric_sim.kernels.records import (
     Supports,
     Tractions,
     Variety,
+    Watch,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import Part
+from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EACH
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
@@ -87,6 +89,9 @@ class Window(NamedTuple):
     model: Model
     exchange: Exchange
     slot_count: int
+    known: np.ndarray  # (b,) uint8, as Blocks.alive, with the bodies of others
+    watch: Watch | None = None  # without places; None: nothing can touch
+    spends: bool = False  # whether contacts take energy
 
 
 def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
@@ -160,13 +165,16 @@ def window_of(
     return Window(
         model._replace(
             blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
-            supports=supports, masses=masses),
-        _exchange(part, numbers, slot, samples), slot_count)
+            supports=supports, masses=masses, contacts=None),
+        _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy())
 
 
-def bytes_of(slot_count: int, *, kinked: bool) -> int:
-    """Bytes that a rank allocates for a window of so many slots, about."""
-    return 8 * (_DOUBLES_EACH + kinked * _KINKS_EACH) * slot_count
+def bytes_of(
+    slot_count: int, *, kinked: bool, touching: bool = False, spends: bool = False
+) -> int:
+    """Bytes that a rank allocates for a window of so many slots, about; pairs come beside."""
+    each = _DOUBLES_EACH + kinked * _KINKS_EACH + touching * TOUCHING_EACH + spends * LOSING_EACH
+    return 8 * each * slot_count
 
 
 def resting(slot_count: int) -> State:

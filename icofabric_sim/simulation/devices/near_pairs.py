@@ -1,0 +1,168 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The pairs that may touch, as a rank has them: those of which a body is its own.
+
+A pair whose bodies belong to two ranks is evaluated by both, from the same poses and with the same
+memory, so it does the same to the last bit in both; each body adds up its pairs in the order that
+these have in the whole fabric.
+"""
+
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.contact.forces import LEAST_PART, touch_some
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.kernels.contact.sleeping import AWAKE
+from icofabric_sim.kernels.records import (
+    Blocks,
+    ContactLosses,
+    Contacts,
+    Nearby,
+    Sleep,
+    Sweep,
+    Team,
+    Watch,
+)
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.outlined import address_of
+from icofabric_sim.kernels.runtime.team import flag_count
+from icofabric_sim.simulation.contact.broad_phase import SLOTS_OF_A_PAIR
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+# Doubles that a rank holds for each slot where shells may touch: what acts, where bodies were
+# evaluated, twice each, and from where they are watched; and what friction and damping need.
+TOUCHING_EACH, LOSING_EACH = 2 * (6 + 7) + 7, 2 * (1 + 6 + 6 + 2)
+
+
+class ContactConstants(NamedTuple):
+    """What is the same of all contacts of a scene."""
+
+    stiffness: float  # K [N/m]
+    half_edge: float  # a [m]
+    planes: np.ndarray  # (k, 4)
+    radius: float  # of the sphere around a body [m]
+    free: bool  # nothing is held
+    # damping [s/m], friction, stiffness [N/m] and lag [s] of its springs; None: nothing is lost
+    losses: tuple[float, float, float, float] | None
+
+
+class NearPairs(NamedTuple):
+    """The pairs of a rank."""
+
+    pairs: np.ndarray  # (p, 2) int32 first slots, as Contacts.pairs, in the window
+    constants: ContactConstants
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether pairs remember stretches."""
+        return self.constants.losses is not None and self.constants.losses[1] > 0.0
+
+
+def constants_of(contacts: Contacts) -> ContactConstants:
+    """Read them from the contacts of a whole fabric."""
+    losses = contacts.losses
+    return ContactConstants(
+        contacts.stiffness, contacts.half_edge, contacts.planes, contacts.sleep.radius,
+        contacts.sleep.free, None if losses is None else (
+            losses.damping, losses.friction, losses.friction_stiffness, losses.lag))
+
+
+def contacts_of(
+    near: NearPairs, slot: np.ndarray, followed: Blocks, slot_count: int, address: int = 0
+) -> Contacts:
+    """
+    Contacts of such pairs, of which nothing is known yet.
+
+    `slot`: first slots of all blocks of the window; `followed`: those whose poses are known;
+    `address` of `touch_some`, 0: it is compiled or loaded.
+    """
+    pairs, constants = near.pairs, near.constants
+    count, block_count = len(pairs), len(slot)
+    turns = np.full(max(slot_count // LANES, 1), -1, np.int32)
+    turns[slot // LANES] = np.arange(block_count)
+    rows = aligned_empty((6, slot_count))
+    rows[:] = 0.0
+    nothing = np.zeros(0, np.int32)
+    contacts = Contacts(
+        stiffness=constants.stiffness, half_edge=constants.half_edge, pairs=pairs,
+        planes=constants.planes, result=np.zeros((count, OUT_SIZE)),
+        start=np.zeros(block_count + 1, np.int32), slot=nothing, entry=nothing, turns=turns,
+        rows=rows, pushes=np.zeros(block_count), deepest=np.zeros(8), tests=np.zeros(8),
+        taken=np.zeros(count // LEAST_PART + 2, np.int64), first=np.zeros((1, 8, 3)),
+        second=np.zeros((1, 8, 3)), aside=np.zeros((0, OUT_SIZE)), scratch=contact_scratch(),
+        touch_address=0, gap_address=0, sleep=_sleep(near, followed, slot_count),
+        losses=_losses(near, slot_count))
+    if not address:
+        place, turned = aligned_empty((3, 0)), aligned_empty((4, 0))
+        address = address_of(
+            touch_some, contacts, place, turned, contacts.scratch, contacts.result,
+            contacts.sleep.until, 0.0, contacts.taken, 0, 1)
+    return contacts._replace(touch_address=address)
+
+
+def team_of_one() -> Team:
+    """What kernels of contacts know of a rank."""
+    none = np.zeros(0, np.uint32)
+    return Team(
+        0, 1, np.zeros(flag_count(1), np.int64), Sweep(none, none, np.zeros(0, np.int32), 0),
+        contact_scratch())
+
+
+def watch_stub(watch: Watch) -> Watch:
+    """The watch of a whole fabric without its places and what is near: what a rank is told."""
+    nearby: dict[str, Any] = {
+        name: value[..., :0] for name, value in watch.nearby._asdict().items()
+        if isinstance(value, np.ndarray)}
+    return watch._replace(
+        reference=watch.reference[:, :0], turned=watch.turned[:, :0], frame=watch.frame.copy(),
+        far=np.zeros(8), nearby=Nearby(**{**watch.nearby._asdict(), **nearby}))
+
+
+def watch_of(stub: Watch, slot_count: int) -> Watch:
+    """The watch of a window."""
+    reference, turned = aligned_empty((3, slot_count)), aligned_empty((4, slot_count))
+    reference[:] = turned[:] = 0.0
+    return stub._replace(reference=reference, turned=turned)
+
+
+def _sleep(near: NearPairs, blocks: Blocks, slot_count: int) -> Sleep:
+    """Let pairs sleep where it takes less to follow all bodies than to test them."""
+    count = len(near.pairs)
+    followed = slot_count
+    if not SLOTS_OF_A_PAIR * count > followed:
+        blocks, followed = Blocks(blocks.slot[:0], blocks.alive[:0], blocks.reach), 0
+    position, orientation = aligned_empty((3, followed)), aligned_empty((4, followed))
+    position[:] = orientation[:] = 0.0
+    path = np.zeros(8)
+    path[0] = AWAKE
+    return Sleep(
+        blocks=blocks, radius=near.constants.radius, free=near.constants.free, position=position,
+        orientation=orientation, path=path, until=np.full(count, AWAKE),
+        looked=np.full(count, AWAKE), axis=np.zeros((count, 3)),
+        awake=np.zeros(count, np.int32))
+
+
+def _losses(near: NearPairs, slot_count: int) -> ContactLosses | None:
+    if near.constants.losses is None:
+        return None
+    damping, friction, stiffness, lag = near.constants.losses
+    spent, lead, lost = (aligned_empty((rows, slot_count)) for rows in (1, 6, 6))
+    spent[:] = lead[:] = lost[:] = 0.0
+    count = len(near.pairs)
+    rows = count if near.has_friction else 0
+    none = np.zeros((0, 4))
+    return ContactLosses(
+        damping, friction, stiffness, lag, np.zeros(count), spent, np.zeros((rows, 4)), none,
+        none, none, none, np.zeros((1, rows, 4)), lead, np.zeros((count, 9)), lost)

@@ -1,0 +1,155 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Contacts of a run that ranks share, on the first of them: who has which pairs, and what they know.
+
+The search is that of one process, over the state that was gathered. Each rank gets the pairs of
+which a body is its own (near_pairs.py); what pairs remember goes with the state, there and back.
+"""
+
+from collections.abc import Sequence
+
+from icofabric_sim.kernels.contact.sleeping import AWAKE
+from icofabric_sim.kernels.records import Blocks, Contacts, Watch
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.division import bounds_of, Part
+from icofabric_sim.simulation.devices.near_pairs import constants_of, contacts_of, NearPairs
+from icofabric_sim.simulation.devices.window import Slots
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+# Numbers of a look: the largest square of a way since the last [m^2], the deepest overlap in the
+# last evaluation and in all since the last look [m].
+LOOK = 3
+
+
+def look_at(contacts: Contacts | None, watch: Watch | None) -> np.ndarray:
+    """What a rank has noted of its bodies and contacts, which is forgotten."""
+    look = np.zeros(LOOK)
+    if watch is not None:
+        look[0], watch.far[0] = watch.far[0], 0.0
+    if contacts is not None:
+        look[1:] = contacts.deepest[:2]
+        contacts.deepest[1] = 0.0
+    return look
+
+
+def note_look(contacts: Contacts | None, watch: Watch | None, look: np.ndarray) -> None:
+    """Have it in the contacts and the watch of the whole fabric."""
+    if watch is not None:
+        watch.far[0] = max(watch.far[0], look[0])
+    if contacts is not None:
+        contacts.deepest[:2] = np.maximum(contacts.deepest[:2], look[1:])
+
+
+class SharedContacts:
+    """The list of pairs that was shared last, and the part of it that the first rank has."""
+
+    def __init__(self, layout: Layout, rank_count: int) -> None:
+        """Nothing is near yet."""
+        self._layout, self._count = layout, rank_count
+        slots = layout.blocks.slot
+        self._turns = np.full(max(layout.slot_count // LANES, 1), -1, np.int64)
+        self._turns[slots // LANES] = np.arange(len(slots))
+        self._bounds = bounds_of(len(slots), rank_count)
+        self._pairs: np.ndarray | None = None
+        # Numbers of each rank's pairs among all.
+        self.which: list[np.ndarray] = []
+        # Of the first rank: of the run, and of what is tried beside it.
+        self._own: dict[bool, Contacts] = {}
+
+    def is_shared(self, contacts: Contacts | None) -> bool:
+        """Whether ranks have the pairs of these contacts."""
+        return self._pairs is (None if contacts is None else contacts.pairs)
+
+    def split(self, contacts: Contacts | None) -> list[np.ndarray]:
+        """Say which pairs each rank gets; returns the blocks of others that it needs for them."""
+        self._own = {}
+        if contacts is None:
+            self._pairs, self.which = None, []
+            return [np.zeros(0, np.int64) for _ in range(self._count)]
+        self._pairs = contacts.pairs
+        block = self._blocks_of(contacts.pairs)
+        owner = np.searchsorted(self._bounds, block, side='right') - 1
+        owner[block < 0] = -1
+        self.which, needed = [], []
+        for rank in range(self._count):
+            mine = owner == rank
+            which = np.flatnonzero(mine.any(axis=1))
+            others = block[which][~mine[which] & (block[which] >= 0)]
+            self.which.append(which)
+            needed.append(np.unique(others))
+        return needed
+
+    def near(self, contacts: Contacts, rank: int, slots: Slots) -> NearPairs:
+        """Return the pairs of a rank, in the slots of its window."""
+        pairs = contacts.pairs[self.which[rank]].astype(np.int64)
+        moved = np.zeros(slots.whole // LANES, np.int64)
+        moved[slots.kept] = np.arange(len(slots.kept))
+        there = np.where(pairs < 0, pairs, LANES * moved[pairs // LANES] + pairs % LANES)
+        return NearPairs(there.astype(np.int32), constants_of(contacts))
+
+    def own(self, contacts: Contacts, part: Part, *, of_run: bool) -> Contacts:
+        """Return those of the first rank, in the arrays of the whole fabric."""
+        if of_run not in self._own:
+            near = NearPairs(
+                np.ascontiguousarray(contacts.pairs[self.which[0]]), constants_of(contacts))
+            blocks = self._layout.blocks
+            known = np.concatenate([np.arange(part.first, part.last), part.halo])
+            self._own[of_run] = contacts_of(
+                near, blocks.slot, Blocks(blocks.slot[known], blocks.alive[known], 0),
+                self._layout.slot_count, contacts.touch_address)
+        return self._own[of_run]
+
+    def remembered(self, contacts: Contacts, rank: int) -> list[np.ndarray]:
+        """Return what the pairs of a rank remember, as arrays to send: stretches and slopes."""
+        losses = contacts.losses
+        if losses is None or not losses.friction > 0.0:
+            return []
+        which = self.which[rank]
+        return [losses.stretch[which], losses.slopes[0][which]]
+
+    def take_back(
+        self, contacts: Contacts, rank: int, values: Sequence[np.ndarray]
+    ) -> None:
+        """Have what the pairs of a rank remember by now."""
+        if values and contacts.losses is not None:
+            which = self.which[rank]
+            contacts.losses.stretch[which], contacts.losses.slopes[0][which] = values
+            wake(contacts, which, values)
+
+    def _blocks_of(self, slots: np.ndarray) -> np.ndarray:
+        """Blocks of slots; -1 of planes."""
+        return np.where(slots < 0, -1, self._turns[np.maximum(slots, 0) // LANES])
+
+
+def wake(contacts: Contacts, which: np.ndarray | slice, values: Sequence[np.ndarray]) -> None:
+    """
+    Have the pairs tested that remember something, as they touched elsewhere.
+
+    What sleeps is known to have lost all that it had, and would keep it here.
+    """
+    if values:
+        stretched = values[0].any(axis=1) | values[1].any(axis=1)
+        until = contacts.sleep.until[which]
+        until[stretched] = AWAKE
+        contacts.sleep.until[which] = until
+
+
+def remembered_by(contacts: Contacts | None) -> list[np.ndarray]:
+    """Where a rank has what its pairs remember: stretches and slopes of friction, (p, 4) each."""
+    losses = None if contacts is None else contacts.losses
+    if losses is None or not losses.friction > 0.0:
+        return []
+    return [losses.stretch, losses.slopes[0]]
