@@ -14,6 +14,7 @@
 """The event loop of a run: steps, and the wrenches between them, in order of time."""
 
 from collections.abc import Callable
+from functools import partial
 import logging
 import math
 from typing import Any, TYPE_CHECKING
@@ -145,6 +146,8 @@ class EventLoop:
         self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
+        # Makes a method by its name.
+        self._method_of: Callable[[str], Method] = facts_of
         # The method of the start, and the one that takes over from it once shells are near each
         # other; None: none does.
         self._first, self.near_method = self.method, None
@@ -153,12 +156,11 @@ class EventLoop:
                 self.method, is_possible=packed.contact is not None,
                 loose=not scene.connector_count)
         if ranks is not None:
-            from icofabric_sim.simulation.devices.leader import shared_method
-            from icofabric_sim.simulation.devices.refusals import require_one_method
-            require_one_method(self.near_method)
-            method = shared_method(
-                ranks, packed, self.method.name, given=fixed > 0.0,
+            from icofabric_sim.simulation.devices.shared_method import shared_method
+            self._method_of = partial(
+                shared_method, ranks, packed, given=fixed > 0.0,
                 half_edge=scene.geometry.half_edge)
+            method = self._method_of(self.method.name)
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
             method = device_method(device, packed, self.method.name, given=fixed > 0.0)
@@ -256,7 +258,8 @@ class EventLoop:
             self._broad_phase.counts_listed = True
         try:
             after = self._make_driver(
-                facts_of(choice.name), state, self._loads(again=True), before.rates.frequency)
+                self._method_of(choice.name), state, self._loads(again=True),
+                before.rates.frequency)
         except BaseException:
             self.method = was
             raise

@@ -65,8 +65,32 @@ def find_clear(
     if watch is None:
         return CLEAR
     nearby = watch.nearby
+    mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
+    speed, moved = fastest_points(
+        watch, blocks, state, trail, stages, mean, time, first, last)
+    trail.speeds[team.member], trail.ways[team.member] = speed, moved
+    wait_for_all(team)
+    found = NEAR
+    if team.member == 0:
+        for member in range(team.size):
+            speed = max(speed, trail.speeds[member])
+            moved = max(moved, trail.ways[member])
+        found = judge_clear(watch, state, way_between(h, speed), moved)
+    return int(tell_all(team, found))
+
+
+@compiled
+def fastest_points(
+    watch: Watch, blocks: Blocks, state: State, trail: Trail, stages: int,
+    mean: tuple[float, float, float], time: float, first: int, last: int
+) -> tuple[float, float]:
+    """
+    Largest speed [m/s] of a point of bodies in blocks first to last at the stages of a step.
+
+    Beside the `mean` [m/s] of all. And the largest square of a way [m^2] since the last search, at
+    the `time` [s] when the step begins.
+    """
     shift = shift_at(watch, time)
-    mx, my, mz = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
     zero = splat(0.0)
     quickest, way = zero, zero
     rows = rows_of(state.orientation).shape[0]
@@ -76,9 +100,9 @@ def find_clear(
         s = blocks.slot[block]
         fastest, spin = zero, zero
         for j in range(stages):
-            ux = load(trail.slopes[j], 0, s) - splat(mx)
-            uy = load(trail.slopes[j], 1, s) - splat(my)
-            uz = load(trail.slopes[j], 2, s) - splat(mz)
+            ux = load(trail.slopes[j], 0, s) - splat(mean[0])
+            uy = load(trail.slopes[j], 1, s) - splat(mean[1])
+            uz = load(trail.slopes[j], 2, s) - splat(mean[2])
             fastest = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), fastest)
             square = zero
             for k in range(3, 3 + rows):
@@ -93,21 +117,28 @@ def find_clear(
     for i in range(LANES):
         speed = max(speed, lane(quickest, i))
         moved = max(moved, lane(way, i))
-    trail.speeds[team.member], trail.ways[team.member] = speed, moved
-    wait_for_all(team)
-    found = NEAR
-    if team.member == 0:
-        for member in range(team.size):
-            speed = max(speed, trail.speeds[member])
-            moved = max(moved, trail.ways[member])
-        needed = _BETWEEN * h * speed
-        # As far as every search reaches.
-        if needed <= 0.5 * watch.limits[MOST]:
-            if watch.limits[FREE] - math.sqrt(moved) > needed:
-                found = CLEAR
-            else:
-                found = search_clear(watch, state, needed)
-    return int(tell_all(team, found))
+    return speed, moved
+
+
+@compiled
+def way_between(h: float, speed: float) -> float:
+    """Way [m] of a point in a step of `h` [s] at whose stages it is no faster than `speed`."""
+    return _BETWEEN * h * speed
+
+
+@compiled
+def judge_clear(watch: Watch, state: State, needed: float, moved: float) -> int:
+    """
+    NEAR, CLEAR or NO_ROOM, where points may go as far as `needed` [m] in a step from `state`.
+
+    `moved`: square of the longest way [m^2] since the last search.
+    """
+    # As far as every search reaches.
+    if not needed <= 0.5 * watch.limits[MOST]:
+        return NEAR
+    if watch.limits[FREE] - math.sqrt(moved) > needed:
+        return CLEAR
+    return search_clear(watch, state, needed)
 
 
 @compiled

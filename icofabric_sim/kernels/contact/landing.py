@@ -35,6 +35,7 @@ from icofabric_sim.kernels.contact.displacement import add_ways, FREE, LATE, MOS
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
 from icofabric_sim.kernels.contact.shape import OUTER
 from icofabric_sim.kernels.records import Blocks, Contacts, State, Team, Trail, Watch
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -127,7 +128,7 @@ def ways_to_come(
     """
     nearby, frame, zero = watch.nearby, watch.frame, splat(0.0)
     mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
-    shift, count = shift_at(watch, time), slope.shape[0]
+    shift, row = shift_at(watch, time), row_of_accelerations(state)
     quickest, way = zero, zero
     step, half, radius = splat(h), splat(0.5 * h), splat(watch.radius)
     for block in range(first, last):
@@ -136,11 +137,11 @@ def ways_to_come(
         for k in range(3):
             u = load(state.linear_velocity, k, s) - splat(mean[k])
             v = fma(u, u, v)
-            u = load(slope, count - 6 + k, s) - splat(2.0 * frame[4 + k])
+            u = load(slope, row + k, s) - splat(2.0 * frame[4 + k])
             a = fma(u, u, a)
             u = load(state.angular_velocity, k, s)
             o = fma(u, u, o)
-            u = load(slope, count - 3 + k, s)
+            u = load(slope, row + 3 + k, s)
             b = fma(u, u, b)
         speed = fma(radius, sqrt(o), sqrt(v)) + half * fma(radius, sqrt(b), sqrt(a))
         quickest = maximum(where(bits(blocks.alive[block]), step * speed, zero), quickest)
@@ -150,6 +151,12 @@ def ways_to_come(
         farthest = max(farthest, lane(quickest, i))
         moved = max(moved, lane(way, i))
     return farthest, moved
+
+
+@compiled
+def row_of_accelerations(state: State) -> int:
+    """Where those are in a slope: rows of Maxwell arms may follow them."""
+    return int(3 + rows_of(state.orientation).shape[0])
 
 
 @compiled
@@ -205,17 +212,17 @@ def stays_apart(
         return False
     axis = contacts.result[p, 12:15]
     gap, square, turning = 0.0, 0.0, 0.0
-    count = slope.shape[0]
+    row = row_of_accelerations(state)
     for k in range(3):
         gap += axis[k] * (state.position[k, other] - state.position[k, s])
         u = t * (
             state.linear_velocity[k, other] - state.linear_velocity[k, s]
-            + 0.5 * t * (slope[count - 6 + k, other] - slope[count - 6 + k, s]))
+            + 0.5 * t * (slope[row + k, other] - slope[row + k, s]))
         square += u * u
     for body in (s, other):
         spin = 0.0
         for k in range(3):
-            u = t * (state.angular_velocity[k, body] + 0.5 * t * slope[count - 3 + k, body])
+            u = t * (state.angular_velocity[k, body] + 0.5 * t * slope[row + 3 + k, body])
             spin += u * u
         turning += math.sqrt(spin)
     gap -= contacts.half_edge * (
@@ -283,13 +290,13 @@ def foretell(
     state: State, slope: np.ndarray, s: int, t: float, place: np.ndarray
 ) -> None:
     """Position and rotation matrix (body to world) of slot `s` after a time [s], (4, 3)."""
-    count = slope.shape[0]
+    row = row_of_accelerations(state)
     for k in range(3):
         place[0, k] = state.position[k, s] + t * (
-            state.linear_velocity[k, s] + 0.5 * t * slope[count - 6 + k, s])
-    x = t * (state.angular_velocity[0, s] + 0.5 * t * slope[count - 3, s])
-    y = t * (state.angular_velocity[1, s] + 0.5 * t * slope[count - 2, s])
-    z = t * (state.angular_velocity[2, s] + 0.5 * t * slope[count - 1, s])
+            state.linear_velocity[k, s] + 0.5 * t * slope[row + k, s])
+    x = t * (state.angular_velocity[0, s] + 0.5 * t * slope[row + 3, s])
+    y = t * (state.angular_velocity[1, s] + 0.5 * t * slope[row + 4, s])
+    z = t * (state.angular_velocity[2, s] + 0.5 * t * slope[row + 5, s])
     axes = turned(axes_of(state.orientation, s), x, y, z)
     place[1, 0], place[2, 0], place[3, 0] = axes[0], axes[1], axes[2]
     place[1, 1], place[2, 1], place[3, 1] = axes[3], axes[4], axes[5]

@@ -33,7 +33,7 @@ CURVATURE = 7.0
 # Squared distance, over a^2, at which a turn about the normal is resisted at most.
 _PATCH = 0.25
 _ROWS = ('stretch', 'held', 'start', 'saved')
-_SLOPES = 16
+SLOPES = 16
 # Those that a step leaves behind; dense output finds the others again.
 _KEPT_SLOPES = 13
 
@@ -98,7 +98,7 @@ class FrictionState:
         stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
         self._losses = losses = ContactLosses(
             setup.damping, setup.friction, self.stiffness, self.lag, np.zeros(len(pairs)), spent,
-            stretch, held, start, stage, saved, np.zeros((_SLOPES, rows, 4)), lead,
+            stretch, held, start, stage, saved, np.zeros((SLOPES, rows, 4)), lead,
             np.zeros((len(pairs), 9)), lost)
         if before is not None and rows:
             here, there = np.empty(len(pairs), np.int64), np.empty(len(pairs), np.int64)

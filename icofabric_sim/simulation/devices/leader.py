@@ -20,10 +20,9 @@ first rank looks at them: at a health check, and whenever the trajectory is aske
 So every sum is the one that a single process forms.
 """
 
+from functools import partial
 import math
-import socket
 from typing import Any
-import weakref
 
 from icofabric_sim.kernels.contact.displacement import farthest, SOON
 from icofabric_sim.kernels.contact.forces import deepest_overlap
@@ -48,44 +47,27 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.scene.available_memory import available_memory
-from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
-from icofabric_sim.simulation.devices.near_pairs import (
-    constants_of,
-    contacts_of,
-    NearPairs,
-    team_of_one,
-    watch_stub,
-)
+from icofabric_sim.simulation.devices.division import HaloBytes
+from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
-from icofabric_sim.simulation.devices.refusals import require_shareable_method
 from icofabric_sim.simulation.devices.shared_contacts import (
     LOOK,
     look_at,
     note_look,
     remembered_by,
-    SharedContacts,
     wake,
 )
-from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
+from icofabric_sim.simulation.devices.sharing import Sharing
+from icofabric_sim.simulation.devices.slot_rows import tables_of
 from icofabric_sim.simulation.devices.transport import Transport
-from icofabric_sim.simulation.devices.window import (
-    bytes_of,
-    exchange_of,
-    loads_of,
-    Slots,
-    slots_of,
-    window_of,
-)
+from icofabric_sim.simulation.devices.window import bytes_of, exchange_of
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import Ledger
-from icofabric_sim.simulation.stepping.methods import Method, METHODS
+from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
-
-_numbers = iter(range(2**62))
 
 
 class SharedSteps:
@@ -102,38 +84,25 @@ class SharedSteps:
         """
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
-        self._number = next(_numbers)
-        layout, links = packed.layout, packed.model.links
+        links, contact = packed.model.links, packed.contact
         differences = differences_of(method, given=given, linked=links is not None)
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
             half_edge**-2, method.mends_kinks and has_jumps(links))
-        self._parts = divide(layout, links, transport.size)
-        self._shared = SharedContacts(layout, transport.size)
-        # Blocks of others that bodies of each rank may touch, or might before.
-        self._near = [np.zeros(0, np.int64) for _ in self._parts]
-        # The pairs of the run, and whether ranks have been told of those that were shared last;
-        # whether steps with any were ready.
+        self._sharing = Sharing(transport, packed, partial(
+            bytes_of, kinked=self._weights.mends_kinks, touching=contact is not None,
+            spends=contact is not None and contact.spends))
+        # The pairs of the run; whether steps with any were ready.
         self._contacts: Contacts | None = None
-        self._is_told, self._touches = True, False
-        slot = layout.blocks.slot
-        # Of the windows of the other ranks, once they are cut.
-        self._slots: list[Slots] = []
-        self._rows = [SlotRows(slot[part.first:part.last]) for part in self._parts]
+        self._touches = False
         # Whether the state of the run is with the ranks, and whether only there.
         self._is_out = self._is_stale = False
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
         self._ledger = Ledger.over(np.zeros(0))
-        self._acting: tuple[Any, ...] = ()
-        self._force = np.zeros(0)
-        self._acts = False
-        self._require_room()
         transport.holders.add(self)
-        # At the end of the interpreter there is no further order that it could go with.
-        weakref.finalize(self, transport.dropped.append, self._number).atexit = False
 
     @property
     def rank_count(self) -> int:
@@ -153,9 +122,7 @@ class SharedSteps:
     @property
     def halos(self) -> list[HaloBytes]:
         """Bytes that each rank receives in an evaluation of the forces."""
-        return [
-            halo_bytes(self._packed.layout, self._packed.model.links, part)
-            for part in self._parts]
+        return self._sharing.halos
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
@@ -203,14 +170,15 @@ class SharedSteps:
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         of_run, contacts = check_interval < NEVER, model.contacts
-        if not self._shared.is_shared(contacts):
+        if not self._sharing.contacts.is_shared(contacts):
             self._share(contacts)
         own = self._begin(model, loads, state, work, watch)
-        self._send_loads(loads)
-        mine = None if contacts is None else self._shared.own(
-            contacts, self._parts[0], of_run=of_run)
+        if self._sharing.send_loads(loads, stages=0):
+            self._is_out = False
+        mine = None if contacts is None else self._sharing.contacts.own(
+            contacts, self._sharing.parts[0], of_run=of_run)
         arrays = Arrays(
-            loads if self._acts else None, state, work, mine, watch if of_run else None)
+            loads if self._sharing.acts else None, state, work, mine, watch if of_run else None)
         if of_run:
             self._run, self._ledger, self._contacts = arrays, Ledger.over(ledger), contacts
         if not (of_run and self._is_out):
@@ -234,7 +202,7 @@ class SharedSteps:
             stretch = Stretch(
                 origin, index + done, h, ahead, since_check, check_interval, looks,
                 is_guarded_here)
-            self._transport.order(('take', self._number, stretch))
+            self._sharing.order('take', stretch)
             own.take(arrays, stretch)
             if contacts is not None:
                 contacts.tests[0] += own.take_touches() * len(contacts.pairs)
@@ -290,15 +258,15 @@ class SharedSteps:
         if own is not None and contacts is not None:
             note_look(contacts, None, look_at(own, None))
             if is_guarded:
-                mine = slice(self._parts[0].first, self._parts[0].last)
+                mine = slice(self._sharing.parts[0].first, self._sharing.parts[0].last)
                 contacts.pushes[mine] = own.pushes[mine]
-        for rank in range(1, self._transport.size):
+        for rank in self._sharing.others:
             look = np.zeros(LOOK)
-            self._receive(look, rank)
+            self._sharing.receive(look, rank)
             note_look(contacts, watch, look)
             if is_guarded and contacts is not None:
-                part = self._parts[rank]
-                self._receive(contacts.pushes[part.first:part.last], rank)
+                part = self._sharing.parts[rank]
+                self._sharing.receive(contacts.pushes[part.first:part.last], rank)
 
     def _judge_ways(
         self, arrays: Arrays, contacts: Contacts | None, watch: Watch, now: float, h: float, *,
@@ -312,7 +280,7 @@ class SharedSteps:
             self._gather(arrays, contacts, of_run=True, whole=False)
         status = int(judge_ways(watch, most, arrays.state, now, h))
         if not status:
-            self._transport.order(('watch', self._number, watch.frame.copy()))
+            self._sharing.order('watch', watch.frame.copy())
         return status
 
     def _share(self, contacts: Contacts | None) -> None:
@@ -320,17 +288,8 @@ class SharedSteps:
         if self._is_out and self._run is not None:
             self._gather(self._run, self._contacts, of_run=True, whole=True)
             self._is_out = self._is_stale = False
-        needed = self._shared.split(contacts)
-        self._is_told = False
-        if not any(
-                len(np.setdiff1d(blocks, part.halo))
-                for blocks, part in zip(needed, self._parts)):
-            return
-        # What was near once may be so again.
-        self._near = [np.union1d(*pair) for pair in zip(self._near, needed)]
-        self._parts = divide(
-            self._packed.layout, self._packed.model.links, self._transport.size, self._near)
-        self._own, self._acting = None, ()
+        if self._sharing.share(contacts):
+            self._own = None
 
     def _begin(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
@@ -342,70 +301,36 @@ class SharedSteps:
         """
         if self._own is None:
             self._own = self._send_windows(model, loads, state, work, watch)
-        if not self._is_told:
-            self._tell_contacts(model, loads, state, work, watch)
+        if not self._sharing.is_told:
+            if model.contacts is not None and not self._touches:
+                self._own.make_ready(Arrays(
+                    loads if len(loads.wrench) else None, state, work,
+                    no_contacts(model.contacts, model.blocks, self._packed.layout), watch))
+                self._touches = True
+            self._sharing.tell_contacts(model.contacts)
+            self._is_out = False
         return self._own
 
     def _send_windows(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> PartSteps:
-        model = model._replace(contacts=None)
+        model, parts = model._replace(contacts=None), self._sharing.parts
         layout = self._packed.layout
         count = work.difference.shape[1] // LANES if self._weights.differences else 0
         blocks = np.arange(count) * len(layout.blocks.slot) // max(count, 1)
         chosen = [
-            np.flatnonzero((blocks >= part.first) & (blocks < part.last))
-            for part in self._parts]
+            np.flatnonzero((blocks >= part.first) & (blocks < part.last)) for part in parts]
         self._samples = [
             (LANES * one[:, None] + np.arange(LANES)).ravel() for one in chosen]
         own = PartSteps(
-            self._transport, model, exchange_of(layout, self._parts[0], blocks[chosen[0]]),
+            self._transport, model, exchange_of(layout, parts[0], blocks[chosen[0]]),
             self._weights)
         own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work, None, watch))
-        self._slots = [slots_of(model, layout, part) for part in self._parts]
-        for rank in range(1, self._transport.size):
-            window = window_of(
-                model, layout, self._parts[rank], self._slots[rank], blocks[chosen[rank]])
-            window = window._replace(
-                watch=None if watch is None else watch_stub(watch), spends=work.spent is not None)
-            self._transport.send_order(('window', self._number, window, self._weights), rank)
-        self._is_told = False
+
+        self._sharing.send_windows(
+            model, watch, self._weights, spends=work.spent is not None,
+            samples=[blocks[one] for one in chosen])
         return own
-
-    def _tell_contacts(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> None:
-        contacts, layout = model.contacts, self._packed.layout
-        if contacts is not None and not self._touches:
-            assert self._own is not None
-            nothing = NearPairs(contacts.pairs[:0], constants_of(contacts))
-            self._own.make_ready(Arrays(
-                loads if len(loads.wrench) else None, state, work,
-                contacts_of(
-                    nothing, layout.blocks.slot, model.blocks, layout.slot_count,
-                    contacts.touch_address), watch))
-            self._touches = True
-        for rank in range(1, self._transport.size):
-            near = None if contacts is None else self._shared.near(
-                contacts, rank, self._slots[rank])
-            self._transport.send_order(('contacts', self._number, near), rank)
-        self._is_told, self._is_out = True, False
-
-    def _send_loads(self, loads: Loads) -> None:
-        """Send each rank the loads on its bodies, where they are other ones."""
-        acting = (
-            loads.start, loads.wrench, loads.force, loads.anchors, loads.drives, loads.tractions)
-        # Those of pulls are written in place.
-        if len(acting) == len(self._acting) and all(
-                one is other for one, other in zip(acting, self._acting)) and np.array_equal(
-                    loads.force, self._force):
-            return
-        self._acting, self._force = acting, loads.force.copy()
-        self._acts = len(loads.wrench) > 0
-        for rank in range(1, self._transport.size):
-            own = loads_of(loads, self._parts[rank], self._slots[rank]) if self._acts else None
-            self._transport.send_order(('loads', self._number, own), rank)
-        self._is_out = False
 
     def _scatter(
         self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool
@@ -413,28 +338,28 @@ class SharedSteps:
         """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""
         assert self._own is not None
         loads, state, work, mine, watch = arrays
-        self._transport.order((
-            'scatter', self._number, of_run, None if watch is None else watch.frame.copy()))
+        self._sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
         tables = tables_of(state, work, contacts, whole=True)
         if watch is not None:
             tables += [watch.reference, watch.turned]
         requests: list[Any] = []
-        for rank in range(1, self._transport.size):
-            requests += self._rows[rank].send(self._transport, tables, rank)
-            more = [] if loads is None else [loads.work[self._rows_of_loads(loads, rank)]]
+        for rank in self._sharing.others:
+            requests += self._sharing.rows[rank].send(self._transport, tables, rank)
+            more = [] if loads is None else [loads.work[self._sharing.rows_of_loads(loads, rank)]]
             if contacts is not None:
-                more += self._shared.remembered(contacts, rank)
+                more += self._sharing.contacts.remembered(contacts, rank)
             if of_run:
                 more += [
                     np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
             requests += [self._transport.send(row, rank) for row in more]
         self._transport.wait(requests)
         if contacts is not None and mine is not None:
-            for target, values in zip(remembered_by(mine), self._shared.remembered(contacts, 0)):
+            own = self._sharing.contacts.remembered(contacts, 0)
+            for target, values in zip(remembered_by(mine), own):
                 target[:] = values
             wake(mine, slice(None), remembered_by(mine))
             if mine.losses is not None and contacts.losses is not None:
-                self._rows[0].copy(contacts.losses.lost, mine.losses.lost)
+                self._sharing.rows[0].copy(contacts.losses.lost, mine.losses.lost)
         if of_run:
             self._own.difference[:] = work.difference[:, self._samples[0]]
             self._own.roughest = 0.0
@@ -448,84 +373,39 @@ class SharedSteps:
         `contacts`: those of the whole fabric.
         """
         assert self._own is not None
-        self._transport.order(('gather', self._number, of_run, whole))
+        self._sharing.order('gather', of_run, whole)
         loads, state, work, mine, watch = arrays
         tables = tables_of(state, work, contacts, whole=whole)
         if contacts is not None and mine is not None:
             note_look(contacts, None, look_at(mine, None))
-            self._shared.take_back(contacts, 0, remembered_by(mine))
+            self._sharing.contacts.take_back(contacts, 0, remembered_by(mine))
             if mine.losses is not None and contacts.losses is not None:
-                self._rows[0].copy(mine.losses.lost, contacts.losses.lost)
+                self._sharing.rows[0].copy(mine.losses.lost, contacts.losses.lost)
         roughest = self._own.take_roughest()
-        for rank in range(1, self._transport.size):
-            self._rows[rank].receive(self._transport, tables, rank)
+        for rank in self._sharing.others:
+            self._sharing.rows[rank].receive(self._transport, tables, rank)
             if loads is not None:
-                self._receive(loads.work[self._rows_of_loads(loads, rank)], rank)
+                self._sharing.receive(loads.work[self._sharing.rows_of_loads(loads, rank)], rank)
             if contacts is not None:
-                values = self._shared.remembered(contacts, rank)
+                values = self._sharing.contacts.remembered(contacts, rank)
                 for row in values:
-                    self._receive(row, rank)
-                self._shared.take_back(contacts, rank, values)
+                    self._sharing.receive(row, rank)
+                self._sharing.contacts.take_back(contacts, rank, values)
             look = np.zeros(LOOK)
-            self._receive(look, rank)
+            self._sharing.receive(look, rank)
             note_look(contacts, watch, look)
             if not of_run:
                 continue
             rough = np.zeros(1)
-            self._receive(rough, rank)
+            self._sharing.receive(rough, rank)
             roughest = max(roughest, float(rough[0]))
             if whole:
                 samples = self._samples[rank]
                 for row in work.difference:
                     sampled = np.empty(len(samples))
-                    self._receive(sampled, rank)
+                    self._sharing.receive(sampled, rank)
                     row[samples] = sampled
         if of_run:
             self._ledger.roughest = max(self._ledger.roughest, roughest)
             if whole:
                 work.difference[:, self._samples[0]] = self._own.difference
-
-    def _receive(self, values: np.ndarray, rank: int) -> None:
-        self._transport.wait([self._transport.receive(values, rank)])
-
-    def _rows_of_loads(self, loads: Loads, rank: int) -> slice:
-        """Where the work on the bodies of a rank is."""
-        part = self._parts[rank]
-        return slice(
-            LANES * int(loads.start[part.first]), LANES * int(loads.start[part.last]))
-
-    def _require_room(self) -> None:
-        """Refuse windows for which some machine lacks memory, before any is made."""
-        transport = self._transport
-        with transport.alone():
-            transport.order(('room',))
-            machines = [(socket.gethostname(), available_memory()), *transport.answers()]
-        wanted: dict[str, int] = {}
-        ranks: dict[str, list[int]] = {}
-        for rank, (name, _) in enumerate(machines):
-            if rank:
-                part = self._parts[rank]
-                slots = LANES * (part.last - part.first + 2 * len(part.halo))
-                wanted[name] = wanted.get(name, 0) + bytes_of(
-                    slots, kinked=self._weights.mends_kinks,
-                    touching=self._packed.contact is not None,
-                    spends=self._packed.contact is not None and self._packed.contact.spends)
-                ranks.setdefault(name, []).append(rank)
-        for name, need in wanted.items():
-            left = min(amount for machine, amount in machines if machine == name)
-            if need > left:
-                members = ', '.join(map(str, ranks[name]))
-                raise ValueError(
-                    f'rank {members} on {name}: windows of {self._packed.layout.body_count:,} '
-                    f'bodies need about {need / 1e9:.3g} GB there, and {left / 1e9:.3g} GB are '
-                    'left; take more machines, or a smaller weave.size')
-
-
-def shared_method(
-    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float
-) -> Method:
-    """Return the method `name`, with steps that all ranks take; ValueError where they cannot."""
-    require_shareable_method(name)
-    method = METHODS[name]
-    steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
-    return method._replace(advance=steps.advance, holder=steps)

@@ -22,6 +22,7 @@ these have in the whole fabric.
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.contact.forces import LEAST_PART, touch_some
+from icofabric_sim.kernels.contact.listing import arrange
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contact.sleeping import AWAKE
 from icofabric_sim.kernels.records import (
@@ -38,7 +39,8 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.simulation.contact.broad_phase import SLOTS_OF_A_PAIR
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.contact.friction_state import SLOPES
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
 # Doubles that a rank holds for each slot where shells may touch: what acts, where bodies were
@@ -94,11 +96,17 @@ def contacts_of(
     turns[slot // LANES] = np.arange(block_count)
     rows = aligned_empty((6, slot_count))
     rows[:] = 0.0
-    nothing = np.zeros(0, np.int32)
+    entries = count + int(np.count_nonzero(pairs[:, 1] >= 0))
+    start, acting, entry = (
+        np.zeros(length, np.int32) for length in (block_count + 1, entries, entries))
+    # Bodies are where they are: the slots of a window have no other numbers.
+    arrange(
+        pairs, np.arange(slot_count, dtype=np.int32), slot, np.empty(slot_count, np.int64),
+        np.empty((count, 2), np.int32), start, acting, entry)
     contacts = Contacts(
         stiffness=constants.stiffness, half_edge=constants.half_edge, pairs=pairs,
         planes=constants.planes, result=np.zeros((count, OUT_SIZE)),
-        start=np.zeros(block_count + 1, np.int32), slot=nothing, entry=nothing, turns=turns,
+        start=start, slot=acting, entry=entry, turns=turns,
         rows=rows, pushes=np.zeros(block_count), deepest=np.zeros(8), tests=np.zeros(8),
         taken=np.zeros(count // LEAST_PART + 2, np.int64), first=np.zeros((1, 8, 3)),
         second=np.zeros((1, 8, 3)), aside=np.zeros((0, OUT_SIZE)), scratch=contact_scratch(),
@@ -110,6 +118,13 @@ def contacts_of(
             touch_some, contacts, place, turned, contacts.scratch, contacts.result,
             contacts.sleep.until, 0.0, contacts.taken, 0, 1)
     return contacts._replace(touch_address=address)
+
+
+def no_contacts(contacts: Contacts, blocks: Blocks, layout: Layout) -> Contacts:
+    """Contacts like those of a whole fabric, but without pairs: what is compiled for is known."""
+    return contacts_of(
+        NearPairs(contacts.pairs[:0], constants_of(contacts)), layout.blocks.slot, blocks,
+        layout.slot_count, contacts.touch_address)
 
 
 def team_of_one() -> Team:
@@ -162,7 +177,7 @@ def _losses(near: NearPairs, slot_count: int) -> ContactLosses | None:
     spent[:] = lead[:] = lost[:] = 0.0
     count = len(near.pairs)
     rows = count if near.has_friction else 0
-    none = np.zeros((0, 4))
+    stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
     return ContactLosses(
-        damping, friction, stiffness, lag, np.zeros(count), spent, np.zeros((rows, 4)), none,
-        none, none, none, np.zeros((1, rows, 4)), lead, np.zeros((count, 9)), lost)
+        damping, friction, stiffness, lag, np.zeros(count), spent, stretch, held, start, stage,
+        saved, np.zeros((SLOPES, rows, 4)), lead, np.zeros((count, 9)), lost)

@@ -18,17 +18,29 @@ The flows are those of kernels/flows.py. These few lines stand here and not in t
 kernels because the cache is stamped by that room as a whole: a change here compiles nothing else.
 """
 
+from icofabric_sim.kernels.contact.losses import stretch_error
 from icofabric_sim.kernels.flows import drift, place_links, push, push_kept
 from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
-from icofabric_sim.kernels.records import ContactLosses, Kinks, Loads, Model, State, Work
+from icofabric_sim.kernels.records import (
+    ContactLosses,
+    Kinks,
+    Loads,
+    Model,
+    State,
+    Team,
+    Trail,
+    Work,
+)
+from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.kernels.viscous import place_speeds
 import numpy as np
 
-# Numbers of a pose: position and quaternion; and of a motion, with the velocities after and before
-# a kick.
-POSE, MOTION = 7, 19
+# Numbers of a pose: position and quaternion; with velocities; and with those before a kick, too.
+POSE, STAGE, MOTION = 7, 13, 19
 
 
 @compiled
@@ -217,3 +229,57 @@ def put_moving(
             store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
         for k in range(6):
             store(losses.lead, k, s, load(motions, 13 + k, LANES * i))
+
+
+@compiled
+def take_stage(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
+    """Copy poses and velocities of the blocks that begin at `slots` to (13, m LANES)."""
+    take_poses(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(motions, 7 + k, LANES * i, load(state.linear_velocity, k, s))
+            store(motions, 10 + k, LANES * i, load(state.angular_velocity, k, s))
+
+
+@compiled
+def put_stage(
+    model: Model, state: State, work: Work, slots: np.ndarray, motions: np.ndarray
+) -> None:
+    """Copy them back, and place the attachment points of these blocks, with their velocities."""
+    put_poses(model, state, work, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(3):
+            store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
+            store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
+        place_speeds(model.damping, state, work.points, work.speeds, s)
+
+
+@compiled
+def combine_all(
+    state: State, trail: Trail, weights: np.ndarray, h: float, slot: np.ndarray, first: int,
+    last: int, is_end: bool
+) -> None:
+    """Stage of a step of `h` [s] of blocks first to last; `is_end`: the step's end."""
+    for block in range(first, last):
+        combine(state, trail.slopes, weights, h, trail.stage, slot[block])
+        if is_end:
+            normalise(trail.stage.orientation, slot[block])
+
+
+@compiled
+def errors_of(
+    trail: Trail, losses: ContactLosses | None, error_5: np.ndarray, error_3: np.ndarray,
+    scales: np.ndarray, smooth: float, slot: np.ndarray, first: int, last: int, team: Team
+) -> tuple[float, float]:
+    """As `largest_error` of embedded.py, of blocks first to last and the pairs of a part."""
+    largest, probable = 0.0, 0.0
+    turn_rows = rows_of(trail.stage.orientation).shape[0]
+    for block in range(first, last):
+        error, error_of_step = step_error(
+            trail.slopes, turn_rows, error_5, error_3, scales, smooth, slot[block])
+        largest = larger_of(largest, error)
+        probable = max(probable, error_of_step)
+    error, error_of_step = stretch_error(losses, error_5, error_3, scales[0], smooth, team)
+    return larger_of(largest, error), max(probable, error_of_step)

@@ -18,9 +18,9 @@ from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_needs import required_method
-from icofabric_sim.simulation.stepping.method_selection import Choice
-from icofabric_sim.simulation.stepping.methods import facts_of, METHODS
+from icofabric_sim.simulation.stepping.methods import METHODS
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
 _SHARED = 'is not shared by ranks'
@@ -29,6 +29,10 @@ _SHARED = 'is not shared by ranks'
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
     """Raise ParameterError, or ValueError for what is no parameter, where ranks cannot share."""
     _require(scene, _lacking(scene), _SHARED, _ONE, cosines=cosines, body_force=body_force)
+    event = why_events(scene)
+    if event:
+        raise ParameterError(
+            'solver.method', f'a scene {_SHARED} yet where {event}; leave that out, {_ONE}')
 
 
 def require_on_device(
@@ -48,6 +52,12 @@ def require_on_device(
     _require(
         scene, chain(_lacking(scene), _lacking_on_device(scene)), _on(device), _CPU,
         cosines=cosines, body_force=body_force)
+    choice = required_method(scene)
+    if choice is not None:
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {choice.name} {_on(device)} yet, and this scene needs it: '
+            f'{choice.reason}; leave that out, {_CPU}')
     moments = [
         name for name in ('connector.bending_stiffness', 'connector.twisting_stiffness')
         if scene.parameters[name] > 0.0]
@@ -58,22 +68,14 @@ def require_on_device(
 
 def require_shareable_method(name: str) -> None:
     """Raise ParameterError where ranks cannot take the steps of the method `name`."""
-    _require_method(name, _SHARED, _ONE)
-
-
-def require_one_method(near: Choice | None) -> None:
-    """Raise ParameterError where another method goes on `near` contacts that ranks cannot take."""
-    if near is not None and not facts_of(near.name).symplectic:
-        raise ParameterError(
-            'solver.method',
-            f'solver.method auto goes on by {near.name} once shells are near each other, which '
-            f'{_SHARED} yet: take leapfrog, which runs through contacts, or contact.mode never '
-            f'where they do not meet, {_ONE}')
+    _require_method(name, _SHARED, _ONE, [
+        other for other, method in METHODS.items() if not method.implicit])
 
 
 def require_method_on_device(name: str, device: str) -> None:
     """Raise ParameterError where the `device` cannot take the steps of the method `name`."""
-    _require_method(name, _on(device), _CPU)
+    _require_method(name, _on(device), _CPU, [
+        other for other, method in METHODS.items() if method.symplectic])
 
 
 def _on(device: str) -> str:
@@ -91,20 +93,13 @@ def _require(
         raise ValueError(f'a body_force {lacks}: leave it out, {alone}')
     for name, what, way_out in lacking:
         raise ParameterError(name, f'{name} {what} {lacks} yet: {way_out}, {alone}')
-    choice = required_method(scene)
-    if choice is not None:
-        raise ParameterError(
-            'solver.method',
-            f'solver.method {choice.name} {lacks} yet, and this scene needs it: '
-            f'{choice.reason}; leave that out, {alone}')
 
 
-def _require_method(name: str, lacks: str, alone: str) -> None:
-    if not facts_of(name).symplectic:
-        shared = ', '.join(other for other, method in METHODS.items() if method.symplectic)
+def _require_method(name: str, lacks: str, alone: str, taken: list[str]) -> None:
+    if name not in taken:
         raise ParameterError(
             'solver.method',
-            f'solver.method {name} {lacks} yet: take one of {shared}, {alone}')
+            f'solver.method {name} {lacks} yet: take one of {", ".join(taken)}, {alone}')
 
 
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:

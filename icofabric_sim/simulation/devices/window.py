@@ -41,6 +41,9 @@ import numpy as np
 # what steps need that follow where slopes jump.
 _DOUBLES_EACH, _KINKS_EACH = 2 * 13 + 2 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
 
+# Slopes of the stages, what a stage and the start of a step are, of both states; speeds of points.
+_PAIR_EACH = 2 * (16 * 13 + 2 * 13 + 18)
+
 
 class Exchange(NamedTuple):
     """What a rank drifts, pushes, gives and needs, by its own blocks and slots."""
@@ -160,13 +163,32 @@ def window_of(
         supports = Supports(*(slots.cut(values) for values in supports))
     if masses is not None:
         masses = masses._replace(mass=cut(masses.mass), inertia=cut(masses.inertia))
+    damping, maxwell, magnet = model.damping, model.maxwell, model.magnet
+    if damping is not None:
+        damping = damping._replace(own=cut(damping.own))
+    if maxwell is not None:
+        maxwell = maxwell._replace(
+            own_stiffness=cut(maxwell.own_stiffness), own_rate=cut(maxwell.own_rate))
+    if magnet is not None:
+        magnet = magnet._replace(
+            charge=cut(magnet.charge), moment=cut(magnet.moment), second=cut(magnet.second))
+    gyration = model.gyration
+    if gyration is not None:
+        gyration = gyration._replace(moments=cut(gyration.moments))
     numbers = np.zeros(len(layout.blocks.slot), np.int64)
     numbers[blocks] = np.arange(len(blocks))
     return Window(
         model._replace(
             blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
-            supports=supports, masses=masses, contacts=None),
+            supports=supports, masses=masses, contacts=None, damping=damping, maxwell=maxwell,
+            magnet=magnet, gyration=gyration),
         _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy())
+
+
+def pair_bytes_of(slot_count: int, *, touching: bool, spends: bool) -> int:
+    """The same for steps of an embedded pair."""
+    return bytes_of(
+        slot_count, kinked=False, touching=touching, spends=spends) + 8 * _PAIR_EACH * slot_count
 
 
 def bytes_of(
@@ -177,17 +199,19 @@ def bytes_of(
     return 8 * each * slot_count
 
 
-def resting(slot_count: int) -> State:
+def resting(slot_count: int, *, has_arms: bool = False) -> State:
     """Room for a state; slots without a body compute with ordinary numbers."""
-    state = State(*(aligned_empty((rows, slot_count)) for rows in (3, 4, 3, 3)))
+    position, orientation, velocity, spin, rest = (
+        aligned_empty((rows, slot_count)) for rows in (3, 4, 3, 3, 12 * has_arms))
+    state = State(position, orientation, velocity, spin, rest if has_arms else None)
     for values in state.rows():
         values[:] = 0.0
     state.orientation[3] = 1.0
     return state
 
 
-def loads_of(loads: Loads, part: Part, slots: Slots) -> Loads:
-    """The rows of a part; of its halo none."""
+def loads_of(loads: Loads, part: Part, slots: Slots, *, stages: int = 0) -> Loads:
+    """The rows of a part, with powers at so many `stages`; of its halo none."""
     first, last = int(loads.start[part.first]), int(loads.start[part.last])
     start = loads.start[part.first:part.last + 1] - first
     start = np.concatenate([start, np.full(len(part.halo), start[-1])]).astype(np.int32)
@@ -198,7 +222,10 @@ def loads_of(loads: Loads, part: Part, slots: Slots) -> Loads:
         tractions = _tractions_of(tractions, loads.wrench[rows], rows)
     return loads._replace(
         start=start, wrench=loads.wrench[rows].copy(), lanes=loads.lanes[rows].copy(),
-        work=_zeros(LANES * (last - first)), earlier_work=_zeros(0), power=_zeros(0).reshape(0, 0),
+        work=_zeros(LANES * (last - first)),
+        earlier_work=_zeros(LANES * (last - first) * (stages > 0)),
+        power=_zeros(stages * LANES * (last - first)).reshape(
+            stages, LANES * (last - first) * (stages > 0)),
         drives=drives, tractions=tractions)
 
 

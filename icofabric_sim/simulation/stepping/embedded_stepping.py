@@ -262,9 +262,8 @@ class EmbeddedStepping:
         watch, control = pieces.contact.watching(), self._step.control
         status, done, checks.since_check = pieces.calls.timed(
             lambda team: self._kernels.take(
-                trajectory.model, trajectory.loads, trajectory.state, trajectory.saved,
-                trajectory.work, team, control.numbers, count, checks.since_check,
-                checks.interval, watch, trajectory.ledger.numbers))
+                trajectory.model, *trajectory.for_steps(), team, control.numbers, count,
+                checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:

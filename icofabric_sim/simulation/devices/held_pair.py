@@ -1,0 +1,128 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a rank other than the first holds of a fabric that an embedded pair steps."""
+
+from typing import Any
+
+from icofabric_sim.kernels.integrators.embedded import Pair
+from icofabric_sim.kernels.records import Blocks, Contacts, Loads, Meter, State, Trail, Work
+from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
+from icofabric_sim.simulation.devices.pair_steps import done_by, END, PairArrays, PairPart
+from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import resting, Window
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+_SLOPES = 16
+
+
+class HeldPair:
+    """A window with its states: of the run, and of what is tried beside it."""
+
+    def __init__(self, transport: Transport, window: Window, pair: Pair) -> None:
+        """Make room for a state when it is first needed."""
+        self._transport, self._window = transport, window
+        slot, exchange = window.model.blocks.slot, window.exchange
+        self._steps = PairPart(transport, window.model, exchange, pair)
+        self._rows = SlotRows(slot[exchange.first:exchange.last])
+        self._points = aligned_empty(
+            (0 if window.model.links is None else 18 * window.slot_count,))
+        self._points[:] = 0.0
+        # By whether it is the run's.
+        self._states: dict[bool, tuple[State, Work]] = {}
+        self._acting: dict[bool, Loads] = {}
+        self._followed = Blocks(slot, window.known, 0)  # whose poses are known
+        self._watch = None if window.watch is None else watch_of(
+            window.watch, window.slot_count)
+        self._contacts: dict[bool, Contacts] = {}
+
+    def contacts(self, near: NearPairs | None) -> None:
+        """Have these pairs from now on."""
+        self._contacts = {} if near is None else {
+            of_run: contacts_of(
+                near, self._followed.slot, self._followed, self._window.slot_count)
+            for of_run in (True, False)}
+
+    def loads(self, loads: Loads) -> None:
+        """Have these loads from now on."""
+        self._acting = {True: loads, False: loads._replace(
+            work=np.zeros_like(loads.work), earlier_work=np.zeros_like(loads.earlier_work),
+            power=np.zeros_like(loads.power))}
+
+    def watch(self, frame: np.ndarray) -> None:
+        """Watch bodies from where they are."""
+        assert self._watch is not None
+        state, _ = self._states[True]
+        self._watch.frame[:] = frame
+        np.copyto(self._watch.reference, state.position)
+        np.copyto(self._watch.turned, state.orientation)
+
+    def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
+        """Have the state from the first rank."""
+        now = self._arrays(of_run)
+        tables = now.tables(END, with_start=False)
+        if now.watch is not None:
+            tables += [now.watch.reference, now.watch.turned]
+            now.watch.frame[:] = frame
+            now.watch.far[0] = 0.0
+        self._rows.receive(self._transport, tables, 0)
+        remembered = now.remembered(END, with_start=False)
+        more = [*done_by(now.loads, slice(None), END), *remembered]
+        self._transport.wait([self._transport.receive(row, 0) for row in more])
+        if now.contacts is not None and remembered:
+            wake(now.contacts, slice(None), (remembered[0], remembered[2]))
+
+    def pair(self, of_run: bool, what: str, words: tuple[Any, ...]) -> None:
+        """Do a piece of a step, and answer where it has an answer."""
+        answer = self._steps.do(what, self._arrays(of_run), *words)
+        if answer is not None:
+            self._transport.wait([self._transport.send(answer, 0)])
+
+    def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
+        """Send the state to the first rank, with some slopes."""
+        now, slopes = self._arrays(of_run), range(*which)
+        requests = self._rows.send(
+            self._transport, now.tables(slopes, with_start=with_start), 0)
+        more = [
+            *done_by(now.loads, slice(None), slopes),
+            *now.remembered(slopes, with_start=with_start), look_at(now.contacts, now.watch)]
+        requests += [self._transport.send(row, 0) for row in more]
+        self._transport.wait(requests)
+
+    def _arrays(self, of_run: bool) -> PairArrays:
+        if of_run not in self._states:
+            self._states[of_run] = self._room()
+        state, work = self._states[of_run]
+        return PairArrays(
+            self._acting[of_run], state, work, self._contacts.get(of_run),
+            self._watch if of_run else None)
+
+    def _room(self) -> tuple[State, Work]:
+        window, count = self._window, self._window.slot_count
+        has_arms = window.model.maxwell is not None
+        state, stage, start = (resting(count, has_arms=has_arms) for _ in range(3))
+        slopes = aligned_empty((_SLOPES, 25 if has_arms else 13, count))
+        speeds = aligned_empty((len(self._points) if window.model.damping is not None else 0,))
+        slopes[:] = 0.0
+        speeds[:] = 0.0
+        spent = None
+        if window.spends:
+            spent = Meter(aligned_empty((_SLOPES, count)), aligned_empty((2, count)))
+            spent.power[:] = spent.done[:] = 0.0
+        # The points are placed anew in each evaluation, so both states share them.
+        return state, Work(
+            self._points, aligned_empty((6, 0)), Trail(slopes, stage, start, *np.zeros((4, 1))),
+            None, aligned_empty((7, 0)), np.ones(1), speeds, spent, None, None)

@@ -1,0 +1,141 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a rank other than the first holds of a fabric whose steps split: its window and states."""
+
+from typing import Any
+
+from icofabric_sim.kernels.records import Blocks, Contacts, Loads, Meter, State, Work
+from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
+from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
+from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import resting, Window
+from icofabric_sim.simulation.model.layout import aligned_empty, kinks_room
+import numpy as np
+
+
+class HeldPart:
+    """A window with its states: of the run, and of what is tried beside it."""
+
+    def __init__(self, transport: Transport, window: Window, weights: Weights) -> None:
+        """Make room for both."""
+        self._transport, self._slot_count = transport, window.slot_count
+        slot, exchange = window.model.blocks.slot, window.exchange
+        self._steps = PartSteps(transport, window.model, exchange, weights)
+        self._rows = SlotRows(slot[exchange.first:exchange.last])
+        self._states = _states_of(window, weights)  # by whether it is the run's
+        self._loads: Loads | None = None
+        self._works: dict[bool, np.ndarray] = {}
+        self._followed = Blocks(slot, window.known, 0)  # whose poses are known
+        self._watch = None if window.watch is None else watch_of(
+            window.watch, window.slot_count)
+        self._contacts: dict[bool, Contacts] = {}
+
+    def contacts(self, near: NearPairs | None) -> None:
+        """Have these pairs from now on."""
+        self._contacts = {} if near is None else {
+            of_run: contacts_of(near, self._followed.slot, self._followed, self._slot_count)
+            for of_run in (True, False)}
+
+    def loads(self, loads: Loads | None) -> None:
+        """Have these loads from now on."""
+        self._loads = loads
+        if loads is not None:
+            self._works = {True: loads.work, False: np.zeros_like(loads.work)}
+
+    def watch(self, frame: np.ndarray) -> None:
+        """Watch bodies from where they are."""
+        assert self._watch is not None
+        state = self._states[True][0]
+        self._watch.frame[:] = frame
+        np.copyto(self._watch.reference, state.position)
+        np.copyto(self._watch.turned, state.orientation)
+
+    def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
+        """Have the state from the first rank."""
+        loads, state, work, contacts, watch = self._arrays(of_run)
+        tables = tables_of(state, work, contacts, whole=True)
+        if watch is not None:
+            tables += [watch.reference, watch.turned]
+            watch.frame[:] = frame
+            watch.far[0] = 0.0
+        self._rows.receive(self._transport, tables, 0)
+        more = [] if loads is None else [loads.work]
+        more += remembered_by(contacts)
+        if of_run:
+            more += list(self._steps.difference)
+        self._transport.wait([self._transport.receive(row, 0) for row in more])
+        if contacts is not None:
+            wake(contacts, slice(None), remembered_by(contacts))
+        self._steps.roughest = 0.0
+
+    def take(self, stretch: Stretch) -> None:
+        """Take steps."""
+        arrays = self._arrays(stretch.is_checked)
+        self._steps.take(arrays, stretch)
+        if stretch.is_watched:
+            requests = [self._transport.send(look_at(arrays.contacts, arrays.watch), 0)]
+            if stretch.is_guarded and arrays.contacts is not None:
+                own = self._steps.blocks
+                requests.append(self._transport.send(arrays.contacts.pushes[own], 0))
+            self._transport.wait(requests)
+
+    def gather(self, of_run: bool, whole: bool) -> None:
+        """Send the state to the first rank."""
+        loads, state, work, contacts, watch = self._arrays(of_run)
+        requests = self._rows.send(
+            self._transport, tables_of(state, work, contacts, whole=whole), 0)
+        more: list[Any] = [] if loads is None else [loads.work]
+        more += [*remembered_by(contacts), look_at(contacts, watch)]
+        if of_run:
+            more.append(np.array([self._steps.take_roughest()]))
+            if whole:
+                more += list(self._steps.difference)
+        requests += [self._transport.send(row, 0) for row in more]
+        self._transport.wait(requests)
+
+    def _arrays(self, of_run: bool) -> Arrays:
+        """What steps change."""
+        state, work = self._states[of_run]
+        loads = self._loads
+        return Arrays(
+            None if loads is None else loads._replace(work=self._works[of_run]), state, work,
+            self._contacts.get(of_run), self._watch if of_run else None)
+
+
+def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work]]:
+    states = {}
+    points = np.zeros(0)
+    if window.model.links is not None:
+        points = aligned_empty((18 * window.slot_count,))
+    points[:] = 0.0
+    changes = np.array([
+        (-1.0) ** k for k in range(weights.differences + 1)]) * weights.pascal
+    # Nothing of them is kept from step to step.
+    kinks = kinks_room(
+        window.model.links, window.slot_count, len(window.model.blocks.slot)
+    ) if weights.mends_kinks else None
+    for of_run in (True, False):
+        acceleration = aligned_empty((6, window.slot_count))
+        acceleration[:] = 0.0
+        spent = None
+        if window.spends:
+            spent = Meter(np.zeros((16, 0)), aligned_empty((2, window.slot_count)))
+            spent.done[:] = 0.0
+        # The points are placed anew in each evaluation, so both states share them.
+        states[of_run] = resting(window.slot_count), Work(
+            points, acceleration, None, None, aligned_empty((7, 0)), changes,
+            aligned_empty((0,)), spent, None, None, kinks)
+    return states

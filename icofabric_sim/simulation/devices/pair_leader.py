@@ -1,0 +1,477 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The first rank's side of an embedded Runge-Kutta pair whose steps all ranks take.
+
+Which steps are tried, accepted and refused is decided here, by the code of a single process
+(`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py): it is run in Python, and
+what it calls for all bodies is an order to the ranks. So there is one step control, whoever takes
+the steps. What it asks of pairs, when a contact begins or ends, is found here too, for which the
+state is gathered where something is near.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from types import FunctionType
+from typing import Any
+
+from icofabric_sim.kernels.contact.clearance import (
+    CLEAR,
+    judge_clear,
+    mean_velocity,
+    way_between,
+)
+from icofabric_sim.kernels.contact.displacement import farthest, FREE, LATE, MOST, SOON
+from icofabric_sim.kernels.contact.forces import deepest_overlap
+from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
+from icofabric_sim.kernels.contact.losses import save_stretches
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
+    examine,
+    save,
+    SAVED_AT,
+    TOO_DEEP,
+    UNSOUND,
+)
+from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.simulation.devices.division import HaloBytes
+from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
+from icofabric_sim.simulation.devices.pair_steps import (
+    ALL,
+    done_by,
+    END,
+    PairArrays,
+    PairPart,
+    remembered_of,
+)
+from icofabric_sim.simulation.devices.shared_contacts import LOOK, look_at, note_look, wake
+from icofabric_sim.simulation.devices.sharing import Sharing
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import exchange_of, pair_bytes_of
+from icofabric_sim.simulation.errors import RankError
+from icofabric_sim.simulation.model.packing import PackedScene
+import numpy as np
+
+_NO_BLOCKS = np.zeros(0, np.int64)
+
+
+class SharedPair:
+    """Steps of the pair of `dop8` that all ranks of a transport take; made on the first."""
+
+    def __init__(self, transport: Transport, packed: PackedScene) -> None:
+        """
+        Divide the fabric.
+
+        Raises ValueError where ranks are too many or lack memory.
+        """
+        self._transport, self._packed = transport, packed
+        contact = packed.contact
+        self._sharing = Sharing(transport, packed, partial(
+            pair_bytes_of, touching=contact is not None,
+            spends=contact is not None and contact.spends))
+        self._pair = embedded.DOP8
+        self._own: PairPart | None = None
+        self._touches = False  # whether steps with contacts were ready
+        # Whether the state of the run is with the ranks, and whether only there; and whether steps
+        # were taken since they got it.
+        self._is_out = self._is_stale = self._has_stepped = False
+        self._run: PairArrays | None = None
+        self._contacts: Contacts | None = None  # of the run
+        # What is stepped now, of the run or beside it; whether its state is here, too.
+        self._now: PairArrays | None = None
+        self._whole: Contacts | None = None
+        self._of_run = self._is_here = False
+        transport.holders.add(self)
+
+    @property
+    def rank_count(self) -> int:
+        """Count the ranks."""
+        return self._transport.size
+
+    @property
+    def device(self) -> str:
+        """No device: the processes."""
+        return ''
+
+    @property
+    def halos(self) -> list[HaloBytes]:
+        """Bytes that each rank receives in an evaluation of the forces, without velocities."""
+        return self._sharing.halos
+
+    @property
+    def halo_bytes(self) -> int:
+        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
+        return max(halo.received for halo in self.halos)
+
+    @property
+    def device_bytes(self) -> int:
+        """There is none."""
+        return 0
+
+    @property
+    def has_saved(self) -> bool:
+        """The saved state is here."""
+        return False
+
+    def take_saved(self) -> None:
+        """Do nothing: it is here."""
+
+    def take_over(self) -> None:
+        """Have the whole state of the run here, where it may be looked at and changed."""
+        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
+        if is_stale and self._run is not None:
+            with self._transport.alone():
+                self._gather(self._run, self._contacts, of_run=True, whole=True)
+
+    def take(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        control: np.ndarray, count: int, since_check: int, check_interval: int,
+        watch: Watch | None, ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Take steps as `adaptive_pair` does, with all ranks."""
+        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
+            found: tuple[int, int, int] = _with_pieces(embedded.adaptive_pair, pieces)(
+                self._pair, model, loads, state, saved, work, team, control, count, since_check,
+                check_interval, watch, ledger)
+            return found
+
+        return self._take(
+            steps, model, loads, state, work, watch, of_run=check_interval < NEVER,
+            control=control)
+
+    def advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
+        watch: Watch | None, ledger: np.ndarray
+    ) -> tuple[int, int, int]:
+        """Take steps as `fixed_pair` does, with all ranks."""
+        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
+            found: tuple[int, int, int] = _with_pieces(embedded.fixed_pair, pieces)(
+                self._pair, model, loads, state, saved, work, team, origin, index, h, count,
+                since_check, check_interval, watch, ledger)
+            return found
+
+        return self._take(
+            steps, model, loads, state, work, watch, of_run=check_interval < NEVER, control=None)
+
+    def _take(
+        self, steps: Callable[[dict[str, Any]], tuple[int, int, int]], model: Model, loads: Loads,
+        state: State, work: Work, watch: Watch | None, *, of_run: bool,
+        control: np.ndarray | None
+    ) -> tuple[int, int, int]:
+        self._transport.require_health()
+        if self._transport.has_ended:
+            raise RankError("the ranks have ended with their 'with' block")
+        with self._transport.alone():
+            try:
+                self._begin(model, loads, state, work, watch, of_run=of_run)
+                # As in compiled code, where what is too large is infinite.
+                with np.errstate(all='ignore'):
+                    status, done, since_check = steps(self._pieces(control))
+                assert self._now is not None
+                if not of_run:
+                    self._gather(self._now, self._whole, of_run=False, whole=False)
+                return int(status), int(done), int(since_check)
+            except BaseException as error:
+                self._is_out = self._is_stale = False
+                # Others wait for poses from here.
+                self._transport.fail(error)
+                raise
+
+    def _begin(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None, *,
+        of_run: bool
+    ) -> None:
+        """Have all ranks know the fabric, what touches, what acts, and the state."""
+        sharing, contacts, layout = self._sharing, model.contacts, self._packed.layout
+        if not sharing.contacts.is_shared(contacts):
+            if self._is_out and self._run is not None:
+                self._gather(self._run, self._contacts, of_run=True, whole=True)
+                self._is_out = self._is_stale = False
+            if sharing.share(contacts):
+                self._own = None
+        if self._own is None:
+            plain = model._replace(contacts=None)
+            self._own = PairPart(
+                self._transport, plain, exchange_of(layout, sharing.parts[0], _NO_BLOCKS),
+                self._pair)
+            self._own.make_ready(PairArrays(loads, state, work, None, watch))
+            sharing.send_windows(plain, watch, self._pair, spends=work.spent is not None)
+        if not sharing.is_told:
+            if contacts is not None and not self._touches:
+                self._own.make_ready(PairArrays(
+                    loads, state, work, no_contacts(contacts, model.blocks, layout), watch))
+                self._touches = True
+            sharing.tell_contacts(contacts)
+            self._is_out = False
+        if sharing.send_loads(loads, stages=len(loads.power)):
+            self._is_out = False
+        mine = None if contacts is None else sharing.contacts.own(
+            contacts, sharing.parts[0], of_run=of_run)
+        now = PairArrays(loads, state, work, mine, watch if of_run else None)
+        self._now, self._whole, self._of_run = now, contacts, of_run
+        if of_run:
+            self._run, self._contacts = now, contacts
+        if not (of_run and self._is_out):
+            self._scatter(now, contacts, of_run=of_run)
+        if of_run:
+            self._is_out = self._is_stale = True
+        self._is_here = False
+
+    def _pieces(self, control: np.ndarray | None) -> dict[str, Any]:
+        """What the step control calls, by its names there: orders, or nothing to do here."""
+        def nothing(*_: Any) -> None:
+            return None
+
+        return {
+            'own_blocks': lambda team, count: (0, count),
+            'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
+            'losses_of': nothing, 'wait_for_all': nothing, 'note_lengths': nothing,
+            'is_breaking': lambda *_: False, 'ways_of': nothing, 'save': nothing,
+            'accept_stretches': nothing, 'keep_work': nothing, 'add_flow': nothing,
+            'repeat_stretches': nothing, 'forget_ways': nothing,
+            'tests_of': lambda contacts, member: 0 if contacts is None else contacts.tests[0],
+            'set_tests': _set_tests, 'repeat_slope': lambda *_: self._order('repeat'),
+            'slope_at': self._slope_at, 'foresee': self._foresee, 'land': self._land,
+            'try_step': partial(self._try_step, is_judged=control is not None),
+            'largest_error': self._largest_error, 'find_clear': self._find_clear,
+            'add_work': partial(self._accept, keeps_start=control is not None),
+            'look': self._look}
+
+    def _order(self, what: str, *words: Any) -> np.ndarray | None:
+        """Have all ranks do a piece of a step; returns what is known of this one's part."""
+        assert self._own is not None and self._now is not None
+        self._sharing.order('pair', self._of_run, what, words)
+        found = self._own.do(what, self._now, *words)
+        if self._whole is not None:
+            self._whole.tests[0] += self._own.take_touches() * len(self._whole.pairs)
+        return found
+
+    def _asked(self, what: str, *words: Any) -> np.ndarray:
+        """The same of a piece that all of them answer, by numbers of each rank, (r, n)."""
+        own = self._order(what, *words)
+        assert own is not None
+        found = np.empty((self._transport.size, len(own)))
+        found[0] = own
+        for rank in self._sharing.others:
+            self._sharing.receive(found[rank], rank)
+        return found
+
+    def _have_state(self, *, slopes: range = range(0)) -> PairArrays:
+        """Have the state of all ranks here, and some slopes."""
+        assert self._now is not None
+        if not self._is_here or slopes:
+            self._gather(
+                self._now, self._whole, of_run=self._of_run, whole=False, slopes=slopes)
+            self._is_here = True
+        return self._now
+
+    # What the step control calls, with the arguments of there.
+
+    def _slope_at(
+        self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
+        team: Team, watch: Watch | None, time: float, first: int, last: int
+    ) -> None:
+        self._order('slope', False, int(index), float(time))
+
+    def _try_step(
+        self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
+        team: Team, watch: Watch | None, time: float, h: float, first: int, last: int, *,
+        is_judged: bool
+    ) -> None:
+        if is_judged and self._of_run and watch is not None:
+            watch.far[0] = 0.0
+        self._order('try', float(time), float(h), is_judged)
+
+    def _largest_error(
+        self, pair: Any, model: Model, trail: Any, control: np.ndarray, turn_rows: int,
+        team: Team, watch: Watch | None, h: float, first: int, last: int
+    ) -> tuple[float, float]:
+        kinked = float(control[embedded.KINKED])
+        smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
+        found = self._asked('errors', control[embedded.SCALES:].copy(), smooth)
+        # The maximum of numpy keeps what is no number; none of them is.
+        largest, probable, far = (float(number) for number in found.max(axis=0))
+        if self._of_run and watch is not None:
+            watch.far[0] = max(watch.far[0], far)
+            if far > watch.limits[LATE] and largest < embedded._MISSED:
+                largest = embedded._MISSED
+        return embedded._ESTIMATE * largest, probable
+
+    def _accept(
+        self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,
+        keeps_start: bool
+    ) -> None:
+        self._order('accept', float(h), keeps_start)
+        self._is_here, self._has_stepped = False, self._has_stepped or self._of_run
+
+    def _foresee(
+        self, contacts: Contacts | None, watch: Watch | None, blocks: Any, state: State,
+        trail: Any, team: Team, time: float, h: float, close: float, meeting: np.ndarray,
+        first: int, last: int
+    ) -> float:
+        if watch is None:
+            return NEVER_MEET
+        self._have_state(slopes=range(1))
+        return float(foresee(
+            contacts, watch, blocks, state, trail, team_of_one(), time, h, close, meeting, first,
+            last))
+
+    def _land(
+        self, contacts: Contacts | None, team: Team, state: State, slope: np.ndarray,
+        tried: float, close: float, meeting: np.ndarray
+    ) -> float:
+        if contacts is None:
+            return NEVER_MEET
+        self._have_state(slopes=range(1))
+        return float(land(contacts, team_of_one(), state, slope, tried, close, meeting))
+
+    def _find_clear(
+        self, watch: Watch | None, blocks: Any, state: State, trail: Any, stages: int,
+        team: Team, time: float, h: float, first: int, last: int
+    ) -> int:
+        if watch is None:
+            return CLEAR
+        mean = (0.0, 0.0, 0.0)
+        if watch.nearby.free:
+            self._have_state()
+            x, y, z = mean_velocity(state, watch.nearby.slots)
+            mean = float(x), float(y), float(z)
+        speed, moved = (float(number) for number in self._asked(
+            'speeds', mean, float(time)).max(axis=0))
+        needed = way_between(h, speed)
+        if needed <= 0.5 * watch.limits[MOST] and not (
+                watch.limits[FREE] - moved**0.5 > needed):
+            # It will be searched for.
+            self._have_state()
+        return int(judge_clear(watch, state, needed, moved))
+
+    def _look(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
+        time: float, step: float, first: int, last: int
+    ) -> tuple[int, int]:
+        """As `look` of embedded.py does."""
+        examined, status, contacts = since_check >= check_interval, 0, model.contacts
+        if watch is not None and self._of_run:
+            if contacts is not None:
+                contacts.deepest[0] = 0.0
+            for found in self._asked('look'):
+                note_look(contacts, watch, found)
+        if examined:
+            self._have_state()
+            place_all(model, state, work, 0, last)
+            status = examine(model, loads, state, work, time, ledger)
+        if watch is not None:
+            most = farthest(watch, 1)
+            if most > watch.limits[SOON]:
+                self._have_state()
+                before = watch.frame.tobytes()
+                status |= judge_ways(watch, most, state, time, step)
+                if watch.frame.tobytes() != before:
+                    self._sharing.order('watch', watch.frame.copy())
+        if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
+            status |= TOO_DEEP
+        if examined:
+            since_check = 0
+            if not status & (UNSOUND | TOO_DEEP | MISSED):
+                ledger[SAVED_AT] = done
+                save(model, state, saved, 0, last)
+                if contacts is not None:
+                    save_stretches(contacts.losses, team_of_one())
+        return int(status), since_check
+
+    def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
+        """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""
+        sharing, transport, watch = self._sharing, self._transport, now.watch
+        sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
+        tables = now.tables(END, with_start=False)
+        if watch is not None:
+            tables += [watch.reference, watch.turned]
+        rows = remembered_of(contacts, END, with_start=False)
+        requests: list[Any] = []
+        for rank in sharing.others:
+            requests += sharing.rows[rank].send(transport, tables, rank)
+            more = done_by(now.loads, sharing.rows_of_loads(now.loads, rank), END)
+            more += [row[sharing.contacts.which[rank]] for row in rows]
+            requests += [transport.send(row, rank) for row in more]
+        transport.wait(requests)
+        mine = now.remembered(END, with_start=False)
+        for target, row in zip(mine, rows):
+            target[:] = row[sharing.contacts.which[0]]
+        if now.contacts is not None and mine:
+            wake(now.contacts, slice(None), (mine[0], mine[2]))
+        if of_run:
+            self._has_stepped = False
+
+    def _gather(
+        self, now: PairArrays, contacts: Contacts | None, *, of_run: bool, whole: bool,
+        slopes: range | None = None
+    ) -> None:
+        """
+        Have the state of all ranks here; `whole`: with all that states within the step need.
+
+        Of a step that was taken since the ranks got the state: what was before is here.
+        """
+        with_start = whole and self._has_stepped
+        if slopes is None:
+            slopes = ALL if with_start else END
+        sharing = self._sharing
+        sharing.order('gather', of_run, (slopes.start, slopes.stop), with_start)
+        tables = now.tables(slopes, with_start=with_start)
+        rows = remembered_of(contacts, slopes, with_start=with_start)
+        self._take_back(now.remembered(slopes, with_start=with_start), rows, contacts, 0)
+        if now.contacts is not None:
+            note_look(contacts, None, look_at(now.contacts, None))
+        for rank in sharing.others:
+            sharing.rows[rank].receive(self._transport, tables, rank)
+            for row in done_by(now.loads, sharing.rows_of_loads(now.loads, rank), slopes):
+                sharing.receive(row, rank)
+            values = [np.empty((len(sharing.contacts.which[rank]), 4)) for _ in rows]
+            for row in values:
+                sharing.receive(row, rank)
+            self._take_back(values, rows, contacts, rank)
+            look = np.zeros(LOOK)
+            sharing.receive(look, rank)
+            note_look(contacts, now.watch, look)
+
+    def _take_back(
+        self, values: list[np.ndarray], rows: list[np.ndarray], contacts: Contacts | None,
+        rank: int
+    ) -> None:
+        """Have what the pairs of a rank remember in the rows of all pairs."""
+        if not rows or contacts is None:
+            return
+        which = self._sharing.contacts.which[rank]
+        for row, value in zip(rows, values):
+            row[which] = value
+        # Stretches, and those that were held.
+        wake(contacts, which, (values[0], values[1]))
+
+
+def _set_tests(contacts: Contacts | None, member: int, tests: float) -> None:
+    if contacts is not None:
+        contacts.tests[0] = tests
+
+
+def _with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
+    """A kernel as a function of Python that calls these `pieces` by the names that it knows."""
+    plain = getattr(steps, 'py_func', steps)
+    return FunctionType(
+        plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)

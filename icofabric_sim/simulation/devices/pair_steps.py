@@ -1,0 +1,294 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps of an embedded Runge-Kutta pair on one rank's part of a fabric: what it does when told.
+
+The pieces of kernels/integrators/embedded.py, for the blocks of a part. At each stage poses travel
+to the ranks that need them, with velocities where forces depend on them; inner blocks are computed
+meanwhile.
+"""
+
+from typing import Any, NamedTuple
+
+from icofabric_sim.kernels.contact.clearance import fastest_points
+from icofabric_sim.kernels.contact.displacement import ways_of
+from icofabric_sim.kernels.contact.losses import (
+    accept_stretches,
+    combine_stretches,
+    repeat_stretches,
+    touch_moving,
+)
+from icofabric_sim.kernels.integrators.embedded import DENSE, LAST, Pair, repeat_slope
+from icofabric_sim.kernels.loads import keep_work
+from icofabric_sim.kernels.meters import add_flow
+from icofabric_sim.kernels.monitor import save
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Trail, Watch, Work
+from icofabric_sim.kernels.rhs import add_work, find_slopes, place_blocks
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.near_pairs import team_of_one
+from icofabric_sim.simulation.devices.rank_kernels import (
+    combine_all,
+    errors_of,
+    POSE,
+    put_poses,
+    put_stage,
+    STAGE,
+    take_poses,
+    take_stage,
+)
+from icofabric_sim.simulation.devices.shared_contacts import look_at
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import Exchange
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+# Slopes that states within a step need, and that of its end, which begins the next.
+ALL, END = range(DENSE), range(LAST, DENSE)
+
+
+class PairArrays(NamedTuple):
+    """What steps change."""
+
+    loads: Loads
+    state: State
+    work: Work
+    contacts: Contacts | None = None  # of the part
+    watch: Watch | None = None  # None: of steps beside the run, or where nothing can touch
+
+    @property
+    def trail(self) -> Trail:
+        """Slopes, stage and start of the step."""
+        assert self.work.trail is not None
+        return self.work.trail
+
+    def tables(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
+        """Rows (r, s) that travel: the state, what was spent, these slopes and their powers."""
+        tables = [*self.state.rows()]
+        if with_start:
+            tables += self.trail.start.rows()
+        tables += [self.trail.slopes[k] for k in slopes]
+        spent = self.work.spent
+        if spent is not None:
+            tables += [spent.done, *(spent.power[k:k + 1] for k in slopes)]
+        return tables
+
+    def remembered(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
+        """What pairs remember, (p, 4) each: stretches of friction, and their slopes."""
+        return remembered_of(self.contacts, slopes, with_start=with_start)
+
+
+def remembered_of(
+    contacts: Contacts | None, slopes: range, *, with_start: bool
+) -> list[np.ndarray]:
+    """The same of any contacts."""
+    losses = None if contacts is None else contacts.losses
+    if losses is None or not losses.friction > 0.0:
+        return []
+    rows = [losses.stretch, losses.held, *(losses.slopes[k] for k in slopes)]
+    return [*rows, losses.start] if with_start else rows
+
+
+def done_by(loads: Loads, rows: slice, slopes: range) -> list[np.ndarray]:
+    """Work and powers of the loads on the bodies of a part, (m,) each."""
+    return [
+        loads.work[rows], loads.earlier_work[rows], *(loads.power[k, rows] for k in slopes)]
+
+
+class PairPart:
+    """Takes steps of a part, with the poses of its neighbours."""
+
+    def __init__(
+        self, transport: Transport, model: Model, exchange: Exchange, pair: Pair
+    ) -> None:
+        """Step the blocks of the `exchange` in the arrays of `model`."""
+        self._transport, self._model, self._exchange = transport, model, exchange
+        self._pair, self._touching = pair, model
+        self._team: Team = team_of_one()
+        self._poses, self._motions = (
+            tuple(
+                [(rank, slots, aligned_empty((rows, LANES * len(slots)))) for rank, slots in sides]
+                for sides in (exchange.gives, exchange.needs))
+            for rows in (POSE, STAGE))
+        # Of the blocks that need none of others the longest run: computed while poses travel.
+        self._inner = _longest_run(exchange.inner, exchange.first)
+        # Evaluations of contacts since this was asked last.
+        self.touches = 0
+
+    @property
+    def own(self) -> slice:
+        """Its own blocks, by their numbers in the arrays of the model."""
+        return slice(self._exchange.first, self._exchange.last)
+
+    def take_touches(self) -> int:
+        """Return how often contacts were evaluated since this was asked last."""
+        found, self.touches = self.touches, 0
+        return found
+
+    def do(self, what: str, arrays: PairArrays, *words: Any) -> np.ndarray | None:
+        """Do a piece of a step by its name; returns what the first rank has to know of it."""
+        found: np.ndarray | None = getattr(self, f'_{what}')(arrays, *words)
+        return found
+
+    def _model_with(self, contacts: Contacts | None) -> Model:
+        if contacts is None:
+            return self._model
+        if self._touching.contacts is not contacts:
+            self._touching = self._model._replace(contacts=contacts)
+        return self._touching
+
+    def _slope(self, arrays: PairArrays, at_stage: bool, index: int, time: float) -> None:
+        """Slope number `index` at the state or the stage, at a `time` [s]."""
+        loads, state, work, contacts, watch = arrays
+        model, number = self._model_with(contacts), np.int64(index)
+        trail, (first, last) = arrays.trail, (self._exchange.first, self._exchange.last)
+        state = trail.stage if at_stage else state
+        place_blocks(self._model, loads, state, work, time, first, last)
+        if watch is not None:
+            ways_of(watch, self._model.blocks, state, time, 0, first, last)
+        requests = self._send(state, contacts)
+        slope, (begin, end) = trail.slopes[index], self._inner
+        if contacts is None:
+            find_slopes(model, loads, state, work, time, slope, number, begin, end)
+            self._put(requests, state, work, contacts)
+            find_slopes(model, loads, state, work, time, slope, number, first, begin)
+            find_slopes(model, loads, state, work, time, slope, number, end, last)
+            return
+        self._put(requests, state, work, contacts)
+        touch_moving(contacts, state, number, self._team)
+        self.touches += 1
+        find_slopes(model, loads, state, work, time, slope, number, first, last)
+
+    def _try(self, arrays: PairArrays, time: float, h: float, forget: bool) -> None:
+        """The other slopes of a step of `h` [s] at `time` [s]; its end is the stage."""
+        state, contacts, watch, pair = arrays.state, arrays.contacts, arrays.watch, self._pair
+        losses = None if contacts is None else contacts.losses
+        first, last, slot = self._exchange.first, self._exchange.last, self._model.blocks.slot
+        if forget and watch is not None:
+            watch.far[0] = 0.0
+        for index, weights in enumerate((*pair.stages, pair.step), start=1):
+            is_end = index > len(pair.stages)
+            combine_all(state, arrays.trail, weights, h, slot, first, last, is_end)
+            if losses is not None:
+                combine_stretches(losses, weights, h, False, self._team)
+            if not is_end:
+                self._slope(arrays, True, index, time + pair.nodes[index] * h)
+        if watch is not None:
+            # Forces will be evaluated at the end too.
+            ways_of(watch, self._model.blocks, arrays.trail.stage, time + h, 0, first, last)
+
+    def _errors(self, arrays: PairArrays, scales: np.ndarray, smooth: float) -> np.ndarray:
+        """What the step errs by: to be judged, and probably; and the square of the longest way."""
+        contacts, watch = arrays.contacts, arrays.watch
+        largest, probable = errors_of(
+            arrays.trail, None if contacts is None else contacts.losses, self._pair.error_5,
+            self._pair.error_3, scales, smooth, self._model.blocks.slot, self._exchange.first,
+            self._exchange.last, self._team)
+        return np.array([largest, probable, 0.0 if watch is None else watch.far[0]])
+
+    def _accept(self, arrays: PairArrays, h: float, keeps_start: bool) -> None:
+        """The step has been taken: the stage is the state."""
+        loads, state, work, contacts, _ = arrays
+        first, last, pair = self._exchange.first, self._exchange.last, self._pair
+        if keeps_start:
+            save(self._model, state, arrays.trail.start, first, last)
+            keep_work(loads, first, last)
+        save(self._model, arrays.trail.stage, state, first, last)
+        if contacts is not None:
+            accept_stretches(contacts.losses, self._team)
+        add_work(loads, h, pair.step, first, last)
+        add_flow(work.spent, self._model.blocks.slot, h, pair.step, first, last)
+
+    def _repeat(self, arrays: PairArrays) -> None:
+        """The last slope of a step is the first of the next."""
+        repeat_slope(
+            self._model, arrays.loads, arrays.work, arrays.trail, self._exchange.first,
+            self._exchange.last)
+        if arrays.contacts is not None:
+            repeat_stretches(arrays.contacts.losses, self._team)
+
+    def _speeds(
+        self, arrays: PairArrays, mean: tuple[float, float, float], time: float
+    ) -> np.ndarray:
+        """The fastest point at the stages, and the square of the longest way before the step."""
+        assert arrays.watch is not None
+        return np.array(fastest_points(
+            arrays.watch, self._model.blocks, arrays.state, arrays.trail,
+            len(self._pair.error_5), mean, time, self._exchange.first, self._exchange.last))
+
+    def _look(self, arrays: PairArrays) -> np.ndarray:
+        """What was noted of bodies and contacts, which is forgotten."""
+        return look_at(arrays.contacts, arrays.watch)
+
+    def _is_moving(self, contacts: Contacts | None) -> bool:
+        """Whether forces on a body depend on the velocities of its neighbours."""
+        return self._model.damping is not None or (
+            contacts is not None and contacts.losses is not None)
+
+    def _send(self, state: State, contacts: Contacts | None) -> list[Any]:
+        """Begin to exchange the poses of the border."""
+        transport, moving = self._transport, self._is_moving(contacts)
+        gives, needs = self._motions if moving else self._poses
+        requests = [transport.receive_poses(poses, rank) for rank, _, poses in needs]
+        for rank, slots, poses in gives:
+            (take_stage if moving else take_poses)(state, slots, poses)
+            requests.append(transport.send_poses(poses, rank))
+        return requests
+
+    def _put(
+        self, requests: list[Any], state: State, work: Work, contacts: Contacts | None
+    ) -> None:
+        self._transport.wait(requests)
+        moving = self._is_moving(contacts)
+        for _, slots, poses in (self._motions if moving else self._poses)[1]:
+            (put_stage if moving else put_poses)(self._model, state, work, slots, poses)
+
+    def make_ready(self, arrays: PairArrays) -> None:
+        """Compile what pieces of steps need, or load it: with nothing to do, and no pairs."""
+        loads, state, work, contacts, watch = arrays
+        model, trail, none = self._model_with(contacts), arrays.trail, np.zeros(0, np.int32)
+        slot, pair, number = model.blocks.slot, self._pair, np.int64(0)
+        place_blocks(self._model, loads, state, work, 0.0, 0, 0)
+        find_slopes(model, loads, state, work, 0.0, trail.slopes[0], number, 0, 0)
+        for take, put, rows in ((take_poses, put_poses, POSE), (take_stage, put_stage, STAGE)):
+            take(state, none, aligned_empty((rows, 0)))
+            put(self._model, state, work, none, aligned_empty((rows, 0)))
+        combine_all(state, trail, pair.step, 0.0, slot, 0, 0, True)
+        losses = None if contacts is None else contacts.losses
+        errors_of(
+            trail, losses, pair.error_5, pair.error_3, np.zeros(4), 1.0, slot, 0, 0, self._team)
+        save(self._model, state, trail.start, 0, 0)
+        keep_work(loads, 0, 0)
+        add_work(loads, 0.0, pair.step, 0, 0)
+        add_flow(work.spent, slot, 0.0, pair.step, 0, 0)
+        repeat_slope(self._model, loads, work, trail, 0, 0)
+        if contacts is not None:
+            touch_moving(contacts, state, number, self._team)
+            combine_stretches(losses, pair.step, 0.0, False, self._team)
+            accept_stretches(losses, self._team)
+            repeat_stretches(losses, self._team)
+        if watch is not None:
+            ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
+            fastest_points(
+                watch, model.blocks, state, trail, len(pair.error_5), (0.0, 0.0, 0.0), 0.0, 0, 0)
+
+
+def _longest_run(blocks: np.ndarray, first: int) -> tuple[int, int]:
+    """First and one after the last of the longest run of numbers; an empty one at `first`."""
+    if not len(blocks):
+        return first, first
+    numbers = np.sort(blocks.astype(np.int64))
+    ends = np.append(np.flatnonzero(np.diff(numbers) != 1), len(numbers) - 1)
+    begins = np.append(0, ends[:-1] + 1)
+    which = int(np.argmax(ends - begins))
+    return int(numbers[begins[which]]), int(numbers[ends[which]]) + 1

@@ -1,0 +1,36 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Methods whose steps all ranks take."""
+
+from icofabric_sim.simulation.devices.leader import SharedSteps
+from icofabric_sim.simulation.devices.pair_leader import SharedPair
+from icofabric_sim.simulation.devices.refusals import require_shareable_method
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.methods import facts_of, Method
+
+
+def shared_method(
+    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float
+) -> Method:
+    """Return the method `name`, with steps that all ranks take; ValueError where they cannot."""
+    require_shareable_method(name)
+    method = facts_of(name)
+    if method.embedded is not None:
+        pair = SharedPair(transport, packed)
+        return method._replace(
+            advance=pair.advance, holder=pair,
+            embedded=method.embedded._replace(take=pair.take))
+    steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
+    return method._replace(advance=steps.advance, holder=steps)

@@ -1,0 +1,183 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+How a fabric is shared, on the first rank: the parts, the windows of the others, and what acts.
+
+Methods of all kinds step through it: those that split (leader.py) and the embedded pair
+(pair_leader.py).
+"""
+
+from collections.abc import Callable, Sequence
+import socket
+from typing import Any
+import weakref
+
+from icofabric_sim.kernels.records import Contacts, Loads, Model, Watch
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
+from icofabric_sim.simulation.devices.near_pairs import watch_stub
+from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, window_of
+from icofabric_sim.simulation.model.packing import PackedScene
+import numpy as np
+
+_numbers = iter(range(2**62))
+
+
+class Sharing:
+    """The parts of a fabric, and what the ranks have been told of it."""
+
+    def __init__(
+        self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int]
+    ) -> None:
+        """
+        Divide a fabric; a window of n slots needs `bytes_of(n)`.
+
+        Raises ValueError where ranks are too many or lack memory.
+        """
+        self.transport, self.packed, self._bytes_of = transport, packed, bytes_of
+        layout, links = packed.layout, packed.model.links
+        # By which the ranks know it.
+        self.number = next(_numbers)
+        self.parts = divide(layout, links, transport.size)
+        self.contacts = SharedContacts(layout, transport.size)
+        # Blocks of others that bodies of each rank may touch, or might before.
+        self._near = [np.zeros(0, np.int64) for _ in self.parts]
+        slot = layout.blocks.slot
+        self.rows = [SlotRows(slot[part.first:part.last]) for part in self.parts]
+        # Of the windows of the other ranks, once they are cut.
+        self._slots: list[Slots] = []
+        # Whether ranks know the pairs that were shared last.
+        self.is_told = True
+        self._acting: tuple[Any, ...] = ()
+        self._force = np.zeros(0)
+        self.acts = False  # whether anything acts on any body
+        self._require_room()
+        # At the end of the interpreter there is no further order that it could go with.
+        weakref.finalize(self, transport.dropped.append, self.number).atexit = False
+
+    @property
+    def others(self) -> range:
+        """Numbers of the other ranks."""
+        return range(1, self.transport.size)
+
+    @property
+    def halos(self) -> list[HaloBytes]:
+        """Bytes that each rank receives in an evaluation of the forces."""
+        return [
+            halo_bytes(self.packed.layout, self.packed.model.links, part) for part in self.parts]
+
+    def order(self, name: str, *rest: Any) -> None:
+        """Send all other ranks an order for this fabric."""
+        self.transport.order((name, self.number, *rest))
+
+    def share(self, contacts: Contacts | None) -> bool:
+        """Say which of these pairs each rank has; whether that takes other windows."""
+        needed = self.contacts.split(contacts)
+        self.is_told = False
+        if not any(
+                len(np.setdiff1d(blocks, part.halo))
+                for blocks, part in zip(needed, self.parts)):
+            return False
+        # What was near once may be so again.
+        self._near = [np.union1d(*pair) for pair in zip(self._near, needed)]
+        self.parts = divide(
+            self.packed.layout, self.packed.model.links, self.transport.size, self._near)
+        return True
+
+    def send_windows(
+        self, model: Model, watch: Watch | None, what: Any, *, spends: bool,
+        samples: Sequence[np.ndarray] | None = None
+    ) -> None:
+        """
+        Send each rank its window, and `what` it needs to know of steps.
+
+        `samples`: blocks of each part in which the roughness is judged; `spends`: forces take
+        energy.
+        """
+        layout, self._acting = self.packed.layout, ()
+        self._slots = [slots_of(model, layout, part) for part in self.parts]
+        for rank in self.others:
+            chosen = np.zeros(0, np.int64) if samples is None else samples[rank]
+            window = window_of(model, layout, self.parts[rank], self._slots[rank], chosen)
+            window = window._replace(
+                watch=None if watch is None else watch_stub(watch), spends=spends)
+            self.transport.send_order(('window', self.number, window, what), rank)
+        self.is_told = False
+
+    def tell_contacts(self, contacts: Contacts | None) -> None:
+        """Send each rank its pairs."""
+        for rank in self.others:
+            near = None if contacts is None else self.contacts.near(
+                contacts, rank, self._slots[rank])
+            self.transport.send_order(('contacts', self.number, near), rank)
+        self.is_told = True
+
+    def send_loads(self, loads: Loads, *, stages: int) -> bool:
+        """
+        Send each rank the loads on its bodies, where they are other ones; whether they were.
+
+        `stages`: of a Runge-Kutta step, for each of which their powers are kept.
+        """
+        acting = (
+            loads.start, loads.wrench, loads.force, loads.anchors, loads.drives, loads.tractions)
+        # Those of pulls are written in place.
+        if len(acting) == len(self._acting) and all(
+                one is other for one, other in zip(acting, self._acting)) and np.array_equal(
+                    loads.force, self._force):
+            return False
+        self._acting, self._force = acting, loads.force.copy()
+        self.acts = len(loads.wrench) > 0
+        for rank in self.others:
+            own = None
+            if self.acts or stages:
+                own = loads_of(loads, self.parts[rank], self._slots[rank], stages=stages)
+            self.transport.send_order(('loads', self.number, own), rank)
+        return True
+
+    def rows_of_loads(self, loads: Loads, rank: int) -> slice:
+        """Where the work on the bodies of a rank is."""
+        part = self.parts[rank]
+        return slice(
+            LANES * int(loads.start[part.first]), LANES * int(loads.start[part.last]))
+
+    def receive(self, values: np.ndarray, rank: int) -> None:
+        """Receive an array in place."""
+        self.transport.wait([self.transport.receive(values, rank)])
+
+    def _require_room(self) -> None:
+        """Refuse windows for which some machine lacks memory, before any is made."""
+        transport = self.transport
+        with transport.alone():
+            transport.order(('room',))
+            machines = [(socket.gethostname(), available_memory()), *transport.answers()]
+        wanted: dict[str, int] = {}
+        ranks: dict[str, list[int]] = {}
+        for rank, (name, _) in enumerate(machines):
+            if rank:
+                part = self.parts[rank]
+                slots = LANES * (part.last - part.first + 2 * len(part.halo))
+                wanted[name] = wanted.get(name, 0) + self._bytes_of(slots)
+                ranks.setdefault(name, []).append(rank)
+        for name, need in wanted.items():
+            left = min(amount for machine, amount in machines if machine == name)
+            if need > left:
+                members = ', '.join(map(str, ranks[name]))
+                raise ValueError(
+                    f'rank {members} on {name}: windows of {self.packed.layout.body_count:,} '
+                    f'bodies need about {need / 1e9:.3g} GB there, and {left / 1e9:.3g} GB are '
+                    'left; take more machines, or a smaller weave.size')
