@@ -17,10 +17,14 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
     .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2
     .venv/bin/python benchmarks/mpi_scaling.py --size 41 --steps 192 --ranks 1 2 --weak
     .venv/bin/python benchmarks/mpi_scaling.py --size 273 --steps 8 --warm 8 --step 4e-4
+    .venv/bin/python benchmarks/mpi_scaling.py --size 41 --scene damped --method dop8 --steps 32
+    .venv/bin/python benchmarks/mpi_scaling.py --size 31 --scene pressed --step 2e-6 --steps 256
     .venv/bin/python benchmarks/mpi_scaling.py --model
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
-each rank. Steps are given, the first ones are not counted, and accuracy is not measured.
+each rank. Steps are given, the first ones are not counted, and accuracy is not measured. The slab
+is free, or its connectors are `damped`, or the faces of its shells are `pressed` on each other, with
+friction.
 At health checks the first rank gathers the state, for which it may have to wait (`gather`), and
 judges and keeps it while the others wait (`check`); both in parts of the time. `--model` prints
 what the terms that were measured make of more ranks; it runs nothing.
@@ -37,7 +41,7 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.devices import leader
+from icofabric_sim.simulation.devices import leader, pair_leader
 from icofabric_sim.simulation.stepping.thread_team import teams_of
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
@@ -67,10 +71,20 @@ class Clock:
         setattr(owner, name, timed)
 
 
+SCENES: dict[str, dict[str, Any]] = {
+    'free': {'contact.mode': 'never'},
+    'damped': {'contact.mode': 'never', 'connector.damping': 0.02},
+    # At the least angle, with natural lengths a thirtieth below: faces press each other at once.
+    'pressed': {
+        'weave.connector_angle': -0.3648, 'connector.natural_length': 0.0243,
+        'contact.friction': 0.3, 'contact.stiffness': 2e4},
+}
+
+
 def scene_of(arguments: argparse.Namespace, layers: int) -> ico.Scene:
-    """A slab in free motion, whose contacts are not computed."""
+    """A slab in free motion."""
     return ico.Scene.from_parameters({
-        'weave.size': [arguments.size, arguments.size, layers], 'contact.mode': 'never',
+        'weave.size': [arguments.size, arguments.size, layers], **SCENES[arguments.scene],
         'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 1},
         'solver': {'method': arguments.method, 'step': arguments.step, 'threads': 1}})
 
@@ -87,9 +101,11 @@ def take_part(arguments: argparse.Namespace) -> None:
             simulation.advance_steps(arguments.warm)
             simulation._driver.errors.probe.checks_left = 10**9
             gathering, checking = Clock(), Clock()
-            gathering.of(leader.SharedSteps, '_gather')
+            for owner in (leader.SharedSteps, pair_leader.SharedPair):
+                gathering.of(owner, '_gather')
             for name in ('place_all', 'examine', 'save'):
-                checking.of(leader, name)
+                for module in (leader, pair_leader):
+                    checking.of(module, name)
             began = time.perf_counter()
             simulation.advance_steps(steps)
             found['seconds'] = (time.perf_counter() - began) / steps
@@ -109,7 +125,7 @@ def measure(arguments: argparse.Namespace, count: int, layers: int) -> list[dict
     """Start so many ranks; what they found, by rank."""
     words = [
         f'--{name}={getattr(arguments, name)}'
-        for name in ('size', 'steps', 'warm', 'step', 'method')]
+        for name in ('size', 'steps', 'warm', 'step', 'method', 'scene')]
     done = subprocess.run(
         [MPIEXEC, '-n', str(count), sys.executable, __file__, f'--take-part={layers}', *words],
         check=True, stdout=subprocess.PIPE, text=True)
@@ -167,6 +183,7 @@ def main() -> None:
     parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]')
     parser.add_argument('--ranks', type=int, nargs='+', default=[1, 2])
     parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
+    parser.add_argument('--scene', default='free', choices=SCENES)
     parser.add_argument('--weak', action='store_true', help='as many layers for each rank')
     parser.add_argument('--model', action='store_true', help='print the model, run nothing')
     parser.add_argument('--take-part', type=int, help=argparse.SUPPRESS)

@@ -238,7 +238,8 @@ def _tractions_of(tractions: Tractions, wrench: np.ndarray, rows: slice) -> Trac
     def cut(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
-        whole = values.reshape(len(tractions.force) // LANES, -1)
+        count = len(tractions.force) // LANES
+        whole = values.reshape(count, len(values) // max(count, 1))
         target = aligned_empty((len(wanted) * whole.shape[1],))
         target[:] = whole[wanted].ravel()
         return target
