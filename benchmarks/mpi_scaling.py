@@ -23,8 +23,8 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
 each rank. Steps are given, the first ones are not counted, and accuracy is not measured. The slab
-is free, or its connectors are `damped`, or the faces of its shells are `pressed` on each other, with
-friction.
+is free, or its connectors are `damped`, or the faces of its shells are `pressed` on each other,
+with friction.
 At health checks the first rank gathers the state, for which it may have to wait (`gather`), and
 judges and keeps it while the others wait (`check`); both in parts of the time. `--model` prints
 what the terms that were measured make of more ranks; it runs nothing.

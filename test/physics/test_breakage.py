@@ -17,7 +17,7 @@ import analytical
 from fabrics import changed, FORMS, make_scene, pair_face_to_face, same_state
 import icofabric_sim as ico
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.simulation.stepping.event_location import first_crossing, Moment
+from icofabric_sim.simulation.stepping.event_location import first_crossing, first_limit, Moment
 import numpy as np
 import pytest
 
@@ -342,3 +342,15 @@ def test_first_crossing_finds_humps(top):
     assert moment.x == pytest.approx(0.5 - np.arccos(limit) / width, abs=1e-9 + 1e-6 * (
         top < 1e-6))
     assert moment.reached(np.array([1e-12, 1e-12])).tolist() == [True, False]
+
+
+def test_what_turns_round_below_no_limit_does_not_break():
+    # pytest takes a warning for a failure: infinite numbers are not to be computed with.
+    def lengths_at(x):
+        return np.array([0.5 + x * (1.0 - x), 0.5]), np.array([1.0 - 2.0 * x, 0.0])
+
+    none, shortest = np.full(2, np.inf), np.array([0.1, 0.4])
+    assert first_limit(lengths_at, none, shortest, 1.0) is None
+    part, reached = first_limit(lengths_at, np.array([0.6, np.inf]), shortest, 1.0)
+    assert part == pytest.approx(0.5 - np.sqrt(0.15), abs=1e-9)
+    assert reached.tolist() == [True, False]

@@ -134,6 +134,21 @@ LONG_SCENES = {
         **COMMON, 'weave.size': [5, 5, 7], 'connector': {
             'maxwell_stiffness': 250.0, 'maxwell_time': 0.01},
         'shell.principal_inertia': [1.1e-6, 1.3e-6, 1.5e-6], 'solver': {'tolerance': 1e-4}},
+    'torn apart from anchors that break, dop8': {
+        'weave': {'size': [5, 5, 6], 'connector_angle': 0.55}, 'contact.mode': 'never',
+        'connector.stiffness': 500.0, 'groups': {
+            'tip': 'x_max', 'upper': 'level 3 or level 4 or level 5',
+            'lower': 'level 0 or level 1 or level 2'},
+        'connector_groups': {'seam': {
+            'between': 'upper lower', 'break_length_extension': 0.0988}},
+        'initial': {
+            'upper': {'group': 'upper', 'linear_velocity': [0.02, 0.0, 0.4]},
+            'lower': {'group': 'lower', 'linear_velocity': [0.0, 0.02, -0.4]}},
+        'anchors': {'a': {
+            'body': 0, 'edge': 'down', 'position': [0.0, 0.0, -0.1],
+            'natural_length': 0.0838, 'break_length_extension': 0.0845}},
+        'loads': {'l': {'group': 'tip', 'force': [-0.05, 0.0, 0.0]}},
+        'solver': {'tolerance': 1e-3}},
     'given steps, dop8': {
         **COMMON, 'weave.size': [5, 5, 7], 'connector.damping': 0.02,
         'solver': {'method': 'dop8', 'step': 2e-4}},

@@ -26,6 +26,7 @@ from functools import partial
 from types import FunctionType
 from typing import Any
 
+from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import (
     CLEAR,
     judge_clear,
@@ -49,7 +50,16 @@ from icofabric_sim.kernels.monitor import (
     UNSOUND,
 )
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import (
+    Breakage,
+    Contacts,
+    Loads,
+    Model,
+    State,
+    Team,
+    Watch,
+    Work,
+)
 from icofabric_sim.simulation.devices.division import HaloBytes
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.pair_steps import (
@@ -88,6 +98,7 @@ class SharedPair:
         self._pair = embedded.DOP8
         self._own: PairPart | None = None
         self._touches = False  # whether steps with contacts were ready
+        self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
         # Whether the state of the run is with the ranks, and whether only there; and whether steps
         # were taken since they got it.
         self._is_out = self._is_stale = self._has_stepped = False
@@ -206,6 +217,11 @@ class SharedPair:
                 self._is_out = self._is_stale = False
             if sharing.share(contacts):
                 self._own = None
+        links = model.links
+        if links is not None and work.breakage is not None and not np.array_equal(
+                links.present, self._present):
+            # Connectors have broken, or a run begins in which they are whole.
+            self._own, self._present = None, links.present.copy()
         if self._own is None:
             plain = model._replace(contacts=None)
             self._own = PairPart(
@@ -213,6 +229,7 @@ class SharedPair:
                 self._pair)
             self._own.make_ready(PairArrays(loads, state, work, None, watch))
             sharing.send_windows(plain, watch, self._pair, spends=work.spent is not None)
+            self._is_out = False
         if not sharing.is_told:
             if contacts is not None and not self._touches:
                 self._own.make_ready(PairArrays(
@@ -228,11 +245,11 @@ class SharedPair:
         self._now, self._whole, self._of_run = now, contacts, of_run
         if of_run:
             self._run, self._contacts = now, contacts
-        if not (of_run and self._is_out):
+        self._is_here = not (of_run and self._is_out)
+        if self._is_here:
             self._scatter(now, contacts, of_run=of_run)
         if of_run:
             self._is_out = self._is_stale = True
-        self._is_here = False
 
     def _pieces(self, control: np.ndarray | None) -> dict[str, Any]:
         """What the step control calls, by its names there: orders, or nothing to do here."""
@@ -242,8 +259,8 @@ class SharedPair:
         return {
             'own_blocks': lambda team, count: (0, count),
             'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
-            'losses_of': nothing, 'wait_for_all': nothing, 'note_lengths': nothing,
-            'is_breaking': lambda *_: False, 'ways_of': nothing, 'save': nothing,
+            'losses_of': nothing, 'wait_for_all': nothing, 'note_lengths': self._note_lengths,
+            'is_breaking': self._is_breaking, 'ways_of': nothing, 'save': nothing,
             'accept_stretches': nothing, 'keep_work': nothing, 'add_flow': nothing,
             'repeat_stretches': nothing, 'forget_ways': nothing,
             'tests_of': lambda contacts, member: 0 if contacts is None else contacts.tests[0],
@@ -341,6 +358,25 @@ class SharedPair:
             return NEVER_MEET
         self._have_state(slopes=range(1))
         return float(land(contacts, team_of_one(), state, slope, tried, close, meeting))
+
+    def _note_lengths(
+        self, model: Model, breakage: Breakage | None, state: State, work: Work, team: Team,
+        first: int, last: int
+    ) -> None:
+        if breakage is not None:
+            self._have_state()
+            note_lengths(model, breakage, state, work, team_of_one(), first, last)
+
+    def _is_breaking(
+        self, model: Model, breakage: Breakage | None, state: State, work: Work, trail: Any,
+        team: Team, h: float, first: int, last: int
+    ) -> bool:
+        if breakage is None:
+            return False
+        self._have_state()
+        place_all(model, state, work, first, last)
+        return bool(is_breaking(
+            model, breakage, state, work, trail, team_of_one(), h, first, last))
 
     def _find_clear(
         self, watch: Watch | None, blocks: Any, state: State, trail: Any, stages: int,

@@ -18,7 +18,6 @@ from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 
@@ -29,10 +28,6 @@ _SHARED = 'is not shared by ranks'
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
     """Raise ParameterError, or ValueError for what is no parameter, where ranks cannot share."""
     _require(scene, _lacking(scene), _SHARED, _ONE, cosines=cosines, body_force=body_force)
-    event = why_events(scene)
-    if event:
-        raise ParameterError(
-            'solver.method', f'a scene {_SHARED} yet where {event}; leave that out, {_ONE}')
 
 
 def require_on_device(

@@ -64,7 +64,7 @@ class Sharing:
         # Whether ranks know the pairs that were shared last.
         self.is_told = True
         self._acting: tuple[Any, ...] = ()
-        self._force = np.zeros(0)
+        self._written: list[np.ndarray] = []
         self.acts = False  # whether anything acts on any body
         self._require_room()
         # At the end of the interpreter there is no further order that it could go with.
@@ -133,14 +133,16 @@ class Sharing:
 
         `stages`: of a Runge-Kutta step, for each of which their powers are kept.
         """
-        acting = (
-            loads.start, loads.wrench, loads.force, loads.anchors, loads.drives, loads.tractions)
-        # Those of pulls are written in place.
+        anchors = loads.anchors
+        acting = loads.start, loads.wrench, loads.force, anchors, loads.drives, loads.tractions
+        # Forces of pulls, and slopes of anchors that break, are written in place.
+        written = [loads.force] if anchors is None else [
+            loads.force, anchors.extension, anchors.compression]
         if len(acting) == len(self._acting) and all(
-                one is other for one, other in zip(acting, self._acting)) and np.array_equal(
-                    loads.force, self._force):
+                one is other for one, other in zip(acting, self._acting)) and all(
+                np.array_equal(one, other) for one, other in zip(written, self._written)):
             return False
-        self._acting, self._force = acting, loads.force.copy()
+        self._acting, self._written = acting, [values.copy() for values in written]
         self.acts = len(loads.wrench) > 0
         for rank in self.others:
             own = None

@@ -111,7 +111,8 @@ def _likely_place(
     above = high > 0.0
     if above.any() and not humps_only:
         places.append(_root(*(part[above] for part in (low, rise, high, fall))))
-    turning = (rise > 0.0) & (fall > 0.0) & ~above
+    # What has no limit is infinitely far from it.
+    turning = (rise > 0.0) & (fall > 0.0) & ~above & np.isfinite(low)
     if turning.any():
         low, high, rise, fall = (part[turning] for part in (low, high, rise, fall))
         x = rise / (rise + fall)
