@@ -137,6 +137,26 @@ class StaticContacts:
         """Second derivatives of what touches, see simulation/contact/pair_forces.py."""
         return self._forces.blocks(contacts.pairs, contacts.planes, position, axes)
 
+    def close(
+        self, position: np.ndarray, axes: np.ndarray, reach: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """
+        What touches, or is closer than `reach` [m]: pairs of bodies (p, 2), and of a body and
+        itself for planes, depths [m], below 0 of open ones, first derivatives (2, p, 6), and
+        whether they touch.
+        """
+        near = self._near(position)
+        groups = [near, *(
+            np.repeat(bodies[:, None], 2, axis=1)
+            for bodies in self._forces.near_planes(position))]
+        found = []
+        for number, group in enumerate(groups):
+            which, depth, slopes, touching = self._forces.close(
+                position[group], axes[group], number - 1, reach)
+            found.append((group[which], depth, slopes, touching))
+        pairs, depth, slopes, touching = (np.concatenate(parts) for parts in zip(*found))
+        return pairs, depth, np.stack([slopes[:, :6], slopes[:, 6:]]), touching
+
     def first_touches(self, position: np.ndarray, axes: np.ndarray) -> int:
         """How many pairs of shells, or shells and planes, are at their first touch."""
         first, count = FIRST_TOUCH * self._setup.half_edge, 0

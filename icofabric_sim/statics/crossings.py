@@ -12,13 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors that a step takes across their natural length, where k_e is not k_c.
+Connectors that a step takes across their natural length, where k_e is not k_c, and shells that it
+brings together or parts.
 
 The quadratic model of an energy knows one stiffness of each connector. Here its kinks are added to
 it, to first order of the lengths: a function that is quadratic in pieces. Newton's method on the
 pieces with an exact search along each step finds its minimiser (Mangasarian 2002, Optim. Methods
 Softw. 17, 913). With the tangent alone stiff connectors change side at every step, which then are
-as short as their stretch.
+as short as their stretch, and so are steps of shells that meet. A contact is a spring that only
+pushes, as long as its depth.
 """
 
 from icofabric_sim.statics.fabric import Configuration
@@ -31,8 +33,8 @@ _HALVINGS = 40
 class Crossings:
     """What kinks add to the tangent of a configuration, along a step that is built up in parts."""
 
-    def __init__(self, here: Configuration) -> None:
-        """The step is zero."""
+    def __init__(self, here: Configuration, reach: float = 0.0) -> None:
+        """The step is zero; contacts count that are closer than `reach` [m], if it is above 0."""
         fabric = here.fabric
         self._here = here
         self._of = np.flatnonzero(fabric.counted & fabric.laws.kinked)
@@ -40,7 +42,17 @@ class Crossings:
         self._wrench = end_wrenches(here, self._of)
         self._pull, self._push = fabric.laws.stiffnesses(self._of)
         self._start, self._tangent = here.stretched.stretch[self._of], here.slope[self._of]
-        self._step = np.zeros(len(self._of))
+        if fabric.contacts is not None and reach > 0.0:
+            pairs, depth, slopes, touching = fabric.contacts.close(
+                here.position, here.axes, reach)
+            stiffness = np.full(len(pairs), fabric.contacts.stiffness)
+            self._bodies = np.concatenate([self._bodies, pairs])
+            self._wrench = np.concatenate([self._wrench, slopes], axis=1)
+            self._pull = np.concatenate([self._pull, stiffness])
+            self._push = np.concatenate([self._push, 0.0 * stiffness])
+            self._start = np.concatenate([self._start, depth])
+            self._tangent = np.concatenate([self._tangent, np.where(touching, stiffness, 0.0)])
+        self._step = np.zeros(len(self._start))
 
     def changes(self, motion: np.ndarray) -> np.ndarray:
         """Changes of the lengths [m] by a motion (n, 6)."""
@@ -86,9 +98,13 @@ class Crossings:
 
     def model(self) -> Configuration:
         """The configuration with the stiffnesses that connectors have at the end of the step."""
-        slope = self._here.slope.copy()
-        slope[self._of] += self._excess(self._step)
-        return self._here.with_slope(slope)
+        slope, count = self._here.slope.copy(), len(self._of)
+        excess = self._excess(self._step)
+        slope[self._of] += excess[:count]
+        changed = count + np.flatnonzero(excess[count:])
+        rows = np.concatenate(list(self._wrench[:, changed]), axis=1)
+        return self._here.with_slope(slope, self._bodies[changed], (
+            excess[changed, None, None] * rows[:, :, None] * rows[:, None, :]))
 
     def _excess(self, step: np.ndarray) -> np.ndarray:
         """By how much [N/m] stiffnesses at a step exceed those of the tangent."""

@@ -62,13 +62,17 @@ _LARGEST_TURN = 0.7
 # A step is taken that brings this part of what was expected of it; so many lengths are tried.
 _LEAST_GAIN, _TRIES = 1e-4, 4
 _PIECES = 20  # of a step that crosses kinks
+# After a step that brings less than this part of what was expected, because shells met or parted
+# in it, so many steps look out for that: up to so many times as far as a body goes, and at most so
+# far in parts of a. Not where forces have died out: overlaps are next to nothing there.
+_POOR, _MEETING_STEPS, _REACH, _LARGEST_REACH = 0.5, 30, 3.0, 0.05
 # Residual with which contacts are made stiffer; steps after which they are made softer again.
 _NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
 # Below this part of the energy its differences are rounding.
 _ROUNDING = 1e-9
 # Forces that have fallen below this part of the first ones are measured by those, and are sought
 # to die out for so many further steps.
-_DIED_OUT, _SLACK_STEPS = 1e-7, 200
+_DIED_OUT, _SLACK_STEPS = 1e-6, 200
 # Rounds in which pushes and friction are to agree, to this part of the largest force.
 _ROUNDS, _SETTLED = 60, 1e-8
 # A body that has gone so many times as far as the fabric is large does not come back.
@@ -322,6 +326,8 @@ class _Search:
         self.first_gradient = 0.0
         self.first_force = self._acting()  # [N]
         self.slack_steps = 0  # with next to nothing of it left
+        # For how many of the next steps it is looked out for shells that meet or part in them.
+        self.meeting_steps = 0
 
     def run(self, *, gently: bool) -> None:
         """
@@ -338,7 +344,7 @@ class _Search:
         stages = contacts.stages(self.first_force) if gently else [contacts.whole]
         for patience in _PATIENCE:
             for stiffness in stages[:-1]:
-                self._press(stiffness, max(self.tolerance, _NEAR), self.largest)
+                self._press(stiffness, max(self.tolerance, _NEAR), _PATIENCE[0])
             self._press(contacts.whole, self.tolerance, patience)
             if self.steps >= self.largest or self._good(self.tolerance) or (
                     self._is_slack() or self._escapes()):
@@ -453,6 +459,8 @@ class _Search:
                 break
             part *= 0.5
         length = part * found.length
+        if gain < _POOR and not self._touches_alike(there):
+            self.meeting_steps = _MEETING_STEPS
         if gain < 0.25:
             self.radius = 0.5 * length
         elif gain > 0.75 and (found.on_border or part < 1.0):
@@ -461,6 +469,13 @@ class _Search:
             self.here = there
             return True
         return False
+
+    def _touches_alike(self, there: Configuration) -> bool:
+        """Whether the same shells touch as here, about: as many."""
+        here = self.here.touching, there.touching
+        return all(part is None for part in here) or len({
+            len(part.pairs) + sum(map(len, part.planes)) for part in here if part is not None
+        }) == 1
 
     def _descent(
         self, gradient: np.ndarray, accuracy: float, most: int
@@ -472,9 +487,14 @@ class _Search:
         found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
         self.products += found.iterations
         bend = found.expected - product_of(gradient, found.step)
-        if not self.fabric.laws.kinked.any():
+        self.meeting_steps = max(self.meeting_steps - 1, 0)
+        meets = self.meeting_steps > 0 and not self._has_died_out()
+        if not (meets or self.fabric.laws.kinked.any()):
             return found, bend, None
-        crossings = Crossings(here)
+        # As far as both bodies of a pair may go.
+        farthest = float(np.abs(layout.gather(found.step)[:, :3]).max(initial=0.0))
+        crossings = Crossings(here, min(
+            _REACH * farthest, _LARGEST_REACH * self.fabric.half_edge) if meets else 0.0)
         step, product, image = (np.zeros_like(found.step) for _ in range(3))
         slopes, length, on_border = gradient, 0.0, False
         for _ in range(_PIECES):

@@ -232,10 +232,21 @@ class Configuration:
         """The same with another side of the connectors that are at their kink."""
         return self._alike(side)
 
-    def with_slope(self, slope: np.ndarray) -> 'Configuration':
-        """The same with other slopes of the tensions [N/m], (c,), in second derivatives."""
+    def with_slope(
+        self, slope: np.ndarray, bodies: np.ndarray, blocks: np.ndarray
+    ) -> 'Configuration':
+        """
+        The same with other slopes of the tensions [N/m], (c,), in second derivatives.
+
+        And with `blocks` (p, 12, 12) of pairs of `bodies` (p, 2), of a body and itself the first
+        6 x 6 numbers, added to those of contacts.
+        """
         there = self._alike(self.side)
         there.__dict__['slope'] = slope
+        if len(bodies):
+            own, before = self.contact_blocks
+            there.__dict__['contact_blocks'] = (
+                np.concatenate([own, bodies]), np.concatenate([before, blocks]))
         return there
 
     def _alike(self, side: str) -> 'Configuration':

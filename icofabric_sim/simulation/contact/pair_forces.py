@@ -19,9 +19,14 @@ For searches of rest and for implicit steps, which need both in configurations o
 
 from collections.abc import Sequence
 
-from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
 from icofabric_sim.geometry.rotations import turned_axes
-from icofabric_sim.kernels.contact.many import touch_pairs, touch_planes
+from icofabric_sim.kernels.contact.many import (
+    separations_on,
+    signed_distances,
+    touch_pairs,
+    touch_planes,
+)
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.simulation.contact.setup import ContactSetup
 import numpy as np
@@ -33,6 +38,8 @@ PAIRS = -1
 _STEP, _WITHIN = 1e-6, 0.1
 # Overlap, or gap, below which shells are at their first touch, in parts of a.
 FIRST_TOUCH = 1e-9
+# Overlap, in parts of a, at which it is asked how shells that are open would meet.
+_MEETS = 1e-6
 
 
 class PairForces:
@@ -129,6 +136,60 @@ class PairForces:
         out[~touching] = 0.0
         wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
         return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
+
+    def close(
+        self, places: np.ndarray, axes: np.ndarray, which: int, reach: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Of pairs (m, 2, 3) that touch, or are closer than `reach` [m]: which of them, (p,), their
+        depths delta [m], those of open ones below 0, first derivatives (p, 12), and whether they
+        touch.
+
+        Open ones are as they would be where the first has been moved on to the second.
+        """
+        a = self._setup.half_edge
+        touching, out = self.met(places, axes, which)
+        shift = np.zeros((len(places), 3))
+        if which == PAIRS:
+            gap, toward = self._distances(places, axes, ~touching, reach)
+        else:
+            plane = self._setup.planes[which]
+            corners = places[:, 0, None] + vertices(a) @ axes[:, 0]
+            gap = (corners @ plane[:3]).min(axis=1) - plane[3]
+            toward = np.broadcast_to(-plane[:3], shift.shape)
+        open_yet = ~touching & (gap < reach)
+        shift[open_yet] = (gap + _MEETS * a)[open_yet, None] * toward[open_yet]
+        moved = places.copy()
+        moved[:, 0] += shift
+        met, there = self.met(moved[open_yet], axes[open_yet], which)
+        out[open_yet] = there
+        known = touching.copy()
+        known[open_yet] = met
+        depth = out[known, 10]
+        slopes = np.hstack([-out[known, :6], out[known, :3], -out[known, 6:9]]) / depth[:, None]
+        if which != PAIRS:
+            slopes[:, 6:] = 0.0
+        depth = depth - (slopes[:, :3] * shift[known]).sum(axis=1)
+        return np.flatnonzero(known), depth, slopes, touching[known]
+
+    def _distances(
+        self, places: np.ndarray, axes: np.ndarray, chosen: np.ndarray, reach: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances [m] of `chosen` pairs, infinite above `reach`, and directions (m, 3)."""
+        a = self._setup.half_edge
+        turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
+        ends = [np.ascontiguousarray(part) for part in (
+            places[:, 0], turns[:, 0], places[:, 1], turns[:, 1])]
+        apart = places[:, 1] - places[:, 0]
+        axis = apart / np.linalg.norm(apart, axis=1, keepdims=True)
+        gap, distance = np.zeros(len(places)), np.full(len(places), np.inf)
+        separations_on(a, *ends, axis, gap)
+        # They are at least so far apart.
+        few = np.flatnonzero(chosen & (gap < reach))
+        found, toward = np.zeros(len(few)), np.zeros((len(few), 3))
+        signed_distances(a, *(np.ascontiguousarray(end[few]) for end in ends), found, toward)
+        distance[few], axis[few] = found, toward
+        return distance, axis
 
     def met(
         self, places: np.ndarray, axes: np.ndarray, which: int
