@@ -141,9 +141,10 @@ class StaticContacts:
         self, position: np.ndarray, axes: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
-        What touches, or is closer than `reach` [m]: pairs of bodies (p, 2), and of a body and
-        itself for planes, depths [m], below 0 of open ones, first derivatives (2, p, 6), and
-        whether they touch.
+        Find what touches, or is closer than `reach` [m], and by how much.
+
+        Pairs of bodies (p, 2), and of a body and itself for planes, depths [m], below 0 of open
+        ones, first derivatives (2, p, 6), and whether they touch.
         """
         near = self._near(position)
         groups = [near, *(

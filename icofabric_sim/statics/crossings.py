@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors that a step takes across their natural length, where k_e is not k_c, and shells that it
-brings together or parts.
+Connectors that a step takes across their natural length, and shells that it parts or presses.
 
+Where k_e is not k_c the slope of a connector jumps there, and shells that are open do not press.
 The quadratic model of an energy knows one stiffness of each connector. Here its kinks are added to
 it, to first order of the lengths: a function that is quadratic in pieces. Newton's method on the
 pieces with an exact search along each step finds its minimiser (Mangasarian 2002, Optim. Methods

@@ -141,11 +141,11 @@ class PairForces:
         self, places: np.ndarray, axes: np.ndarray, which: int, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Of pairs (m, 2, 3) that touch, or are closer than `reach` [m]: which of them, (p,), their
-        depths delta [m], those of open ones below 0, first derivatives (p, 12), and whether they
-        touch.
+        Find which pairs touch, or are closer than `reach` [m], and by how much.
 
-        Open ones are as they would be where the first has been moved on to the second.
+        `places` (m, 2, 3), `axes` (m, 2, 3, 3), `which` as in `wrenches`. Returns their numbers
+        (p,), depths delta [m], those of open ones below 0, first derivatives (p, 12), and whether
+        they touch. Open ones are as they would be where the first has been moved on to the second.
         """
         a = self._setup.half_edge
         touching, out = self.met(places, axes, which)
