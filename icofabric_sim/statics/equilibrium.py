@@ -31,7 +31,7 @@ from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.load_cells import Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.statics.contacts import Contacts
+from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath, Rubbing
@@ -66,13 +66,15 @@ _PIECES = 20  # of a step that crosses kinks
 # in it, so many steps look out for that: up to so many times as far as a body goes, and at most so
 # far in parts of a. Not where forces have died out: overlaps are next to nothing there.
 _POOR, _MEETING_STEPS, _REACH, _LARGEST_REACH = 0.5, 30, 3.0, 0.05
+# Steps of a search that does not look out for it; it costs much where much is near.
+_FIRST_STEPS = 800
 # Residual with which contacts are made stiffer; steps after which they are made softer again.
 _NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
 # Below this part of the energy its differences are rounding.
 _ROUNDING = 1e-9
 # Forces that have fallen below this part of the first ones are measured by those, and are sought
 # to die out for so many further steps.
-_DIED_OUT, _SLACK_STEPS = 1e-6, 200
+_DIED_OUT, _SLACK_STEPS = 1e-7, 200
 # Rounds in which pushes and friction are to agree, to this part of the largest force.
 _ROUNDS, _SETTLED = 60, 1e-8
 # A body that has gone so many times as far as the fabric is large does not come back.
@@ -326,8 +328,9 @@ class _Search:
         self.first_gradient = 0.0
         self.first_force = self._acting()  # [N]
         self.slack_steps = 0  # with next to nothing of it left
-        # For how many of the next steps it is looked out for shells that meet or part in them.
-        self.meeting_steps = 0
+        # Whether it is looked out for shells that meet or part within steps, and for how many of
+        # the next.
+        self.looks_out, self.meeting_steps = False, 0
 
     def run(self, *, gently: bool) -> None:
         """
@@ -341,16 +344,32 @@ class _Search:
         if contacts is None:
             self._descend(self.tolerance)
             return
+        begin, radius = self.here, self.radius
+        self._press_in_rounds(contacts, self.steps + _FIRST_STEPS, gently=gently)
+        if not self._has_ended:
+            # Anew, with steps that look out for shells that meet or part within them.
+            self.here, self.radius, self.looks_out = begin, radius, True
+            self._press_in_rounds(contacts, self.largest, gently=gently)
+
+    def _press_in_rounds(
+        self, contacts: StaticContacts, last: int, *, gently: bool
+    ) -> None:
+        """Search with contacts that get stiffer, round by round, up to step number `last`."""
         stages = contacts.stages(self.first_force) if gently else [contacts.whole]
         for patience in _PATIENCE:
             for stiffness in stages[:-1]:
-                self._press(stiffness, max(self.tolerance, _NEAR), _PATIENCE[0])
-            self._press(contacts.whole, self.tolerance, patience)
-            if self.steps >= self.largest or self._good(self.tolerance) or (
-                    self._is_slack() or self._escapes()):
+                self._press(stiffness, max(self.tolerance, _NEAR), last - self.steps)
+            self._press(contacts.whole, self.tolerance, min(patience, last - self.steps))
+            if self._has_ended or self.steps >= last:
                 return
             # Where much touches for a moment only, stiff contacts begin and end at every step.
             stages = contacts.softer()
+
+    @property
+    def _has_ended(self) -> bool:
+        """Whether there is nothing more to search for."""
+        return self.steps >= self.largest or self._good(self.tolerance) or (
+            self._is_slack() or self._escapes())
 
     def _press(self, stiffness: float, tolerance: float, most: float) -> None:
         """Search with contacts of a stiffness [N/m], for so many steps at most."""
@@ -459,7 +478,7 @@ class _Search:
                 break
             part *= 0.5
         length = part * found.length
-        if gain < _POOR and not self._touches_alike(there):
+        if gain < _POOR and self.looks_out and not self._touches_alike(there):
             self.meeting_steps = _MEETING_STEPS
         if gain < 0.25:
             self.radius = 0.5 * length
