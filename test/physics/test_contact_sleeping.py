@@ -57,7 +57,7 @@ def test_no_bit_depends_on_what_sleeps(monkeypatch, changes, options):
     monkeypatch.setattr(thread_team, 'BODIES_PER_THREAD', 1)
     scene = changed(crowd(**STICKY), changes)
     slept_bits, met, slept = ends(scene, 0.03, **options)
-    monkeypatch.setattr(broad_phase, '_SLOTS_OF_A_PAIR', 0)
+    monkeypatch.setattr(broad_phase, 'SLOTS_OF_A_PAIR', 0)
     bits, met_then, awake = ends(scene, 0.03, **options)
     assert bits == slept_bits and met == met_then and min(met) > 0
     assert max(slept) > 0.3 and max(awake) == 0.0
