@@ -68,6 +68,7 @@ _LONG = re.compile(
     r'|test_a_body_tumbles_by_jacobi_functions\[True\]'
     r'|test_a_fabric_moves_as_an_independent_right_hand_side_says\[changes0\]'
     r'|test_other_scenes_have_the_bits_of_one_process'
+    r'|test_ready_scenes_have_the_bits_of_one_process_or_are_refused'
     r'|test_dense_slabs_whose_faces_meet_and_part_rest')
 
 # Files that take longest, the longest first, from an empty cache of kernels. Workers begin with

@@ -15,8 +15,8 @@
 Runs of small scenes by ranks of MPI, and what is to be the same bits whatever their number.
 
 As a program: started by a launcher, it lets each smaller number of its processes run every scene,
-or with the word `long` those of `make test-long`, and prints what came of it as JSON;
-`test_ranks.py` compares with one process.
+or with the word `long` those of `make test-long`, or with `ready` files that follow, and prints
+what came of it as JSON; `test_ranks.py` compares with one process.
 """
 
 import faulthandler
@@ -206,6 +206,16 @@ def run(name, ranks=None):
         'checkpoint': hashlib.sha256(checkpoint.to_bytes()).hexdigest()}
 
 
+def run_ready(name, ranks=None):
+    """Run a ready scene for a while; what came of it, or why it is refused."""
+    try:
+        simulation = ico.compile_scene(ico.load_scene(name), ranks=ranks)
+    except ValueError as error:
+        return str(error)
+    simulation.advance_to(0.02)
+    return [*state_of(simulation), simulation.status.step_count]
+
+
 def steps_taken(ranks=None):
     """Take some steps, whose end nobody looks at before the ranks have ended."""
     simulation = ico.compile_scene(
@@ -256,7 +266,9 @@ def fail(ranks, victim):
 def main():
     from mpi4py import MPI
     world, found = MPI.COMM_WORLD, {}
-    names = LONG_SCENES if sys.argv[1:] == ['long'] else SCENES
+    names, which = (LONG_SCENES, run) if sys.argv[1:] == ['long'] else (SCENES, run)
+    if sys.argv[1:2] == ['ready']:
+        names, which = sys.argv[2:], run_ready
     groups = {
         count: world.Split(0 if world.rank < count else MPI.UNDEFINED, world.rank)
         for count in range(2, world.size + 1)}
@@ -265,7 +277,7 @@ def main():
             continue
         with ico.Ranks(group) as ranks:
             if ranks.leads:
-                found[count] = {name: run(name, ranks) for name in names}
+                found[count] = {name: which(name, ranks) for name in names}
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

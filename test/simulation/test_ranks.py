@@ -39,7 +39,16 @@ from icofabric_sim.simulation.model.packing import pack_scene
 from mpi_launcher import launcher
 import numpy as np
 import pytest
-from ranks_program import COMMON, LONG_SCENES, run, SCENES, state_of, steps_taken, TOUCHING
+from ranks_program import (
+    COMMON,
+    LONG_SCENES,
+    run,
+    run_ready,
+    SCENES,
+    state_of,
+    steps_taken,
+    TOUCHING,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 4
@@ -88,6 +97,21 @@ def test_other_scenes_have_the_bits_of_one_process():
             assert float.fromhex(lost[-1]) > 0.0
         for count in range(2, MOST + 1):
             assert found[str(count)][name] == expected, (count, name)
+
+
+def test_ready_scenes_have_the_bits_of_one_process_or_are_refused():
+    names = [str(path) for path in sorted((ROOT / 'config').glob('*.yaml'))]
+    alone = {name: json.loads(json.dumps(run_ready(name))) for name in names}
+    done = launch(3, Path(__file__).with_name('ranks_program.py'), 'ready', *names)
+    assert done.returncode == 0, done.stderr
+    found, refused = json.loads(done.stdout)['found']['3'], []
+    for name in names:
+        if isinstance(found[name], str) and 'shared by ranks' in found[name]:
+            refused.append(Path(name).stem)
+        else:
+            assert found[name] == alone[name] and alone[name][-1] > 0, name
+    # Charges that repel each other, and connectors around shells.
+    assert refused == ['charged_slab', 'twisted_column']
 
 
 def require_motion(found, *, touching):
