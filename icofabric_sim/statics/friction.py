@@ -191,6 +191,15 @@ class FrictionPath:
                 there.before[row, 3] = vector[3]
         return there
 
+    def pressed(
+        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
+    ) -> 'FrictionPath':
+        """
+        For small motions about a configuration: what presses there sticks, and holds nothing yet.
+        """
+        met = contacts.meetings(position, axes)
+        return self._begun(met, met.push > 0.0, position, axes)
+
     def _begun(
         self, met: Meetings, chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
     ) -> 'FrictionPath':

@@ -24,6 +24,7 @@ from typing import Final, NamedTuple
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.friction import FrictionPath
 import numpy as np
 
 # Voigt's order xx yy zz yz xz xy: a strain of 1 is a displacement gradient of this.
@@ -74,7 +75,9 @@ class Lattice:
         # Of the two connectors in opposite directions one belongs to the cell.
         own = np.flatnonzero((bodies == body).any(axis=1))
         ahead = place[bodies[own].sum(axis=1) - body] @ _ORDER > 0.0
-        self.fabric = StaticFabric(piece, only=own[ahead], contact=contact)
+        self.fabric = StaticFabric(
+            piece, only=own[ahead], contact=contact,
+            friction=FrictionPath.of(piece) if contact else None)
         self._place, self._piece = place, piece
         if self.fabric.contacts is not None:
             others = np.flatnonzero(place @ _ORDER > 0.0)

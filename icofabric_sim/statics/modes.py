@@ -180,7 +180,7 @@ def solve_modes(
         anchors_broken_since=None if at is None else at.anchors_broken_since, friction=friction)
     here = fabric.start if at is None else fabric.configuration('at', at)
     if friction is not None and fabric.contacts is not None:
-        fabric.friction = friction.advanced(fabric.contacts, here.position, here.axes)
+        fabric.friction = friction.pressed(fabric.contacts, here.position, here.axes)
     jumps = here.kink_jumps
     if not len(jumps):
         return _solve(here, count, which)

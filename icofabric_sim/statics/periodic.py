@@ -41,6 +41,7 @@ from icofabric_sim.statics.directional import (
     shear_of,
 )
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.kinks import length_changes
 from icofabric_sim.statics.lattice import form, Lattice, LatticeRest, placed, relax
@@ -87,7 +88,8 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
 
     Its size, loads, supports and groups of bodies do not count. `branch`: how connectors at their
     kink count in its second derivatives, 'push' (None) or 'pull'. `relaxed`: about its rest, with
-    what shells do to each other unless `contact.mode` is never; else as woven, without contact.
+    what shells do to each other unless `contact.mode` is never, and with `contact.friction` what
+    presses there sticks; else as woven, without contact.
     ParameterError where the weave does not repeat, or connectors differ from place to place (by
     direction they may); ValueError where it has no rest.
     """
@@ -109,7 +111,7 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
             'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
             'end; set it to false for the endless fabric, or take curves and modes of a slab')
     touches = relaxed and parameters['contact.mode'] != 'never'
-    refuse_in_statics(scene, contact=touches)
+    refuse_in_statics(scene, contact=touches, on_path=True)
     kept = {
         name: value for name, value in parameters.items()
         if name.startswith((*_KEPT, *(('contact.',) if touches else ())))
@@ -121,12 +123,14 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
     body = int(full[0])
     others = np.where(bodies == body, bodies[:, ::-1], -1).max(axis=1)
     neighbours = np.concatenate([[body], np.sort(others[others >= 0])])
-    fabric = StaticFabric(piece, contact=touches)
+    fabric = StaticFabric(
+        piece, contact=touches, friction=FrictionPath.of(piece) if touches else None)
     here, rest = fabric.start, None
     if relaxed:
         rest = relax(Lattice(piece, body, contact=touches))
         here = placed(
             fabric, piece.position - piece.position[body], rest.gradient, rest.turn)
+        _stick(here)
         if here.touching is not None:
             pairs = here.touching.pairs
             pressed = np.where(pairs == body, pairs[:, ::-1], -1).max(axis=1)
@@ -142,6 +146,13 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
     return Cell(
         piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
         fabric.root, bool((bodies[here.at_kink] == body).any()), rest)
+
+
+def _stick(here: Configuration) -> None:
+    """With friction what presses sticks, in all that is found from there on."""
+    fabric = here.fabric
+    if fabric.friction is not None and fabric.contacts is not None:
+        fabric.friction = fabric.friction.pressed(fabric.contacts, here.position, here.axes)
 
 
 def solve_bands(
@@ -388,6 +399,7 @@ def homogenise(
     `relaxed`: about the rest of the endless fabric, to which places deform alike and bodies turn
     alike (`.rest`), with what shells do to their neighbours unless `contact.mode` is never.
     Strains are of that state. Pairs at their first touch are left out (`.rest.first_touches`).
+    With `contact.friction` what presses there sticks, as it does up to the first slip.
     """
     cell = make_cell(scene, branch, relaxed=relaxed)
     touches = relaxed and scene.parameters['contact.mode'] != 'never'
@@ -397,6 +409,7 @@ def homogenise(
     else:
         gradient = cell.rest.gradient
         here = lattice.at(gradient, cell.rest.turn)
+        _stick(here)
     motions = lattice.motions(gradient)
     energy = _cell_energy(here, motions)
     if not len(energy.changes):

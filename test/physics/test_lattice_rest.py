@@ -90,10 +90,44 @@ def cell_energy(scene, gradient, vector):
     return energy + float(pushes.sum())
 
 
-@pytest.mark.parametrize('angle, part, contact', [
-    (LEAST, 0.97, 20.0), (LEAST, 0.9, 200.0), (-0.3, 0.9, 200.0)])
-def test_faces_that_press_make_the_least_energy_and_its_curvature(angle, part, contact):
-    scene = fabric(angle, part, contact)
+def slip_energy(scene, rest, gradient, vector):
+    """
+    Energy [J] of the springs of friction of a cell, by the slips since `rest`.
+
+    Two shells are alike about the middle between their centres, which therefore is where they
+    meet.
+    """
+    cell = make_cell(scene)
+    piece, body = cell.scene, cell.body
+    lattice = piece.position - piece.position[body]
+    others = np.flatnonzero(lattice @ [1.0, np.pi, np.e**3] > 0.0)
+    setup = pack_contact(
+        scene.with_changes({'weave.size': [5, 5, 5]}), np.zeros(3), moving=False)
+    contacts = StaticContacts(setup, piece.body_count)
+    contacts.restrict(np.column_stack([np.full(len(others), body), others]))
+    axes = cosines_from_quaternions(piece.orientation)
+    met = contacts.meetings(lattice @ rest.gradient.T, axes)
+    stiffness, energy = 2.0 / 7.0 * setup.stiffness, 0.0
+    for (_, other), normal, radius, push in zip(met.pairs, met.normal, met.radius, met.push):
+        assert push > 0.0
+        middle = 0.5 * rest.gradient @ lattice[other]
+        turned = turned_by(vector[None], np.array([[0.0, 0.0, 0.0, 1.0]]))
+        turn = cosines_from_quaternions(turned)[0].T
+        # Both bodies turn alike, so nothing turns about the normal.
+        own, next_ = turn @ middle, gradient @ lattice[other] - turn @ middle
+        slip = own - next_
+        slip -= (slip @ normal) * normal
+        energy += 0.5 * stiffness * slip @ slip
+        assert radius > 0.0
+    return energy
+
+
+@pytest.mark.parametrize('angle, part, contact, friction', [
+    (LEAST, 0.97, 20.0, 0.0), (LEAST, 0.9, 200.0, 0.0), (-0.3, 0.9, 200.0, 0.0),
+    (LEAST, 0.9, 200.0, 0.3)])
+def test_faces_that_press_make_the_least_energy_and_its_curvature(
+        angle, part, contact, friction):
+    scene = fabric(angle, part, contact, contact__friction=friction)
     found = ico.homogenise(scene, relaxed=True)
     rest = found.rest
     # Each of the twelve neighbours, of which six belong to the cell.
@@ -108,7 +142,9 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(angle, part, c
         for value, (i, j) in zip(y, VOIGT):
             strain[i, j] += 0.5 * value
             strain[j, i] += 0.5 * value
-        return cell_energy(scene, (np.eye(3) + strain) @ rest.gradient, vector + y[6:])
+        gradient, turn = (np.eye(3) + strain) @ rest.gradient, vector + y[6:]
+        rubbed = slip_energy(scene, rest, gradient, turn) if friction else 0.0
+        return cell_energy(scene, gradient, turn) + rubbed
 
     h, base, unit = 1e-5, energy(np.zeros(9)), np.eye(9)
     second = np.array([[
@@ -121,12 +157,17 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(angle, part, c
     strain, mixed, turn = second[:6, :6], second[:6, 6:], second[6:, 6:]
     volume = 2.0 * float(scene.geometry.pitch) ** 3 * np.linalg.det(rest.gradient)
     expected = (strain - mixed @ np.linalg.inv(turn) @ mixed.T) / volume
+    if friction:
+        smooth = ico.homogenise(changed(scene, {'contact.friction': 0.0}), relaxed=True)
+        assert found.rest.gradient == pytest.approx(smooth.rest.gradient, abs=1e-12)
+        assert found.stiffness[3, 3] > 1.2 * smooth.stiffness[3, 3]
     assert found.stiffness == pytest.approx(expected, abs=2e-3 * np.abs(expected).max() / contact)
 
 
-def test_long_waves_run_as_the_constants_say():
+@pytest.mark.parametrize('friction', [0.0, 0.4])
+def test_long_waves_run_as_the_constants_say(friction):
     """Two ways to the same: blocks between bodies, and the energy of a cell."""
-    scene = fabric(LEAST, 0.97, 200.0)
+    scene = fabric(LEAST, 0.97, 200.0, contact__friction=friction)
     found = ico.homogenise(scene, relaxed=True)
     number = {pair: k for k, pair in enumerate(VOIGT)} | {
         (j, i): k for k, (i, j) in enumerate(VOIGT)}
@@ -158,9 +199,6 @@ def test_contact_makes_a_structure_of_the_densest_weave():
 
 
 def test_it_is_refused_where_there_is_none():
-    with pytest.raises(ico.ParameterError, match='friction') as caught:
-        ico.homogenise(fabric(LEAST, 0.97, 200.0, contact__friction=0.3), relaxed=True)
-    assert caught.value.name == 'contact.friction'
     with pytest.raises(ValueError, match='natural_length: the endless fabric finds no rest'):
         ico.homogenise(fabric(LEAST, 10.0), relaxed=True)
 
