@@ -16,8 +16,9 @@
 from typing import Any
 
 from icofabric_sim.kernels.integrators.embedded import Pair
-from icofabric_sim.kernels.records import Blocks, Contacts, Loads, Meter, State, Trail, Work
-from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
+from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
+from icofabric_sim.simulation.devices.held_window import Surroundings
+from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.pair_steps import done_by, END, PairArrays, PairPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
@@ -44,17 +45,11 @@ class HeldPair:
         # By whether it is the run's.
         self._states: dict[bool, tuple[State, Work]] = {}
         self._acting: dict[bool, Loads] = {}
-        self._followed = Blocks(slot, window.known, 0)  # whose poses are known
-        self._watch = None if window.watch is None else watch_of(
-            window.watch, window.slot_count)
-        self._contacts: dict[bool, Contacts] = {}
+        self._around = Surroundings(window)
 
     def contacts(self, near: NearPairs | None) -> None:
         """Have these pairs from now on."""
-        self._contacts = {} if near is None else {
-            of_run: contacts_of(
-                near, self._followed.slot, self._followed, self._window.slot_count)
-            for of_run in (True, False)}
+        self._around.take_pairs(near)
 
     def loads(self, loads: Loads) -> None:
         """Have these loads from now on."""
@@ -64,11 +59,7 @@ class HeldPair:
 
     def watch(self, frame: np.ndarray) -> None:
         """Watch bodies from where they are."""
-        assert self._watch is not None
-        state, _ = self._states[True]
-        self._watch.frame[:] = frame
-        np.copyto(self._watch.reference, state.position)
-        np.copyto(self._watch.turned, state.orientation)
+        self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
         """Have the state from the first rank."""
@@ -107,8 +98,8 @@ class HeldPair:
             self._states[of_run] = self._room()
         state, work = self._states[of_run]
         return PairArrays(
-            self._acting[of_run], state, work, self._contacts.get(of_run),
-            self._watch if of_run else None)
+            self._acting[of_run], state, work, self._around.contacts.get(of_run),
+            self._around.watch if of_run else None)
 
     def _room(self) -> tuple[State, Work]:
         window, count = self._window, self._window.slot_count

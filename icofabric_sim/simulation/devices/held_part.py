@@ -15,8 +15,9 @@
 
 from typing import Any
 
-from icofabric_sim.kernels.records import Blocks, Contacts, Loads, Meter, State, Work
-from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
+from icofabric_sim.kernels.records import Loads, Meter, State, Work
+from icofabric_sim.simulation.devices.held_window import Surroundings
+from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
@@ -31,23 +32,18 @@ class HeldPart:
 
     def __init__(self, transport: Transport, window: Window, weights: Weights) -> None:
         """Make room for both."""
-        self._transport, self._slot_count = transport, window.slot_count
+        self._transport = transport
         slot, exchange = window.model.blocks.slot, window.exchange
         self._steps = PartSteps(transport, window.model, exchange, weights)
         self._rows = SlotRows(slot[exchange.first:exchange.last])
         self._states = _states_of(window, weights)  # by whether it is the run's
         self._loads: Loads | None = None
         self._works: dict[bool, np.ndarray] = {}
-        self._followed = Blocks(slot, window.known, 0)  # whose poses are known
-        self._watch = None if window.watch is None else watch_of(
-            window.watch, window.slot_count)
-        self._contacts: dict[bool, Contacts] = {}
+        self._around = Surroundings(window)
 
     def contacts(self, near: NearPairs | None) -> None:
         """Have these pairs from now on."""
-        self._contacts = {} if near is None else {
-            of_run: contacts_of(near, self._followed.slot, self._followed, self._slot_count)
-            for of_run in (True, False)}
+        self._around.take_pairs(near)
 
     def loads(self, loads: Loads | None) -> None:
         """Have these loads from now on."""
@@ -57,11 +53,7 @@ class HeldPart:
 
     def watch(self, frame: np.ndarray) -> None:
         """Watch bodies from where they are."""
-        assert self._watch is not None
-        state = self._states[True][0]
-        self._watch.frame[:] = frame
-        np.copyto(self._watch.reference, state.position)
-        np.copyto(self._watch.turned, state.orientation)
+        self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
         """Have the state from the first rank."""
@@ -112,7 +104,7 @@ class HeldPart:
         loads = self._loads
         return Arrays(
             None if loads is None else loads._replace(work=self._works[of_run]), state, work,
-            self._contacts.get(of_run), self._watch if of_run else None)
+            self._around.contacts.get(of_run), self._around.watch if of_run else None)
 
 
 def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work]]:

@@ -47,7 +47,6 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.devices.division import HaloBytes
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
@@ -90,9 +89,9 @@ class SharedSteps:
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
             half_edge**-2, method.mends_kinks and has_jumps(links))
-        self._sharing = Sharing(transport, packed, partial(
+        self.holder = self._sharing = Sharing(transport, packed, partial(
             bytes_of, kinked=self._weights.mends_kinks, touching=contact is not None,
-            spends=contact is not None and contact.spends))
+            spends=contact is not None and contact.spends), self._take_over)
         # The pairs of the run; whether steps with any were ready.
         self._contacts: Contacts | None = None
         self._touches = False
@@ -102,27 +101,6 @@ class SharedSteps:
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
         self._ledger = Ledger.over(np.zeros(0))
-        transport.holders.add(self)
-
-    @property
-    def rank_count(self) -> int:
-        """Count the ranks."""
-        return self._transport.size
-
-    @property
-    def device(self) -> str:
-        """No device: the processes."""
-        return ''
-
-    @property
-    def halo_bytes(self) -> int:
-        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
-        return max(halo.received for halo in self.halos)
-
-    @property
-    def halos(self) -> list[HaloBytes]:
-        """Bytes that each rank receives in an evaluation of the forces."""
-        return self._sharing.halos
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
@@ -144,20 +122,7 @@ class SharedSteps:
                 self._transport.fail(error)
                 raise
 
-    @property
-    def device_bytes(self) -> int:
-        """There is none."""
-        return 0
-
-    @property
-    def has_saved(self) -> bool:
-        """The saved state is here."""
-        return False
-
-    def take_saved(self) -> None:
-        """Do nothing: it is here."""
-
-    def take_over(self) -> None:
+    def _take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:

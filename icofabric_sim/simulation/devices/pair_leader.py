@@ -60,7 +60,6 @@ from icofabric_sim.kernels.records import (
     Watch,
     Work,
 )
-from icofabric_sim.simulation.devices.division import HaloBytes
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
@@ -92,9 +91,9 @@ class SharedPair:
         """
         self._transport, self._packed = transport, packed
         contact = packed.contact
-        self._sharing = Sharing(transport, packed, partial(
+        self.holder = self._sharing = Sharing(transport, packed, partial(
             pair_bytes_of, touching=contact is not None,
-            spends=contact is not None and contact.spends))
+            spends=contact is not None and contact.spends), self._take_over)
         self._pair = embedded.DOP8
         self._own: PairPart | None = None
         self._touches = False  # whether steps with contacts were ready
@@ -108,42 +107,8 @@ class SharedPair:
         self._now: PairArrays | None = None
         self._whole: Contacts | None = None
         self._of_run = self._is_here = False
-        transport.holders.add(self)
 
-    @property
-    def rank_count(self) -> int:
-        """Count the ranks."""
-        return self._transport.size
-
-    @property
-    def device(self) -> str:
-        """No device: the processes."""
-        return ''
-
-    @property
-    def halos(self) -> list[HaloBytes]:
-        """Bytes that each rank receives in an evaluation of the forces, without velocities."""
-        return self._sharing.halos
-
-    @property
-    def halo_bytes(self) -> int:
-        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
-        return max(halo.received for halo in self.halos)
-
-    @property
-    def device_bytes(self) -> int:
-        """There is none."""
-        return 0
-
-    @property
-    def has_saved(self) -> bool:
-        """The saved state is here."""
-        return False
-
-    def take_saved(self) -> None:
-        """Do nothing: it is here."""
-
-    def take_over(self) -> None:
+    def _take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:

@@ -30,7 +30,7 @@ def shared_method(
     if method.embedded is not None:
         pair = SharedPair(transport, packed)
         return method._replace(
-            advance=pair.advance, holder=pair,
+            advance=pair.advance, holder=pair.holder,
             embedded=method.embedded._replace(take=pair.take))
     steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
-    return method._replace(advance=steps.advance, holder=steps)
+    return method._replace(advance=steps.advance, holder=steps.holder)

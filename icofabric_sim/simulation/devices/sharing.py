@@ -39,17 +39,24 @@ _numbers = iter(range(2**62))
 
 
 class Sharing:
-    """The parts of a fabric, and what the ranks have been told of it."""
+    """
+    The parts of a fabric, and what the ranks have been told of it.
+
+    As a holder of the state of a run (stepping/methods.py) it has none itself.
+    """
 
     def __init__(
-        self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int]
+        self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int],
+        bring: Callable[[], None]
     ) -> None:
         """
-        Divide a fabric; a window of n slots needs `bytes_of(n)`.
+        Divide a fabric; a window of n slots needs `bytes_of(n)`, and `bring` takes the state over.
 
         Raises ValueError where ranks are too many or lack memory.
         """
         self.transport, self.packed, self._bytes_of = transport, packed, bytes_of
+        # Who steps the fabric goes with its run, and not when garbage is collected.
+        self._bring = weakref.WeakMethod(bring)
         layout, links = packed.layout, packed.model.links
         # By which the ranks know it.
         self.number = next(_numbers)
@@ -67,8 +74,43 @@ class Sharing:
         self._written: list[np.ndarray] = []
         self.acts = False  # whether anything acts on any body
         self._require_room()
+        transport.holders.add(self)
         # At the end of the interpreter there is no further order that it could go with.
         weakref.finalize(self, transport.dropped.append, self.number).atexit = False
+
+    @property
+    def rank_count(self) -> int:
+        """Count the ranks."""
+        return self.transport.size
+
+    @property
+    def device(self) -> str:
+        """No device: the processes."""
+        return ''
+
+    @property
+    def halo_bytes(self) -> int:
+        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
+        return max(halo.received for halo in self.halos)
+
+    @property
+    def device_bytes(self) -> int:
+        """There is none."""
+        return 0
+
+    @property
+    def has_saved(self) -> bool:
+        """The saved state is on this rank."""
+        return False
+
+    def take_saved(self) -> None:
+        """Do nothing: it is here."""
+
+    def take_over(self) -> None:
+        """Have the whole state of the run here, where it may be looked at and changed."""
+        bring = self._bring()
+        if bring is not None:
+            bring()
 
     @property
     def others(self) -> range:

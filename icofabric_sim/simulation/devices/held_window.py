@@ -1,0 +1,45 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a rank other than the first knows of the surroundings of its bodies."""
+
+from icofabric_sim.kernels.records import Blocks, Contacts, State
+from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
+from icofabric_sim.simulation.devices.window import Window
+import numpy as np
+
+
+class Surroundings:
+    """The pairs that may touch, of the run and of what is tried beside it, and the watch."""
+
+    def __init__(self, window: Window) -> None:
+        """Nothing is near yet."""
+        self._slot_count = window.slot_count
+        # Whose poses are known.
+        self._followed = Blocks(window.model.blocks.slot, window.known, 0)
+        self.watch = None if window.watch is None else watch_of(window.watch, window.slot_count)
+        # By whether it is the run's.
+        self.contacts: dict[bool, Contacts] = {}
+
+    def take_pairs(self, near: NearPairs | None) -> None:
+        """Have these pairs from now on."""
+        self.contacts = {} if near is None else {
+            of_run: contacts_of(near, self._followed.slot, self._followed, self._slot_count)
+            for of_run in (True, False)}
+
+    def watch_from(self, state: State, frame: np.ndarray) -> None:
+        """Watch bodies from where they are."""
+        assert self.watch is not None
+        self.watch.frame[:] = frame
+        np.copyto(self.watch.reference, state.position)
+        np.copyto(self.watch.turned, state.orientation)
