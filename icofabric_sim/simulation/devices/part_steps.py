@@ -50,14 +50,13 @@ from icofabric_sim.simulation.devices.rank_kernels import (
     keep_drifted,
     MOTION,
     note_all_motion,
+    note_motions,
     POSE,
     put_motions,
-    put_moving,
     put_poses,
     strike_all,
     strike_foretold,
     take_motions,
-    take_moving,
     take_poses,
 )
 from icofabric_sim.simulation.devices.transport import Transport
@@ -210,9 +209,9 @@ class PartSteps:
             self.touches = 0
             note_pushes(contacts, self._model, 0, 0)
             if contacts.losses is not None:
-                take_moving(state, contacts.losses, no_slots, _room(0, MOTION))
-                put_moving(
-                    self._model, contacts.losses, state, work, no_slots, _room(0, MOTION))
+                lead = contacts.losses.lead
+                take_motions(state, lead, no_slots, _room(0, MOTION))
+                put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
         push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(
@@ -229,8 +228,9 @@ class PartSteps:
             strike_all(model, loads, kinks, state, work, 0, 0, 0)
             place_all(model, state, work, 0, 0)
             keep_accelerations(model, state, work, 0.0, 0, 0)
-            take_motions(state, kinks, no_slots, _room(0, MOTION))
-            put_motions(self._model, kinks, state, work, 1.0, no_slots, _room(0, MOTION))
+            take_motions(state, kinks.before, no_slots, _room(0, MOTION))
+            put_motions(self._model, kinks.before, state, work, no_slots, _room(0, MOTION))
+            note_motions(self._model, kinks, state, work, 1.0, no_slots)
         if self._weights.differences:
             sample(no_slots, state.position, state.orientation, _room(0), work.weights, 0)
             roughness(work._replace(difference=_room(0)), self._ledger)
@@ -371,7 +371,7 @@ class PartSteps:
         transport = self._transport
         requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
         for rank, slots, motions in self._tells:
-            take_moving(state, losses, slots, motions)
+            take_motions(state, losses.lead, slots, motions)
             requests.append(transport.send_poses(motions, rank))
         return requests
 
@@ -380,18 +380,19 @@ class PartSteps:
     ) -> None:
         self._transport.wait(requests)
         for _, slots, motions in self._hears:
-            put_moving(self._model, losses, arrays.state, arrays.work, slots, motions)
+            put_motions(self._model, losses.lead, arrays.state, arrays.work, slots, motions)
 
     def _tell_motions(self, kinks: Kinks, arrays: Arrays, kick: float) -> None:
         """Exchange poses and velocities of the border, around a `kick` [s] as `note_motion`."""
         transport, state, work = self._transport, arrays.state, arrays.work
         requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
         for rank, slots, motions in self._tells:
-            take_motions(state, kinks, slots, motions)
+            take_motions(state, kinks.before, slots, motions)
             requests.append(transport.send_poses(motions, rank))
         transport.wait(requests)
         for _, slots, motions in self._hears:
-            put_motions(self._model, kinks, state, work, kick, slots, motions)
+            put_motions(self._model, kinks.before, state, work, slots, motions)
+            note_motions(self._model, kinks, state, work, kick, slots)
 
     def _sample(self, arrays: Arrays, number: int) -> None:
         if not len(self._exchange.samples):

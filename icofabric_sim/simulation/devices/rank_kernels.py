@@ -167,71 +167,6 @@ def strike_all(
 
 
 @compiled
-def take_motions(state: State, kinks: Kinks, slots: np.ndarray, motions: np.ndarray) -> None:
-    """Copy poses and velocities of the blocks that begin at `slots` to (19, m LANES)."""
-    take_poses(state, slots, motions)
-    for i in range(slots.shape[0]):
-        s: int = np.int64(slots[i])  # type: ignore[assignment]
-        for k in range(3):
-            store(motions, 7 + k, LANES * i, load(state.linear_velocity, k, s))
-            store(motions, 10 + k, LANES * i, load(state.angular_velocity, k, s))
-        for k in range(6):
-            store(motions, 13 + k, LANES * i, load(kinks.before, k, s))
-
-
-@compiled
-def put_motions(
-    model: Model, kinks: Kinks, state: State, work: Work, kick: float, slots: np.ndarray,
-    motions: np.ndarray
-) -> None:
-    """Copy them back, and note how the attachment points of these blocks move."""
-    put_poses(model, state, work, slots, motions)
-    for i in range(slots.shape[0]):
-        s: int = np.int64(slots[i])  # type: ignore[assignment]
-        for k in range(3):
-            store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
-            store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
-        for k in range(6):
-            store(kinks.before, k, s, load(motions, 13 + k, LANES * i))
-        note_motion(model.links, kinks, state, work.points, kick, s)
-
-
-@compiled
-def take_moving(
-    state: State, losses: ContactLosses, slots: np.ndarray, motions: np.ndarray
-) -> None:
-    """
-    Copy poses and velocities of the blocks that begin at `slots` to (19, m LANES).
-
-    With what the kick before the drift has added to the velocities.
-    """
-    take_poses(state, slots, motions)
-    for i in range(slots.shape[0]):
-        s: int = np.int64(slots[i])  # type: ignore[assignment]
-        for k in range(3):
-            store(motions, 7 + k, LANES * i, load(state.linear_velocity, k, s))
-            store(motions, 10 + k, LANES * i, load(state.angular_velocity, k, s))
-        for k in range(6):
-            store(motions, 13 + k, LANES * i, load(losses.lead, k, s))
-
-
-@compiled
-def put_moving(
-    model: Model, losses: ContactLosses, state: State, work: Work, slots: np.ndarray,
-    motions: np.ndarray
-) -> None:
-    """Copy them back, and place the attachment points of these blocks."""
-    put_poses(model, state, work, slots, motions)
-    for i in range(slots.shape[0]):
-        s: int = np.int64(slots[i])  # type: ignore[assignment]
-        for k in range(3):
-            store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
-            store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
-        for k in range(6):
-            store(losses.lead, k, s, load(motions, 13 + k, LANES * i))
-
-
-@compiled
 def take_stage(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
     """Copy poses and velocities of the blocks that begin at `slots` to (13, m LANES)."""
     take_poses(state, slots, motions)
@@ -243,17 +178,61 @@ def take_stage(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
 
 
 @compiled
-def put_stage(
-    model: Model, state: State, work: Work, slots: np.ndarray, motions: np.ndarray
-) -> None:
-    """Copy them back, and place the attachment points of these blocks, with their velocities."""
-    put_poses(model, state, work, slots, motions)
+def put_velocities(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
+    """Copy the velocities back."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(3):
             store(state.linear_velocity, k, s, load(motions, 7 + k, LANES * i))
             store(state.angular_velocity, k, s, load(motions, 10 + k, LANES * i))
+
+
+@compiled
+def put_stage(
+    model: Model, state: State, work: Work, slots: np.ndarray, motions: np.ndarray
+) -> None:
+    """Copy both back, and place the attachment points of these blocks, with their velocities."""
+    put_poses(model, state, work, slots, motions)
+    put_velocities(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
         place_speeds(model.damping, state, work.points, work.speeds, s)
+
+
+@compiled
+def take_motions(
+    state: State, more: np.ndarray, slots: np.ndarray, motions: np.ndarray
+) -> None:
+    """Copy poses, velocities and six numbers more, `more` (6, s), to (19, m LANES)."""
+    take_stage(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(6):
+            store(motions, 13 + k, LANES * i, load(more, k, s))
+
+
+@compiled
+def put_motions(
+    model: Model, more: np.ndarray, state: State, work: Work, slots: np.ndarray,
+    motions: np.ndarray
+) -> None:
+    """Copy them back, and place the attachment points of these blocks."""
+    put_poses(model, state, work, slots, motions)
+    put_velocities(state, slots, motions)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(6):
+            store(more, k, s, load(motions, 13 + k, LANES * i))
+
+
+@compiled
+def note_motions(
+    model: Model, kinks: Kinks, state: State, work: Work, kick: float, slots: np.ndarray
+) -> None:
+    """Note how the attachment points of blocks of others move, around a `kick` [s]."""
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        note_motion(model.links, kinks, state, work.points, kick, s)
 
 
 @compiled
