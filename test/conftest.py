@@ -69,7 +69,8 @@ _LONG = re.compile(
     r'|test_a_fabric_moves_as_an_independent_right_hand_side_says\[changes0\]'
     r'|test_other_scenes_have_the_bits_of_one_process'
     r'|test_ready_scenes_have_the_bits_of_one_process_or_are_refused'
-    r'|test_dense_slabs_whose_faces_meet_and_part_rest')
+    r'|test_dense_slabs_whose_faces_meet_and_part_rest'
+    r'|test_a_bias_slab_of_point_springs_rests_however_far_it_is_pulled')
 
 # Files that take longest, the longest first, from an empty cache of kernels. Workers begin with
 # them, so that none is left with one when the others have ended. Nodes wait more than they

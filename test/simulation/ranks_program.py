@@ -85,10 +85,6 @@ SCENES = {
                      'frictionless': True, 'profile': 'half_sine', 'duration': 0.01},
             'jet': {'group': 'low', 'faces': 'toward 0 0 1', 'pressure': 30.0}},
         'solver': {'method': 'srkn4', 'tolerance': 1e-3}},
-    'a law by a table, srkn6': {
-        **COMMON, 'weave.size': [5, 7, 9],
-        'connector.law': str(Path(__file__).with_name('ranks_law.csv')),
-        'solver': {'method': 'srkn6', 'tolerance': 1e-2}},
     'drives, leapfrog': {
         **COMMON, 'weave.size': [5, 7, 9],
         'groups': {
@@ -100,14 +96,6 @@ SCENES = {
             'e': {'group': 'side', 'motion': 'velocity', 'linear': [0.0, -0.1, 0.0],
                   'freedoms': 'ty', 'duration': 0.004}},
         'solver': {'method': 'leapfrog', 'tolerance': 0.1}},
-    'kinks and a drive, srkn6': {
-        **COMMON, 'weave.size': [5, 7, 9], 'connector': {
-            'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
-        'groups': {'top': 'z_max', 'tip': 'x_max', 'low': 'z_min'},
-        'drives': {'d': {
-            'group': 'low', 'motion': 'sine', 'linear': [0.002, 0.0, 0.001],
-            'angular': [0.0, 0.05, 0.0], 'frequency': 40.0}},
-        'solver': {'method': 'srkn6', 'tolerance': 1e-3}},
     # Through contacts that take energy: it falls and slides on planes, and is pushed.
     'a floor with friction, leapfrog': {
         **FLOOR, 'solver': {'method': 'leapfrog', 'tolerance': 0.5}},
@@ -117,6 +105,18 @@ SCENES = {
 }
 # For `make test-long`: other methods and terms, and shells that no connector holds.
 LONG_SCENES = {
+    'a law by a table, srkn6': {
+        **COMMON, 'weave.size': [5, 7, 9],
+        'connector.law': str(Path(__file__).with_name('ranks_law.csv')),
+        'solver': {'method': 'srkn6', 'tolerance': 1e-2}},
+    'kinks and a drive, srkn6': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector': {
+            'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
+        'groups': {'top': 'z_max', 'tip': 'x_max', 'low': 'z_min'},
+        'drives': {'d': {
+            'group': 'low', 'motion': 'sine', 'linear': [0.002, 0.0, 0.001],
+            'angular': [0.0, 0.05, 0.0], 'frequency': 40.0}},
+        'solver': {'method': 'srkn6', 'tolerance': 1e-3}},
     'faces that meet, with kinks, srkn6': {
         **TOUCHING, 'weave': {'size': [5, 5, 5], 'connector_angle': -0.3},
         'connector': {'stiffness_extension': 500.0, 'stiffness_compression': 100.0},
@@ -167,8 +167,7 @@ LATE = {
     'a pile, leapfrog': 0.009, 'a pile, dop8': 0.009}
 # What devices cannot compute yet.
 FOR_RANKS_ALONE = {
-    'own masses and winds, srkn4', 'a law by a table, srkn6', 'drives, leapfrog',
-    'kinks and a drive, srkn6', 'a floor with friction, leapfrog',
+    'own masses and winds, srkn4', 'drives, leapfrog', 'a floor with friction, leapfrog',
     'a damped floor with friction, dop8'}
 # Where a hand draws a body, too.
 PULLED = {'slab, leapfrog', 'kinks, srkn6', 'own masses and winds, srkn4'}
