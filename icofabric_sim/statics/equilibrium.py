@@ -510,10 +510,12 @@ class _Search:
         meets = self.meeting_steps > 0 and not self._has_died_out()
         if not (meets or self.fabric.laws.kinked.any()):
             return found, bend, None
-        # As far as both bodies of a pair may go.
-        farthest = float(np.abs(layout.gather(found.step)[:, :3]).max(initial=0.0))
-        crossings = Crossings(here, min(
-            _REACH * farthest, _LARGEST_REACH * self.fabric.half_edge) if meets else 0.0)
+        reach = 0.0
+        if meets:
+            # As far as both bodies of a pair may go.
+            farthest = float(np.abs(layout.gather(found.step)[:, :3]).max(initial=0.0))
+            reach = min(_REACH * farthest, _LARGEST_REACH * self.fabric.half_edge)
+        crossings = Crossings(here, reach)
         step, product, image = (np.zeros_like(found.step) for _ in range(3))
         slopes, length, on_border = gradient, 0.0, False
         for _ in range(_PIECES):

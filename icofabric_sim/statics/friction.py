@@ -36,6 +36,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.rotations import turned_axes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.friction_state import TANGENTIAL
+from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.statics.contacts import StaticContacts
 from icofabric_sim.statics.meetings import Meetings
@@ -198,7 +199,9 @@ class FrictionPath:
         For small motions about a configuration: what presses there sticks, and holds nothing yet.
         """
         met = contacts.meetings(position, axes)
-        return self._begun(met, met.push > 0.0, position, axes)
+        # Beside what shells at their first touch press each other with, by rounding.
+        least = contacts.stiffness * FIRST_TOUCH * self.half_edge
+        return self._begun(met, met.push > least, position, axes)
 
     def _begun(
         self, met: Meetings, chosen: np.ndarray, position: np.ndarray, axes: np.ndarray

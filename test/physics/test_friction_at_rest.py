@@ -20,6 +20,7 @@ import math
 from fabrics import changed
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
+from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.spectrum import scaled_hessian
@@ -235,3 +236,13 @@ def test_small_motions_of_shells_that_stick_to_each_other():
     loose = ico.solve_modes(flat, at=rest)
     assert (found.frequencies > 0.999999 * loose.frequencies[-len(found.frequencies):]).all()
     assert found.frequencies[0] > 1.01 * loose.frequencies[0]
+
+
+def test_shells_at_their_first_touch_do_not_stick():
+    smooth = ico.Scene.from_parameters({
+        'weave': {'size': [3, 3, 3], 'connector_angle': MINIMUM_ANGLE},
+        'contact': {'mode': 'auto', 'stiffness': 1e4}})
+    found, rough = (ico.solve_modes(scene) for scene in (
+        smooth, changed(smooth, {'contact.friction': 0.4})))
+    assert found.first_touches > 0 and len(found.frequencies) > 30
+    assert rough.frequencies == pytest.approx(found.frequencies, rel=1e-12)

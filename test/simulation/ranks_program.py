@@ -176,6 +176,7 @@ PULLED = {'slab, leapfrog', 'kinks, srkn6', 'own masses and winds, srkn4'}
 def run(name, ranks=None):
     """Run a scene in pieces; what came of it, as text that says every bit."""
     simulation = ico.compile_scene(ico.Scene.from_parameters(SCENES_ALL[name]), ranks=ranks)
+    assert simulation.status.rank_count == (1 if ranks is None else ranks.size)
     # Between two steps, at a step, behind an input; once shells touch.
     simulation.advance_to(0.0031 if name not in LATE else LATE[name])
     found = [state_of(simulation)]
@@ -211,6 +212,7 @@ def run_ready(name, ranks=None):
         simulation = ico.compile_scene(ico.load_scene(name), ranks=ranks)
     except ValueError as error:
         return str(error)
+    assert simulation.status.rank_count == (1 if ranks is None else ranks.size)
     simulation.advance_to(0.02)
     return [*state_of(simulation), simulation.status.step_count]
 

@@ -301,7 +301,9 @@ class SharedPair:
         keeps_start: bool
     ) -> None:
         self._order('accept', float(h), keeps_start)
-        self._is_here, self._has_stepped = False, self._has_stepped or self._of_run
+        # Steps of a given length leave nothing behind of where they began.
+        self._is_here, self._has_stepped = False, self._has_stepped or (
+            self._of_run and keeps_start)
 
     def _foresee(
         self, contacts: Contacts | None, watch: Watch | None, blocks: Any, state: State,
