@@ -24,6 +24,8 @@ from fabrics import (
     same_state,
 )
 import icofabric_sim as ico
+from icofabric_sim.kernels.contact.landing import foretell
+from icofabric_sim.kernels.records import State
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.running.run_events import do_event
@@ -376,3 +378,19 @@ def test_what_does_not_go_with_arms_is_refused_by_name(changes, name, words):
     with pytest.raises(ParameterError) as refused:
         ico.compile_scene(make_scene((2, 2, 2), changes))
     assert refused.value.name == name and words in str(refused.value)
+
+
+def test_contacts_are_foreseen_by_accelerations_and_not_by_rates_of_arms():
+    # Rows of a slope: places 3, quaternions 4, velocities 3, spins 3, and 12 of arms.
+    generator = np.random.default_rng(3)
+    rows = [generator.standard_normal((count, 8)) for count in (3, 4, 3, 3)]
+    rows[1] /= np.linalg.norm(rows[1], axis=0)
+    state, slope = State(*rows), generator.standard_normal((25, 8))
+    place, time = np.zeros((4, 3)), 0.3
+    foretell(state, slope, 2, time, place)
+    position, orientation, velocity, spin = (values[:, 2] for values in rows)
+    assert place[0] == pytest.approx(
+        position + time * (velocity + 0.5 * time * slope[7:10, 2]), rel=1e-14)
+    turn = Rotation.from_rotvec(time * (spin + 0.5 * time * slope[10:13, 2]))
+    assert place[1:] == pytest.approx(
+        (turn * Rotation.from_quat(orientation)).as_matrix(), abs=1e-14)
