@@ -22,7 +22,7 @@ from icofabric_sim.geometry.icosahedron import (
     EDGES,
     face_geometry,
     FACES,
-    NAMED_EDGE_FACES,
+    inscribed_radius,
     vertices,
 )
 from icofabric_sim.kernels.wrap.pairs import both_allowed, tighten
@@ -31,23 +31,24 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+CORNERS, NORMALS, HEIGHT = vertices(1.0), face_geometry(1.0).normals, inscribed_radius(1.0)
+
 
 class Surface:
     """
-    A shell of half edge 1, with `count` points inside each edge and the six attachment points.
+    A shell of half edge 1, with `count` points inside each edge and six attachment points (6, 3).
     """
 
-    def __init__(self, count):
-        corners, normals = vertices(1.0), face_geometry(1.0).normals
+    def __init__(self, count, attachments=None):
         part = ((np.arange(count) + 0.5) / count)[:, None]
         faces = np.array([
             [f for f in range(20) if set(edge) <= set(FACES[f].tolist())]
             for edge in EDGES.tolist()])
         self.points = np.vstack([
-            *(corners[a] + part * (corners[b] - corners[a]) for a, b in EDGES.tolist()),
-            edge_midpoints(1.0)])
-        self.faces = np.vstack([np.repeat(faces, count, axis=0), NAMED_EDGE_FACES - 1])
-        self.normals = normals[self.faces]
+            CORNERS[a] + part * (CORNERS[b] - CORNERS[a]) for a, b in EDGES.tolist()])
+        self.attachments = edge_midpoints(1.0) if attachments is None else attachments
+        self.faces = np.repeat(faces, count, axis=0)
+        self.normals = NORMALS[self.faces]
         rows, columns = [], []
         for face in range(20):
             there = np.flatnonzero((self.faces == face).any(axis=1))
@@ -59,16 +60,33 @@ class Surface:
         row, column = row[keep], column[keep]
         # Two faces may share two points: the same number twice would be added up.
         pairs = np.unique(np.stack([row, column]), axis=1)
-        lengths = np.linalg.norm(self.points[pairs[0]] - self.points[pairs[1]], axis=1)
         size = len(self.points)
-        graph = coo_array((lengths, tuple(pairs)), shape=(size, size)).tocsr()
-        # Over the surface from each attachment point, (6, p).
-        self.ways = dijkstra(graph, directed=False, indices=np.arange(size - 6, size))
+        for k, point in enumerate(self.attachments):
+            seen = np.flatnonzero(~enters(point, self.points))
+            pairs = np.hstack([pairs, np.stack([seen, np.full(len(seen), size + k)])])
+        places = np.vstack([self.points, self.attachments])
+        lengths = np.linalg.norm(places[pairs[0]] - places[pairs[1]], axis=1)
+        graph = coo_array((lengths, tuple(pairs)), shape=(size + 6, size + 6)).tocsr()
+        # From each attachment point to the points along edges, (6, p).
+        self.ways = dijkstra(
+            graph, directed=False, indices=np.arange(size, size + 6))[:, :size]
+
+
+def enters(start, ends):
+    """Whether straight lines from a point to points (k, 3) lead through a shell of half edge 1."""
+    over = NORMALS @ start - HEIGHT + 1e-9
+    slopes = (ends - start) @ NORMALS.T
+    with np.errstate(divide='ignore', invalid='ignore'):
+        crossing = -over / slopes
+    begin = np.where(slopes < 0.0, crossing, 0.0).max(axis=1).clip(0.0)
+    end = np.where(slopes > 0.0, crossing, 1.0).min(axis=1).clip(None, 1.0)
+    outside = ((slopes == 0.0) & (over >= 0.0)).any(axis=1)
+    return (begin < end) & ~outside
 
 
 def shortest(surface, position, axes, edges):
     """
-    Length of the shortest way between midpoints of named edges of two shells of half edge 1.
+    Length of the shortest way between attachment points of two shells of half edge 1.
 
     `position` (2, 3), `axes` (2, 3, 3) whose rows are body axes in the world, `edges` two codes.
     """
@@ -78,7 +96,22 @@ def shortest(surface, position, axes, edges):
     free = (np.einsum('pki,pqi->pqk', normals[0], span) >= -1e-12).any(axis=2)
     free &= (np.einsum('qki,pqi->pqk', normals[1], span) <= 1e-12).any(axis=2)
     total = surface.ways[edges[0]][:, None] + surface.ways[edges[1]][None]
-    return np.where(free, total + np.linalg.norm(span, axis=2), np.inf).min()
+    best = np.where(free, total + np.linalg.norm(span, axis=2), np.inf).min()
+    ends = [
+        x + surface.attachments[edge] @ turn for x, turn, edge in zip(position, axes, edges)]
+    # Straight from one attachment point to a point of the other shell, and to the other one.
+    for own, other in ((0, 1), (1, 0)):
+        targets = np.vstack([points[other], ends[other]])
+        way = np.append(surface.ways[edges[other]], 0.0)
+        seen = ~enters(
+            surface.attachments[edges[own]], (targets - position[own]) @ axes[own].T)
+        back = ends[own] - targets
+        seen[:-1] &= (np.einsum('pki,pi->pk', normals[other], back[:-1]) >= -1e-12).any(axis=1)
+        seen[-1] &= not enters(
+            surface.attachments[edges[other]],
+            ((ends[own] - position[other]) @ axes[other].T)[None])[0]
+        best = min(best, np.where(seen, way + np.linalg.norm(back, axis=1), np.inf).min())
+    return best
 
 
 @njit

@@ -247,7 +247,8 @@ def accelerations(
     """
     force = add_connectors(model.links, kinks, part, points, state.position, block, s)
     force = add_wrapping(
-        model.wrapping, model.links, state.position, state.orientation, points, block, s, force)
+        model.wrapping, model.links, model.maxwell, state.position, state.orientation, state.rest,
+        points, block, s, force)
     force = add_bending(
         model.bending, model.links, state.position, state.orientation, points, block, s, force)
     force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)

@@ -318,8 +318,8 @@ def bound_and_energies(
     field, potential = field_parts(
         model.dipole, model.coulomb, model, state, model.blocks.alive[block], s)
     around, wound, _ = wrapping_look(
-        model.wrapping, model.links, model.inverse_mass, model.inverse_inertia, state.position,
-        state.orientation, work.points, block, s)
+        model.wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
+        state.position, state.orientation, state.rest, work.points, block, s)
     arms, held = maxwell_look(
         model.maxwell, model.links, model.inverse_mass, model.inverse_inertia, state.rest,
         work.points, state.position.shape[1], block, s)
@@ -443,8 +443,9 @@ def obstructed_ends(
         total = splat(0.0)
         for block in range(model.blocks.slot.shape[0]):
             _, _, lost = wrapping_look(
-                wrapping, model.links, model.inverse_mass, model.inverse_inertia,
-                state.position, state.orientation, points, block, model.blocks.slot[block])
+                wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
+                state.position, state.orientation, state.rest, points, block,
+                model.blocks.slot[block])
             total = total + lost
         return total
 

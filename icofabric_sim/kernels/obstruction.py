@@ -74,62 +74,62 @@ def obstructed_in(
     stride: int, block: int, s: int
 ) -> Vector:
     """How many enter the shells of a block."""
+    zero, one = splat(0.0), splat(1.0)
+    total = zero
+    for link in range(12):
+        edge = link >> 1
+        at, place = 3 * edge * stride + s, links.place[block, link]
+        ux = load_at(points, place) - load_at(points, at)
+        uy = load_at(points, place + stride) - load_at(points, at + stride)
+        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+        inside = where(
+            enters_from(shells, orientation, points, stride, edge, s, ux, uy, uz), one, zero)
+        total = total + where(bits(links.present[block, link]), inside, zero)
+    return total
+
+
+@compiled
+def enters_from(
+    shells: Shells | None, orientation: np.ndarray, points: np.ndarray, stride: int, edge: int,
+    s: int, ux: Vector, uy: Vector, uz: Vector
+) -> Any:
+    """
+    Mask of the bodies at slot `s` whose shells a connector enters that leads this way [m].
+
+    From the attachment point at the named `edge`: its midpoint where `shells` are None.
+    """
     if shells is None:
-        return obstructed_at_edges(links, points, stride, block, s)
+        return enters_lanes(points, stride, edge, s, ux, uy, uz)
     else:
-        return obstructed_anywhere(shells, links, orientation, points, stride, block, s)
+        return clips_lanes(shells, orientation, edge, s, ux, uy, uz)
 
 
 @compiled
-def obstructed_anywhere(
-    shells: Shells, links: Links, orientation: np.ndarray, points: np.ndarray, stride: int,
-    block: int, s: int
-) -> Vector:
-    """The same from any attachment points."""
+def clips_lanes(
+    shells: Shells, orientation: np.ndarray, edge: int, s: int, ux: Vector, uy: Vector, uz: Vector
+) -> Any:
+    """
+    Mask of the bodies at slot `s` whose shells a connector enters that leads this way [m].
+
+    From the attachment point at a named `edge`, wherever that is.
+    """
     zero, one = splat(0.0), splat(1.0)
-    total = zero
     ax, ay, az, bx, by, bz, cx, cy, cz = axes_of_lanes(orientation, s)
-    for link in range(12):
-        edge = link >> 1
-        at, place = 3 * edge * stride + s, links.place[block, link]
-        ux = load_at(points, place) - load_at(points, at)
-        uy = load_at(points, place + stride) - load_at(points, at + stride)
-        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-        x = fma(ux, ax, fma(uy, ay, uz * az))
-        y = fma(ux, bx, fma(uy, by, uz * bz))
-        z = fma(ux, cx, fma(uy, cy, uz * cz))
-        begin, end = zero, one
-        for face in range(20):
-            out = fma(splat(shells.normals[face, 0]), x, fma(
-                splat(shells.normals[face, 1]), y, splat(shells.normals[face, 2]) * z))
-            depth = splat(shells.depth[edge, face])
-            crossing = depth / where(out < zero, out, where(out > zero, out, one))
-            begin = where(out < zero, maximum(crossing, begin), begin)
-            # Beside a face, or outwards from it, there is no way below it.
-            last = where(depth > zero, crossing, zero)
-            last = where(out > zero, last, where(depth > zero, one, zero))
-            end = where(out < zero, end, where(last < end, last, end))
-        inside = where(begin < end, one, zero)
-        total = total + where(bits(links.present[block, link]), inside, zero)
-    return total
-
-
-@compiled
-def obstructed_at_edges(
-    links: Links, points: np.ndarray, stride: int, block: int, s: int
-) -> Vector:
-    """The same from edge midpoints."""
-    zero, one = splat(0.0), splat(1.0)
-    total = zero
-    for link in range(12):
-        edge = link >> 1
-        at, place = 3 * edge * stride + s, links.place[block, link]
-        ux = load_at(points, place) - load_at(points, at)
-        uy = load_at(points, place + stride) - load_at(points, at + stride)
-        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-        inside = where(enters_lanes(points, stride, edge, s, ux, uy, uz), one, zero)
-        total = total + where(bits(links.present[block, link]), inside, zero)
-    return total
+    x = fma(ux, ax, fma(uy, ay, uz * az))
+    y = fma(ux, bx, fma(uy, by, uz * bz))
+    z = fma(ux, cx, fma(uy, cy, uz * cz))
+    begin, end = zero, one
+    for face in range(20):
+        out = fma(splat(shells.normals[face, 0]), x, fma(
+            splat(shells.normals[face, 1]), y, splat(shells.normals[face, 2]) * z))
+        depth = splat(shells.depth[edge, face])
+        crossing = depth / where(out < zero, out, where(out > zero, out, one))
+        begin = where(out < zero, maximum(crossing, begin), begin)
+        # Beside a face, or outwards from it, there is no way below it.
+        last = where(depth > zero, crossing, zero)
+        last = where(out > zero, last, where(depth > zero, one, zero))
+        end = where(out < zero, end, where(last < end, last, end))
+    return begin < end
 
 
 @compiled

@@ -105,16 +105,21 @@ class Wrapping(Record):
     The shell that connectors lie around, and their ways over its edges, see kernels/wrap/path.py.
     """
 
-    normals: np.ndarray  # (20, 3) outward unit normals, body axes
+    # (6, p, 3) of each attachment point: outward unit normals, body axes, of the 20 faces and of
+    # planes through the point and an edge; (6, p) their heights over the centre [m]
+    normals: np.ndarray
+    heights: np.ndarray
     height: float  # of the faces over the centre [m]
     corners: np.ndarray  # (12, 3) [m], body axes
-    half_width: float  # of the attachment points, the midpoints of the named edges [m]
-    start: np.ndarray  # (6, 2) int32, faces at each of these
+    points: np.ndarray  # (6, 3) attachment points [m], body axes
+    shells: Shells | None  # None: these are the midpoints of the named edges
+    # (6, q) int32, planes of each of these, over which a connector is straight
+    start: np.ndarray
     # (6, w, 10) of each way from there: a corner and the direction of its last edge, the place
     # along it beside the attachment point and the distance of that, unfolded; from where to where
     # along it the way leads [m].
     ways: np.ndarray
-    faces: np.ndarray  # (6, w, 2) int32, on which it comes to its last edge, and the next one
+    faces: np.ndarray  # (6, w, 2) int32, planes on which it comes to its last edge, and the next
 
 
 class Bending(Record):

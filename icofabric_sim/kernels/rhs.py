@@ -48,7 +48,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
-from icofabric_sim.kernels.wrap.rates import add_wrapped_damping
+from icofabric_sim.kernels.wrap.rates import add_wrapped_damping, creep_around
 import numpy as np
 
 
@@ -102,6 +102,9 @@ def find_slopes(
         spent = add_maxwell(
             model.maxwell, model.links, model, state.rest, slope, 9 + turn, state.position,
             work.points, block, s, spent)
+        spent = creep_around(
+            model.wrapping, model.maxwell, model.links, state, work.points, slope, 9 + turn,
+            block, s, spent)
         spent = add_drag(model.drag, model, state, linear, angular, s, spent)
         spent = add_taken(losses_of(model.contacts), s, spent)
         add_magnetic(model.magnet, model, state, linear, angular, s)

@@ -267,7 +267,8 @@ STATIC: tuple[Specification, ...] = (
         'warn',
         '',
         'a connector that enters the shell it is attached to: warn once, stop the run, or wrap it '
-        'around the shell, by the shortest way over the faces',
+        'around the shell, by the shortest way over the faces (from attachment points on it or '
+        'outside)',
         choices=('warn', 'stop', 'wrap'),
     ),
     _s(

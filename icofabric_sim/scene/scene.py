@@ -354,7 +354,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     own_masses(parameters, shell)
     check_rates(parameters, shell)
     check_attachments(parameters, geometry)
-    check_wrapping(parameters)
+    check_wrapping(parameters, shell.half_edge)
     if parameters['weave.kind'] == 'radial':
         check_radius(parameters, geometry)
     check_connector_groups(parameters)

@@ -13,34 +13,31 @@
 # limitations under the License.
 """What goes with connectors that lie around their shells."""
 
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.attachments import are_given
-from icofabric_sim.scene.maxwell import has_arms
+from icofabric_sim.scene.attachments import attachment_points
 
-# It restores the angle at which a connector leaves its body, which a shell decides here.
-_UNFIT = 'bending_stiffness'
+# A point this close to a face, in parts of its distance, lies on it.
+_ON_FACE = 1e-9
 
 
-def check_wrapping(parameters: Parameters) -> None:
-    """Refuse what a connector around a shell cannot do."""
+def check_wrapping(parameters: Parameters, half_edge: float) -> None:
+    """Refuse attachment points within a shell of half edge a [m], which nothing leads around."""
     name = 'connector.obstruction'
     if parameters[name] != 'wrap':
         return
-    if are_given(parameters) or parameters['connector.attachment_scale'] != 1.0:
+    points = attachment_points(parameters, half_edge)
+    # How far out a point is, 1 on the shell.
+    out = (points @ face_geometry(half_edge).normals.T).max(axis=1) / inscribed_radius(half_edge)
+    for edge, point, part in zip(NAMED_EDGES, points, out.tolist()):
+        if part >= 1.0 - _ON_FACE:
+            continue
+        own, nearest = f'connector.attachment.{edge}', 'the edge midpoint'
+        if not any(parameters[own]):
+            own, nearest = 'connector.attachment_scale', '1'
+        elif part > 0.0:
+            nearest = str((point / part).tolist())
         raise ParameterError(
-            name, f'{name} wrap has geodesics from edge midpoints only: leave out '
-            'connector.attachment_scale and connector.attachment.*, or take warn')
-    arm = has_arms(parameters)
-    if arm:
-        raise ParameterError(
-            name, f'{name} wrap does not go with {arm} {parameters[arm]!r}: a Maxwell arm follows '
-            'the straight way yet; set it to 0 (damping can stay), or take warn')
-    prefixes = ['connector'] + [
-        f'connector_groups.{group}' for group in parameters.names('connector_groups')]
-    for prefix in prefixes:
-        own = f'{prefix}.{_UNFIT}'
-        if parameters[own] > 0.0:
-            raise ParameterError(
-                name, f'{name} wrap does not go with {own} {parameters[own]!r}: bending restores '
-                'the angle between connector and body, and around a shell that is the angle of '
-                'the shell; set it to 0 (twisting_stiffness can stay), or take warn')
+            own, f'{own} {parameters[own]!r} lies within the shell, where no way leads around it '
+            f'({name} wrap): give a point on the shell or outside, as {nearest}, or take '
+            f'{name} warn')

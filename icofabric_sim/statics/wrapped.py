@@ -84,12 +84,9 @@ def _leaving(
     rows = wrapping.ways[edges, np.maximum(ways, 0)]
     there = ways >= 0
     along = np.where(there[..., None], rows[..., 3:6], 0.0)
-    straight = np.zeros((*edges.shape, 3))
-    axis = np.array([2, 0, 1])[edges >> 1]
-    out = wrapping.half_width * (1.0 - 2.0 * (edges & 1))
-    np.put_along_axis(straight, axis[..., None], out[..., None], axis=2)
     arms = np.where(
-        there[..., None], rows[..., :3] + places[..., None] * rows[..., 3:6], straight)
+        there[..., None], rows[..., :3] + places[..., None] * rows[..., 3:6],
+        wrapping.points[edges])
     wound = np.sqrt((places - rows[..., 6])**2 + rows[..., 7]**2)
     with np.errstate(divide='ignore', invalid='ignore'):
         bend = np.where(there, rows[..., 7]**2 / wound**3, 0.0)

@@ -370,7 +370,6 @@ def test_an_arm_counts_for_the_largest_frequency():
      'above 0 s'),
     ({**ARMS, 'connector.maxwell_time': 1e-10}, 'connector.maxwell_time', 'connector.damping'),
     ({**ARMS, 'connector.maxwell_stiffness': 1e20}, 'connector.maxwell_stiffness', 'at a rate'),
-    ({**ARMS, 'connector.obstruction': 'wrap'}, 'connector.obstruction', 'maxwell_stiffness'),
     ({**ARMS, 'solver.method': 'srkn6'}, 'solver.method', 'maxwell_stiffness'),
     ({**ARMS, 'solver.method': 'sdirk4'}, 'solver.method', 'maxwell_stiffness'),
     ({**ARMS, 'solver.device': 'warp_cpu'}, 'solver.method', 'connector.maxwell_stiffness')])

@@ -30,7 +30,10 @@ CASES = {
     'plain': WRAP,
     'kinked': {
         **WRAP, 'connector.stiffness_compression': 150.0, 'connector.natural_length': 0.035,
-        'connector.twisting_stiffness': 2e-4, 'weave.kind': 'bias'}}
+        'connector.twisting_stiffness': 2e-4, 'weave.kind': 'bias'},
+    'posts that resist bending': {
+        **WRAP, 'connector.attachment_scale': 1.15, 'connector.bending_stiffness': 0.01,
+        'connector.attachment.up': [0.0, 0.005, 0.0162]}}
 
 
 def turned_fabric(case, seed=1, size=(3, 3, 2)):
@@ -80,9 +83,10 @@ def gradient_of_length(rows, ways, places, position, axes, straight):
     return np.concatenate([-n, -np.cross(arms[0], n), n, np.cross(arms[1], n)])
 
 
-@pytest.mark.parametrize('seed', [1, 2])
-def test_second_derivatives_of_lengths_by_the_complex_step(seed):
-    here = turned_fabric(WRAP, seed)
+@pytest.mark.parametrize('seed, name', [
+    (1, 'plain'), (2, 'plain'), (1, 'posts that resist bending')])
+def test_second_derivatives_of_lengths_by_the_complex_step(seed, name):
+    here = turned_fabric(CASES[name], seed)
     packed = pack_scene(here.fabric.scene)
     wrapping, connectors = packed.model.wrapping, packed.connectors
     of = here.wrapped.of

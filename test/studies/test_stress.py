@@ -84,7 +84,8 @@ PINNED_LATER = (
     (2**32, 27, 1.89597), (2**32 + 221, 56, 0.0253176), (5 * 10**9, 18, 0.356136),
     (2**34 - 1, 46, 0.00460553), (2**34, 42, 0.0620332), (2**35 + 7, 24, 2.15926),
     (2**36 - 1, 0, 0.0316662), (2**36 + 7, 62, 58.0744), (2**37 - 1, 8, 0.00659132),
-    (2**37, 91, 0.111259), (2**37 + 3, 45, 3.4006))
+    (2**37, 91, 0.111259), (2**37 + 3, 45, 3.4006), (2**38 - 1, 46, 0.0340889),
+    (2**38, 40, 0.589876), (2**38 + 4, 34, 1.13909))
 
 
 def test_seeds_mean_what_they_meant(monkeypatch):
@@ -99,9 +100,9 @@ def test_seeds_mean_what_they_meant(monkeypatch):
     # A longer list needs another version, so that every kind is drawn and no seed changes alone.
     assert scenes.VERSIONS == (
         (2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-        (2**38, len(KINDS)))
+        (2**38, 92), (2**39, len(KINDS)))
     assert [scenes.version_of(seed) for seed in (
-        2**32 - 1, 2**32, 2**33, 2**34, 2**35, 2**36, 2**37)] == [1, 2, 3, 4, 5, 6, 7]
+        2**32 - 1, 2**32, 2**33, 2**34, 2**35, 2**36, 2**37, 2**38)] == [1, 2, 3, 4, 5, 6, 7, 8]
     # Kinds that only later seeds draw are found there.
     assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
 

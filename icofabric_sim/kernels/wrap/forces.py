@@ -28,11 +28,12 @@ from typing import NamedTuple
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.law_tables import piece_of
 from icofabric_sim.kernels.moments import partner_slot
-from icofabric_sim.kernels.obstruction import enters_lanes
+from icofabric_sim.kernels.obstruction import enters_from
 from icofabric_sim.kernels.records import (
     Connectors,
     LawTables,
     Links,
+    Maxwell,
     Model,
     State,
     Variety,
@@ -116,6 +117,30 @@ def tabled_law(
 
 
 @compiled
+def arm_law(
+    maxwell: Maxwell | None, rest: np.ndarray | None, link: int, s: int, length: float
+) -> tuple[float, float, float]:
+    """Tension [N], energy [J] and slope [N/m] of a connector's Maxwell arm; 0 without one."""
+    if maxwell is None:
+        return 0.0, 0.0, 0.0
+    if rest is None:
+        return 0.0, 0.0, 0.0
+    k = one_of(maxwell.own_stiffness, maxwell.stiffness, link, s)
+    stretch = length - rest[link, s]
+    return k * stretch, 0.5 * k * stretch**2, k
+
+
+@compiled
+def one_of(own: np.ndarray | None, value: float, link: int, s: int) -> float:
+    """What one connector has: its own, or the same as all."""
+    if own is None:
+        return value
+    else:
+        mine: float = own[link, s]
+        return mine
+
+
+@compiled
 def moment(pose: Pose, point: Point, force: Point) -> Point:
     """Torque about the centre of a body."""
     x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
@@ -144,11 +169,12 @@ def coupling(
 
 @compiled
 def band_of(
-    wrapping: Wrapping, links: Links, inverse_mass: float, inverse_inertia: float,
-    position: np.ndarray, orientation: np.ndarray, link: int, own: int, other: int
+    wrapping: Wrapping, links: Links, maxwell: Maxwell | None, inverse_mass: float,
+    inverse_inertia: float, position: np.ndarray, orientation: np.ndarray,
+    rest: np.ndarray | None, link: int, own: int, other: int
 ) -> Band:
     """
-    A connector that leads from slot `own` to slot `other`.
+    A connector that leads from slot `own` to slot `other`, with its Maxwell arm.
 
     The bound is that of kernels/monitor.py for a straight one between the points where it leaves
     the shells: at those held fixed on their bodies the length has the same first derivative and,
@@ -181,6 +207,10 @@ def band_of(
         law_of(links.variety, links, link, own, straight))
     pull, energy, slope = tabled_law(
         links.tables, link, own, length, law_of(links.variety, links, link, own, length))
+    arm_pull, arm_energy, _ = arm_law(maxwell, rest, link, own, straight)
+    old_pull, old_energy = old_pull + arm_pull, old_energy + arm_energy
+    arm_pull, arm_energy, arm_slope = arm_law(maxwell, rest, link, own, length)
+    pull, energy, slope = pull + arm_pull, energy + arm_energy, slope + arm_slope
     direction = ((q[0] - p[0]) / free, (q[1] - p[1]) / free, (q[2] - p[2]) / free)
     new = (pull * direction[0], pull * direction[1], pull * direction[2])
     old = (
@@ -201,9 +231,12 @@ def band_of(
     torque = (one[0] - two[0], one[1] - two[1], one[2] - two[2])
     near = inverse_mass + arm * arm * inverse_inertia
     bound = 2.0 * (slope + max(pull, 0.0) / free) * near + abs(pull) * arm * inverse_inertia
-    old_near = inverse_mass + wrapping.half_width**2 * inverse_inertia
+    width = math.sqrt(
+        wrapping.points[edge, 0] ** 2 + wrapping.points[edge, 1] ** 2
+        + wrapping.points[edge, 2] ** 2)
+    old_near = inverse_mass + width * width * inverse_inertia
     bound += 2.0 * max(-old_pull, 0.0) / straight * old_near
-    bound += abs(old_pull) * wrapping.half_width * inverse_inertia
+    bound += abs(old_pull) * width * inverse_inertia
     if pull < 0.0:
         root = math.sqrt(near)
         bound += 2.0 * abs(pull) * (
@@ -214,7 +247,8 @@ def band_of(
 
 @compiled
 def entering(
-    links: Links, points: np.ndarray, stride: int, block: int, s: int, link: int
+    wrapping: Wrapping, links: Links, orientation: np.ndarray, points: np.ndarray, stride: int,
+    block: int, s: int, link: int
 ) -> Vector:
     """1 in the lanes whose connector enters a shell at either of its ends, else 0."""
     edge = link >> 1
@@ -222,36 +256,41 @@ def entering(
     ux = load_at(points, place) - load_at(points, at)
     uy = load_at(points, place + stride) - load_at(points, at + stride)
     uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
+    partner = partner_slot(links, stride, block, link)
     zero, one = splat(0.0), splat(1.0)
-    here = enters_lanes(points, stride, edge, s, ux, uy, uz)
-    there = enters_lanes(
-        points, stride, edge ^ 1, partner_slot(links, stride, block, link), zero - ux, zero - uy,
-        zero - uz)
+    vx, vy, vz = zero - ux, zero - uy, zero - uz
+    here = enters_from(wrapping.shells, orientation, points, stride, edge, s, ux, uy, uz)
+    there = enters_from(
+        wrapping.shells, orientation, points, stride, edge ^ 1, partner, vx, vy, vz)
     either = where(here, one, where(there, one, zero))
     return where(bits(links.present[block, link]), either, zero)
 
 
 @compiled
 def add_wrapping(
-    wrapping: Wrapping | None, links: Links, position: np.ndarray, orientation: np.ndarray,
-    points: np.ndarray, block: int, s: int, wrench: Six
+    wrapping: Wrapping | None, links: Links, maxwell: Maxwell | None, position: np.ndarray,
+    orientation: np.ndarray, rest: np.ndarray | None, points: np.ndarray, block: int, s: int,
+    wrench: Six
 ) -> Six:
     """Add what lying around shells changes to the force [N] and torque [N m] of a block."""
     if wrapping is None:
         return wrench
     else:
         for link in range(12):
-            lanes = entering(links, points, position.shape[1], block, s, link)
+            lanes = entering(
+                wrapping, links, orientation, points, position.shape[1], block, s, link)
             if any_lane(lanes > splat(0.0)):
                 wrench = add_bands(
-                    wrapping, links, position, orientation, block, s, link, lanes, wrench)
+                    wrapping, links, maxwell, position, orientation, rest, block, s, link, lanes,
+                    wrench)
         return wrench
 
 
 @compiled
 def add_bands(
-    wrapping: Wrapping, links: Links, position: np.ndarray, orientation: np.ndarray, block: int,
-    s: int, link: int, lanes: Vector, wrench: Six
+    wrapping: Wrapping, links: Links, maxwell: Maxwell | None, position: np.ndarray,
+    orientation: np.ndarray, rest: np.ndarray | None, block: int, s: int, link: int,
+    lanes: Vector, wrench: Six
 ) -> Six:
     """The same for one connector of each body, in the lanes where it is around a shell."""
     fx, fy, fz, tx, ty, tz = wrench
@@ -259,7 +298,8 @@ def add_bands(
     for i in range(LANES):
         if lane(lanes, i) > 0.0:
             band = band_of(
-                wrapping, links, 1.0, 1.0, position, orientation, link, s + i, partner + i)
+                wrapping, links, maxwell, 1.0, 1.0, position, orientation, rest, link, s + i,
+                partner + i)
             fx = insert(fx, i, lane(fx, i) + band.force[0])
             fy = insert(fy, i, lane(fy, i) + band.force[1])
             fz = insert(fz, i, lane(fz, i) + band.force[2])
@@ -271,8 +311,9 @@ def add_bands(
 
 @compiled
 def wrapping_look(
-    wrapping: Wrapping | None, links: Links, inverse_mass: float, inverse_inertia: float,
-    position: np.ndarray, orientation: np.ndarray, points: np.ndarray, block: int, s: int
+    wrapping: Wrapping | None, links: Links, maxwell: Maxwell | None, inverse_mass: float,
+    inverse_inertia: float, position: np.ndarray, orientation: np.ndarray,
+    rest: np.ndarray | None, points: np.ndarray, block: int, s: int
 ) -> tuple[Vector, Vector, Vector]:
     """
     Bound of what it adds to the squared frequency [1/s^2] of a block; its energy [J]; lost ends.
@@ -284,13 +325,14 @@ def wrapping_look(
         return bound, energy, lost
     else:
         for link in range(12):
-            lanes = entering(links, points, position.shape[1], block, s, link)
+            lanes = entering(
+                wrapping, links, orientation, points, position.shape[1], block, s, link)
             partner = partner_slot(links, position.shape[1], block, link)
             for i in range(LANES):
                 if lane(lanes, i) > 0.0:
                     band = band_of(
-                        wrapping, links, inverse_mass, inverse_inertia, position, orientation,
-                        link, s + i, partner + i)
+                        wrapping, links, maxwell, inverse_mass, inverse_inertia, position,
+                        orientation, rest, link, s + i, partner + i)
                     bound = insert(bound, i, lane(bound, i) + band.bound)
                     energy = insert(energy, i, lane(energy, i) + 0.5 * band.energy)
                     lost = insert(lost, i, lane(lost, i) + 0.5 * band.lost)
@@ -303,8 +345,9 @@ def largest_wrapping_bound(model: Model, state: State, work: Work) -> float:
     largest = 0.0
     for block in range(model.blocks.slot.shape[0]):
         bound, _, _ = wrapping_look(
-            model.wrapping, model.links, model.inverse_mass, model.inverse_inertia,
-            state.position, state.orientation, work.points, block, model.blocks.slot[block])
+            model.wrapping, model.links, model.maxwell, model.inverse_mass,
+            model.inverse_inertia, state.position, state.orientation, state.rest, work.points,
+            block, model.blocks.slot[block])
         for i in range(LANES):
             largest = max(largest, lane(bound, i))
     return largest

@@ -30,6 +30,7 @@ from icofabric_sim.kernels.wrap.path import (
     allowed,
     apart,
     around,
+    is_clear,
     is_close,
     leaving,
     over,
@@ -45,15 +46,16 @@ from icofabric_sim.kernels.wrap.path import (
 )
 
 _ROUNDS, _NEWTON = 12, 40
-# Ways in the first of the two words that a set of them takes.
-_HALF = 32
+# A set of ways, the straight one first, takes three words of so many bits.
+WORD = 62
 Found = tuple[int, float, int, float]
+Ways = tuple[int, int, int]
 
 
 @compiled
 def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
     """
-    Way and place at either end of a connector between the midpoints of two named edges.
+    Way and place at either end of a connector between the points at two named edges.
 
     Where shells pass through each other the result depends on the end at which the search begins:
     it is always that of the lower edge, so that whoever asks gets the same.
@@ -80,25 +82,16 @@ def taut_from(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: in
     b = leaving(wrapping, far, far_edge, STRAIGHT, 0.0)
     way, place = around(wrapping, edge, seen_from(pose, b))
     p = leaving(wrapping, pose, edge, way, place)
-    if in_the_clear(wrapping, far_edge, seen_from(far, p)):
+    if is_clear(wrapping, far_edge, seen_from(far, p), 0.0):
         return way, place, STRAIGHT, 0.0
     far_way, far_place = around(wrapping, far_edge, seen_from(far, a))
     q = leaving(wrapping, far, far_edge, far_way, far_place)
-    if in_the_clear(wrapping, edge, seen_from(pose, q)):
+    if is_clear(wrapping, edge, seen_from(pose, q), 0.0):
         return STRAIGHT, 0.0, far_way, far_place
     best, length = shortest_pair(wrapping, pose, edge, far, far_edge)
     if length < math.inf:
         return best
     return wind(wrapping, pose, edge, far, far_edge, a)
-
-
-@compiled
-def in_the_clear(wrapping: Wrapping, edge: int, point: Point) -> bool:
-    """
-    Whether a straight line from an attachment point to a point in body axes misses the shell.
-    """
-    return over(wrapping, wrapping.start[edge, 0], point) >= 0.0 or over(
-        wrapping, wrapping.start[edge, 1], point) >= 0.0
 
 
 @compiled
@@ -111,13 +104,13 @@ def shortest_pair(
     a = seen_from(far, leaving(wrapping, pose, edge, STRAIGHT, 0.0))
     b = seen_from(pose, leaving(wrapping, far, far_edge, STRAIGHT, 0.0))
     best, shortest = wound_up(wrapping, pose, edge, far, far_edge)
-    some, more = candidates(wrapping, pose, edge, far, b, shortest)
-    far_some, far_more = candidates(wrapping, far, far_edge, pose, a, shortest)
+    some = candidates(wrapping, pose, edge, far, b, shortest)
+    far_some = candidates(wrapping, far, far_edge, pose, a, shortest)
     for way in range(-1, wrapping.ways.shape[1]):
-        if not is_member(some, more, way) or least(wrapping, edge, way, b) >= shortest:
+        if not is_member(some, way) or least(wrapping, edge, way, b) >= shortest:
             continue
         for far_way in range(-1, wrapping.ways.shape[1]):
-            if not is_member(far_some, far_more, far_way) or not can_be_taut(
+            if not is_member(far_some, far_way) or not can_be_taut(
                     wrapping, pose, edge, way, far, far_edge, far_way) or not can_be_taut(
                     wrapping, far, far_edge, far_way, pose, edge, way):
                 continue
@@ -144,45 +137,51 @@ def wound_up(
 @compiled
 def candidates(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, point: Point, shortest: float
-) -> tuple[int, int]:
+) -> Ways:
     """
     Ways that can be taut towards any corner of the other shell, and short enough to a `point`.
 
-    As two words of bits. The straight one is the first.
+    That is the other attachment point.
     """
-    low, high = 0, 0
-    # Faces that some corner of the other shell is below, and above.
+    first, second, third = 0, 0, 0
+    # Planes that some corner of the other shell is below, and above.
     below, above = 0, 0
-    for corner in range(wrapping.corners.shape[0]):
-        x, y, z = turned(
-            far, wrapping.corners[corner, 0], wrapping.corners[corner, 1],
-            wrapping.corners[corner, 2])
-        seen = seen_from(pose, (far[0] + x, far[1] + y, far[2] + z))
-        for face in range(20):
-            if over(wrapping, face, seen) >= 0.0:
-                above |= 1 << face
+    count = wrapping.corners.shape[0]
+    for corner in range(count + 1):
+        # The attachment point may lie outside its shell.
+        seen = point
+        if corner < count:
+            x, y, z = turned(
+                far, wrapping.corners[corner, 0], wrapping.corners[corner, 1],
+                wrapping.corners[corner, 2])
+            seen = seen_from(pose, (far[0] + x, far[1] + y, far[2] + z))
+        for plane in range(wrapping.normals.shape[1]):
+            if over(wrapping, edge, plane, seen) >= 0.0:
+                above |= 1 << plane
             else:
-                below |= 1 << face
-    first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
-    if ((above >> first) | (above >> second)) & 1:
-        low = 1
+                below |= 1 << plane
+    for k in range(wrapping.start.shape[1]):
+        if (above >> wrapping.start[edge, k]) & 1:
+            first = 1
     for way in range(wrapping.ways.shape[1]):
         if (below >> wrapping.faces[edge, way, 0]) & (
                 above >> wrapping.faces[edge, way, 1]) & 1 and least(
                 wrapping, edge, way, point) < shortest:
-            if way + 1 < _HALF:
-                low |= 1 << (way + 1)
+            word, bit = divmod(way + 1, WORD)
+            if word == 0:
+                first |= 1 << bit
+            elif word == 1:
+                second |= 1 << bit
             else:
-                high |= 1 << (way + 1 - _HALF)
-    return low, high
+                third |= 1 << bit
+    return first, second, third
 
 
 @compiled
-def is_member(low: int, high: int, way: int) -> bool:
+def is_member(ways: Ways, way: int) -> bool:
     """Whether a way is in a set."""
-    if way + 1 < _HALF:
-        return bool((low >> (way + 1)) & 1)
-    return bool((high >> (way + 1 - _HALF)) & 1)
+    word, bit = divmod(way + 1, WORD)
+    return bool((ways[word] >> bit) & 1)
 
 
 @compiled
@@ -214,13 +213,10 @@ def can_be_taut(
         # One of them may be within the shell, where other rules hold.
         return True
     if way < 0:
-        first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
-        return max(
-            over(wrapping, first, one), over(wrapping, first, two), over(wrapping, second, one),
-            over(wrapping, second, two)) >= -slack
+        return is_clear(wrapping, edge, one, slack) or is_clear(wrapping, edge, two, slack)
     on, following = wrapping.faces[edge, way, 0], wrapping.faces[edge, way, 1]
-    return min(over(wrapping, on, one), over(wrapping, on, two)) <= slack and max(
-        over(wrapping, following, one), over(wrapping, following, two)) >= -slack
+    return min(over(wrapping, edge, on, one), over(wrapping, edge, on, two)) <= slack and max(
+        over(wrapping, edge, following, one), over(wrapping, edge, following, two)) >= -slack
 
 
 @compiled

@@ -33,6 +33,8 @@ Point = tuple[float, float, float]
 STRAIGHT, LOST = -1, -2
 # Lengths are compared to this, in parts of the inscribed radius.
 SLACK = 1e-12
+# These planes come first, see Wrapping.
+FACE_COUNT = 20
 
 
 @compiled
@@ -71,33 +73,48 @@ def seen_from(pose: Pose, point: Point) -> Point:
 
 
 @compiled
-def attachment(half_width: float, edge: int) -> Point:
-    """Midpoint of a named edge in body axes."""
-    out = half_width * (1.0 - 2.0 * (edge & 1))
-    pair = edge >> 1
-    if pair == 0:
-        return 0.0, 0.0, out
-    elif pair == 1:
-        return out, 0.0, 0.0
-    else:
-        return 0.0, out, 0.0
+def attachment(wrapping: Wrapping, edge: int) -> Point:
+    """Attachment point at a named edge in body axes."""
+    return wrapping.points[edge, 0], wrapping.points[edge, 1], wrapping.points[edge, 2]
 
 
 @compiled
-def over(wrapping: Wrapping, face: int, point: Point) -> float:
-    """Height [m] of a point over the plane of a face, body axes."""
+def over(wrapping: Wrapping, edge: int, plane: int, point: Point) -> float:
+    """Height [m] of a point over a plane of the attachment point at an edge, body axes."""
     height: float = (
-        wrapping.normals[face, 0] * point[0] + wrapping.normals[face, 1] * point[1]
-        + wrapping.normals[face, 2] * point[2] - wrapping.height)
+        wrapping.normals[edge, plane, 0] * point[0] + wrapping.normals[edge, plane, 1] * point[1]
+        + wrapping.normals[edge, plane, 2] * point[2] - wrapping.heights[edge, plane])
     return height
+
+
+@compiled
+def is_clear(wrapping: Wrapping, edge: int, point: Point, slack: float) -> bool:
+    """
+    Whether a straight line from an attachment point to a point in body axes misses the shell.
+
+    That may be below the planes where it does by `slack` [m].
+    """
+    for k in range(wrapping.start.shape[1]):
+        if over(wrapping, edge, wrapping.start[edge, k], point) >= -slack:
+            return True
+    return False
+
+
+@compiled
+def starts_on(wrapping: Wrapping, edge: int, plane: int) -> bool:
+    """Whether an attachment point is on a face or over it."""
+    for k in range(wrapping.start.shape[1]):
+        if wrapping.start[edge, k] == plane:
+            return True
+    return False
 
 
 @compiled
 def nearest_face(wrapping: Wrapping, point: Point) -> tuple[int, float]:
     """The face that a point in body axes is highest over, and that height [m]: < 0 within."""
     nearest, top = 0, -math.inf
-    for face in range(20):
-        height = over(wrapping, face, point)
+    for face in range(FACE_COUNT):
+        height = over(wrapping, 0, face, point)
         if height > top:
             nearest, top = face, height
     return nearest, top
@@ -106,13 +123,12 @@ def nearest_face(wrapping: Wrapping, point: Point) -> tuple[int, float]:
 @compiled
 def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
     """
-    The shortest way from the midpoint of an edge to a point in body axes, and where it leaves.
+    The shortest way from an attachment point to a point in body axes, and where it leaves.
 
     STRAIGHT where nothing is in between, LOST where there is no way. A point within the shell is
     led to over the face that it is nearest to, so that a length does not jump where it enters.
     """
-    if over(wrapping, wrapping.start[edge, 0], point) >= 0.0 or over(
-            wrapping, wrapping.start[edge, 1], point) >= 0.0:
+    if is_clear(wrapping, edge, point, 0.0):
         return STRAIGHT, 0.0
     nearest, top = nearest_face(wrapping, point)
     slack = SLACK * wrapping.height
@@ -122,8 +138,8 @@ def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
         if top < 0.0:
             if following != nearest:
                 continue
-        elif over(wrapping, wrapping.faces[edge, number, 0], point) > slack or over(
-                wrapping, following, point) < -slack:
+        elif over(wrapping, edge, wrapping.faces[edge, number, 0], point) > slack or over(
+                wrapping, edge, following, point) < -slack:
             continue
         passed, square = unfolded(wrapping, edge, number, point)
         way = wrapping.ways[edge, number]
@@ -153,7 +169,7 @@ def leaving(
 ) -> Point:
     """Where in the world a connector becomes free."""
     if way < 0:
-        x, y, z = attachment(wrapping.half_width, edge)
+        x, y, z = attachment(wrapping, edge)
     else:
         row = wrapping.ways[edge, way]
         x, y, z = row[0] + place * row[3], row[1] + place * row[4], row[2] + place * row[5]
@@ -199,16 +215,16 @@ def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point)
     if is_close(wrapping, point):
         nearest, top = nearest_face(wrapping, point)
     if way == STRAIGHT:
-        first, second = wrapping.start[edge, 0], wrapping.start[edge, 1]
         if top < -slack:
-            return bool(nearest == first or nearest == second)
-        return over(wrapping, first, point) >= -slack or over(wrapping, second, point) >= -slack
+            return starts_on(wrapping, edge, nearest)
+        return is_clear(wrapping, edge, point, slack)
     if not within(wrapping, edge, way, place):
         return False
     on, following = wrapping.faces[edge, way, 0], wrapping.faces[edge, way, 1]
     if top < -slack:
         return bool(nearest == following)
-    return over(wrapping, on, point) <= slack and over(wrapping, following, point) >= -slack
+    return over(wrapping, edge, on, point) <= slack and over(
+        wrapping, edge, following, point) >= -slack
 
 
 @compiled

@@ -22,11 +22,11 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.moments import partner_slot
-from icofabric_sim.kernels.records import Damping, Links, Model, State, Wrapping
+from icofabric_sim.kernels.records import Damping, Links, Maxwell, Model, State, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import any_lane, insert, lane, LANES, splat, Vector
 from icofabric_sim.kernels.viscous import add_force
-from icofabric_sim.kernels.wrap.forces import entering
+from icofabric_sim.kernels.wrap.forces import arm_law, entering, one_of
 from icofabric_sim.kernels.wrap.pairs import taut
 from icofabric_sim.kernels.wrap.path import apart, leaving, Point, Pose, pose_of, wound
 import numpy as np
@@ -102,7 +102,8 @@ def change_rates(
         return length, rate
     else:
         stride = state.position.shape[1]
-        lanes = entering(links, points, stride, block, s, link)
+        lanes = entering(
+            wrapping, links, state.orientation, points, stride, block, s, link)
         if any_lane(lanes > splat(0.0)):
             partner = partner_slot(links, stride, block, link)
             for i in range(LANES):
@@ -130,7 +131,8 @@ def add_wrapped_damping(
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     found = False
     for link in range(12):
-        lanes = entering(links, points, stride, block, s, link)
+        lanes = entering(
+            wrapping, links, state.orientation, points, stride, block, s, link)
         if not any_lane(lanes > zero):
             continue
         found = True
@@ -138,7 +140,7 @@ def add_wrapped_damping(
         at, place = 3 * (link >> 1) * stride + s, links.place[block, link]
         for i in range(LANES):
             if lane(lanes, i) > 0.0:
-                c = one_coefficient(damping.own, damping.coefficient, link, s + i)
+                c = one_of(damping.own, damping.coefficient, link, s + i)
                 force, arm, rate = straight_damping(
                     state.position, points, speeds, c, at + i, place + i, s + i)
                 run = run_of(wrapping, state, link, s + i, partner + i)
@@ -166,13 +168,43 @@ def add_wrapped_damping(
 
 
 @compiled
-def one_coefficient(own: np.ndarray | None, coefficient: float, link: int, s: int) -> float:
-    """Damping [N s/m] of one connector."""
-    if own is None:
-        return coefficient
-    else:
-        value: float = own[link, s]
-        return value
+def creep_around(
+    wrapping: Wrapping | None, maxwell: Maxwell | None, links: Links | None, state: State,
+    points: np.ndarray, slope: np.ndarray, row: int, block: int, s: int, spent: Vector
+) -> Vector:
+    """
+    What lying around shells changes to how fast the springs of Maxwell arms creep.
+
+    Slopes of their rest lengths begin at `row`; their pulls are part of the wrench (forces.py).
+    Returns the power [W] with what the arms take.
+    """
+    if wrapping is None:
+        return spent
+    if maxwell is None:
+        return spent
+    if links is None:
+        return spent
+    if state.rest is None:
+        return spent
+    stride = state.position.shape[1]
+    for link in range(12):
+        lanes = entering(wrapping, links, state.orientation, points, stride, block, s, link)
+        if not any_lane(lanes > splat(0.0)):
+            continue
+        partner = partner_slot(links, stride, block, link)
+        for i in range(LANES):
+            if lane(lanes, i) > 0.0:
+                run = run_of(wrapping, state, link, s + i, partner + i)
+                rate = one_of(maxwell.own_rate, maxwell.rate, link, s + i)
+                before = slope[row + link, s + i]
+                slope[row + link, s + i] = rate * (run.length - state.rest[link, s + i])
+                if rate > 0.0:
+                    straight = state.rest[link, s + i] + before / rate
+                    _, old, _ = arm_law(maxwell, state.rest, link, s + i, straight)
+                    _, new, _ = arm_law(maxwell, state.rest, link, s + i, run.length)
+                    # An arm takes its energy at twice its rate, and half counts for either end.
+                    spent = insert(spent, i, lane(spent, i) + rate * (new - old))
+    return spent
 
 
 @compiled

@@ -13,8 +13,10 @@
 # limitations under the License.
 """Packs Maxwell arms of connectors, and the lengths at which their springs rest."""
 
+from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths
-from icofabric_sim.kernels.records import Connectors, Links, Maxwell
+from icofabric_sim.kernels.records import Connectors, Links, Maxwell, Model
+from icofabric_sim.kernels.wrap.forces import measure_wrapped
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.maxwell import MaxwellArms
 from icofabric_sim.simulation.model.damping import at_links
@@ -37,14 +39,19 @@ def pack_arms(
         for values in (stiffness, rate)))
 
 
-def lengths_of(connectors: Connectors, state: InitialState) -> np.ndarray:
-    """Straight lengths [m] of the connectors, (c,)."""
+def lengths_of(connectors: Connectors, model: Model, state: InitialState) -> np.ndarray:
+    """Lengths [m] of the connectors, (c,); of those around their shells along the geodesic."""
     length = np.empty(len(connectors.first))
     # As the kernel was compiled for: not to be written to.
     rows = [np.ascontiguousarray(values).view() for values in (state.position, state.orientation)]
     for values in rows:
         values.flags.writeable = False
     fill_lengths(connectors, *rows, length)
+    if model.wrapping is not None:
+        found, lost = np.zeros((2, len(length)), np.uint8)
+        find_obstructed(connectors, model.shells, *rows, found)
+        columns = [np.ascontiguousarray(values.T) for values in rows]
+        measure_wrapped(model.wrapping, connectors, *columns, found, length, lost)
     return length
 
 

@@ -141,7 +141,7 @@ class PackedScene:
         rows = aligned_empty((LINK_COUNT, self.layout.slot_count))
         rows[:] = 0.0
         rows[places.link, places.slot] = (
-            lengths_of(self.connectors, initial) if rest is None else rest)
+            lengths_of(self.connectors, self.model, initial) if rest is None else rest)
         return state._replace(rest=rows)
 
     def carry(
@@ -151,7 +151,7 @@ class PackedScene:
         arms, before, after = previous.arms, previous.connectors, self.connectors
         if self.arms is None or after is None:
             return None
-        length = lengths_of(after, initial)
+        length = lengths_of(after, self.model, initial)
         if arms is None or rest is None or before is None:
             return length
         held = np.broadcast_to(arms.stiffness > 0.0, rest.shape)
@@ -275,7 +275,7 @@ def velocity_rate(model: Model) -> float:
     if model.damping is not None and model.links is not None:
         square = model.links.half_width**2
         if model.wrapping is not None:
-            square = float((model.wrapping.corners[0]**2).sum())
+            square = max(square, float((model.wrapping.corners[0]**2).sum()))
         rate += 2 * LINK_COUNT * model.damping.coefficient * (mass + square * inertia)
     if model.maxwell is not None:
         rate += model.maxwell.rate

@@ -72,7 +72,10 @@ def jumps_between(
     first, second = connectors.first, connectors.second
     change = np.abs(two.connector_length - one.connector_length)
     with np.errstate(all='ignore'):
-        most = _most(one, two, first, second, float(np.linalg.norm(vertices(half_edge)[0])))
+        # Where a connector may leave its shell, or be attached to it.
+        radius = np.linalg.norm(
+            np.vstack([vertices(half_edge), packed.model.wrapping.points]), axis=1).max()
+        most = _most(one, two, first, second, float(radius))
     which = np.flatnonzero(((one.obstructed > 0) | (two.obstructed > 0)) & (change > most))
     if not len(which):
         return []

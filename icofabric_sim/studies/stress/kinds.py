@@ -143,6 +143,11 @@ KINDS: Final = tuple(_kinds("""
     auto: loaded heavy held damped tumbling
     dop8: kinked tumbling driven
     dop8: heavy tumbling touching lossy floored
+    dop8: attached wrapped
+    dop8: bent twisted attached wrapped
+    dop8: relaxing wrapped
+    dop8: heavy attached damped wrapped touching
+    dop8: bent kinked relaxing breaking wrapped touching
 """))
 assert len(KINDS) <= MOST
 # The kinds of scenes for which `auto` may take implicit steps.

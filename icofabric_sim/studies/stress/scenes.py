@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from icofabric_sim import checks
+from icofabric_sim.geometry.icosahedron import face_geometry
 from icofabric_sim.geometry.shell import maximum_thickness, Shell
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
@@ -37,7 +38,7 @@ import numpy as np
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
 VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-                   (2**38, 92))
+                   (2**38, 92), (2**39, 97))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -115,7 +116,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^38 - 1."""
+    """The scene of a seed, 0 to 2^39 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -322,11 +323,26 @@ class _Draw:
         self.values['connector.twisting_stiffness'] = self.k * self.a**2 * self.log(-3.0, 0.0)
 
     def _attached(self) -> None:
+        if 'wrapped' in self.kind.terms:
+            self._attach_outside()
+            return
         if self.chance(0.5):
             self.values['connector.attachment_scale'] = self.uniform(0.6, 1.0)
         for edge in _EDGES:
             if self.chance(0.5):
                 self.values[f'connector.attachment.{edge}'] = self.vector(0.6 * self.a)
+
+    def _attach_outside(self) -> None:
+        """Attachment points on the shell or outside, where connectors lie around it."""
+        if self.chance(0.5):
+            self.values['connector.attachment_scale'] = self.uniform(1.0, 1.5)
+        faces = face_geometry(self.a)
+        for edge in _EDGES:
+            if self.chance(0.5):
+                way = np.array(self.vector(1.0))
+                on_shell = way * (maximum_thickness(self.a) / (faces.normals @ way).max())
+                out = 1.0 if self.chance(0.4) else self.uniform(1.0, 1.5)
+                self.values[f'connector.attachment.{edge}'] = [float(x) for x in out * on_shell]
 
     def _kinked(self) -> None:
         ratio = self.log(-1.0, 0.0) if self.chance(0.6) else self.log(-6.0, 0.0)
