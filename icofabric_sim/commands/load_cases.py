@@ -215,6 +215,7 @@ def _more(point: 'CurvePoint | TurnPoint') -> str:
     parts = [
         f'  {count} {words}' for count, words in (
             (point.obstructed, 'obstructed'), (point.broken, 'broken'),
-            (point.touching, 'pairs touch'), (point.at_kink, 'at their kink'),
+            (point.touching, 'pairs touch'), (point.sliding, 'of these slide'),
+            (point.at_kink, 'at their kink'),
             (point.past_kink, 'past it')) if count]
     return ''.join(parts)

@@ -25,11 +25,13 @@ from icofabric_sim.pictures.figure_style import (
     save_figure,
 )
 from icofabric_sim.studies.material.elastic import constants_of, slab_rows
+from icofabric_sim.studies.material.friction import friction_of
 from icofabric_sim.studies.material.jamming import (
     CONTACT,
     contact_of,
     jams_below,
     map_of,
+    RATIO,
     ratio_of,
     shear_of,
 )
@@ -216,7 +218,24 @@ def _strength(plots: Sequence[Any], found: Found) -> None:
         _label(plot, 'strain [-]', 'stress [k / W]', kind, legend=kind == KINDS[0])
 
 
+def _friction(plots: Sequence[Any], found: Found) -> None:
+    sheared, around = plots
+    rows = [row for row in found['slab'] if ratio_of(row) == RATIO]
+    for row, style in zip(rows, line_styles(len(rows))):
+        draw_line(sheared, *curve_of(row, 'shear'), style, f'friction {friction_of(row):g}')
+    _label(sheared, 'strain [-]', 'stress [k / W]', f'shear, least angle, D / L = {RATIO:g}')
+    rows = [row for row in found['around'] if row['weave.connector_angle'] == min(
+        each['weave.connector_angle'] for each in found['around'])]
+    curves = [(row, kind) for kind in ('push', 'shear') for row in rows]
+    for (row, kind), style in zip(curves, line_styles(len(curves))):
+        way = 'around' if row['connector.obstruction'] == 'wrap' else 'through'
+        draw_line(around, *curve_of(row, kind), style, f'{kind}, {way} shells')
+    angle = rows[0]['weave.connector_angle']
+    _label(around, 'strain [-]', 'stress [k / W]', f'connectors that only pull, {angle:.3g} rad')
+
+
 # Plots beside each other, and who draws them.
 FIGURES: Final[Mapping[str, tuple[int, Callable[[Sequence[Any], Found], None]]]] = {
     'constants': (3, _constants), 'slabs': (2, _slabs), 'waves': (1, _waves),
-    'surfaces': (2, _surfaces), 'jam': (3, _jam), 'strength': (3, _strength)}
+    'surfaces': (2, _surfaces), 'jam': (3, _jam),
+    'friction': (2, _friction), 'strength': (3, _strength)}

@@ -34,7 +34,7 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
-from icofabric_sim.statics.friction import FrictionPath, Rubbing
+from icofabric_sim.statics.friction import FrictionPath, Relaxation, Rubbing
 from icofabric_sim.statics.held import check_time, held_time, without_potential
 from icofabric_sim.statics.reactions import reactions_of
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
@@ -221,12 +221,12 @@ def seek_on_path(
     search = _sought(fabric, start, tolerance, largest_step_count, progress)
     if friction is None or contacts is None:
         return search.result(), None
-    change = math.inf
+    change, relaxation = math.inf, Relaxation()
     for _ in range(_ROUNDS):
         if not search.is_at_rest:
             return search.result(), path
         here = search.here
-        change = friction.allow(contacts, here.position, here.axes)
+        change = friction.allow(contacts, here.position, here.axes, relaxation)
         if change <= _SETTLED * here.force_scale:
             return search.result(), friction.advanced(contacts, here.position, here.axes)
         search = _sought(fabric, here.snapshot, tolerance, largest_step_count, progress)

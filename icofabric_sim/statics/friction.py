@@ -46,6 +46,9 @@ import numpy as np
 _STEP = 1e-6
 _EYE = np.eye(3)
 
+# The least part of their way that limits of friction go in a round.
+_LEAST_PART = 0.05
+
 
 class Rubbing(NamedTuple):
     """What friction does in one configuration."""
@@ -62,6 +65,33 @@ class Rubbing(NamedTuple):
     def force(self) -> np.ndarray:
         """Forces [N] of friction on the first body of each pair, (p, 3), world frame."""
         return self.wrenches[:, :3]
+
+
+class Relaxation:
+    """
+    How much of the way limits of friction go to where the pushes have them.
+
+    Pushes answer limits: where friction is strong by more than these were changed, and to the
+    other side, so that whole ways would swing ever wider. The part follows from the last two
+    rounds (dynamic relaxation of Irons and Tuck 1969, Int. J. Numer. Meth. Eng. 1, 275).
+    """
+
+    def __init__(self) -> None:
+        """Begin with the whole way."""
+        self._part, self._before = 1.0, np.zeros(0)
+
+    def part_of(self, off: np.ndarray) -> float:
+        """The part of the way for limits that are off by (p,)."""
+        change = off - self._before if len(off) == len(self._before) else np.zeros(0)
+        square = float(change @ change)
+        if square > 0.0:
+            part = -self._part * float(self._before @ change) / square
+            self._part = min(max(part, _LEAST_PART), 1.0)
+        else:
+            # Other pairs than before.
+            self._part = 1.0
+        self._before = off
+        return self._part
 
 
 @dataclass
@@ -139,10 +169,11 @@ class FrictionPath:
         return bodies, 0.5 * (part + np.swapaxes(part, 1, 2))
 
     def allow(
-        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
+        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray,
+        relaxation: Relaxation
     ) -> float:
         """
-        Let pairs slide as their pushes are in a configuration; returns the largest change [N].
+        Let pairs slide as their pushes are in a configuration; returns how far off they were [N].
 
         What touches there and did not before begins there.
         """
@@ -152,8 +183,9 @@ class FrictionPath:
         rows = np.array([known.get(tuple(pair), -1) for pair in met.pairs.tolist()], np.int64)
         mine = rows >= 0
         limit[rows[mine]] = self.coefficient / self.stiffness * met.push[mine]
-        change = float(np.abs(limit - self.limit).max(initial=0.0))
-        self.limit = limit
+        off = limit - self.limit
+        change = float(np.abs(off).max(initial=0.0))
+        self.limit = np.maximum(self.limit + relaxation.part_of(off) * off, 0.0)
         if not mine.all():
             fresh = self._begun(met, ~mine, position, axes)
             fresh.limit = self.coefficient / self.stiffness * met.push[~mine]

@@ -55,6 +55,7 @@ class Tally(NamedTuple):
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other
+    sliding: int  # of these, pairs that slide (contact.friction)
     at_kink: int  # connectors at their natural length, where k_e is not k_c
     # Connectors that are there before anything moves, or have come to the other side since.
     past_kink: int
@@ -129,6 +130,7 @@ class Rest:
             int(np.count_nonzero(_excess(self._scene, now) >= 0.0)),
             int(np.count_nonzero(~now.intact)),
             0 if found.touching is None else len(found.touching.pairs),
+            0 if found.rubbing is None else int(np.count_nonzero(found.rubbing.slides)),
             len(found.at_kink), int(np.count_nonzero(past)))
 
 

@@ -49,6 +49,7 @@ class CurvePoint(NamedTuple):
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other
+    sliding: int  # of these, pairs that slide (contact.friction)
     at_kink: int  # connectors at their natural length, where k_e is not k_c
     # Connectors that are there without any strain, or have come to the other side since: where
     # there are some the response depends on how far from it they were.
@@ -70,16 +71,16 @@ class CurvePoint(NamedTuple):
 
     def row(self) -> list[float | str]:
         """All but breaks and the snapshot as plain values, in the order of `CURVE_COLUMNS`."""
-        return [*self[:12], *self.middle_strain, *self.end_force, *self.tension_range,
+        return [*self[:13], *self.middle_strain, *self.end_force, *self.tension_range,
                 *self.end_moment]
 
 
 # Names of columns of a table of curves, with units.
 CURVE_COLUMNS = (
     'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed', 'beyond_break_length',
-    'broken', 'touching_pairs', 'at_kink', 'past_kink', 'rest_stress_pa', 'middle_strain_xx',
-    'middle_strain_yy', 'middle_strain_zz', 'end_force_x_n', 'end_force_y_n', 'end_force_z_n',
-    'least_tension_n', 'largest_tension_n', 'end_moment_x_nm', 'end_moment_y_nm',
+    'broken', 'touching_pairs', 'sliding_pairs', 'at_kink', 'past_kink', 'rest_stress_pa',
+    'middle_strain_xx', 'middle_strain_yy', 'middle_strain_zz', 'end_force_x_n', 'end_force_y_n',
+    'end_force_z_n', 'least_tension_n', 'largest_tension_n', 'end_moment_x_nm', 'end_moment_y_nm',
     'end_moment_z_nm')
 
 

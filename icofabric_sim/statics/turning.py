@@ -42,6 +42,7 @@ class TurnPoint(NamedTuple):
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
     touching: int  # pairs of shells that push each other
+    sliding: int  # of these, pairs that slide (contact.friction)
     at_kink: int  # connectors at their natural length, where k_e is not k_c
     # Connectors that are there without any angle, or have come to the other side since.
     past_kink: int
@@ -59,15 +60,15 @@ class TurnPoint(NamedTuple):
 
     def row(self) -> list[float | str]:
         """All but breaks and the snapshot as plain values, in the order of `TURN_COLUMNS`."""
-        return [*self[:13], *self.end_force, *self.end_moment, *self.tension_range]
+        return [*self[:14], *self.end_force, *self.end_moment, *self.tension_range]
 
 
 # Names of columns of a table of states, with units.
 TURN_COLUMNS = (
     'angle_rad', 'moment_nm', 'rigidity_nm2', 'energy_j', 'verdict', 'residual', 'obstructed',
-    'beyond_break_length', 'broken', 'touching_pairs', 'at_kink', 'past_kink', 'rest_moment_nm',
-    'end_force_x_n', 'end_force_y_n', 'end_force_z_n', 'end_moment_x_nm', 'end_moment_y_nm',
-    'end_moment_z_nm', 'least_tension_n', 'largest_tension_n')
+    'beyond_break_length', 'broken', 'touching_pairs', 'sliding_pairs', 'at_kink', 'past_kink',
+    'rest_moment_nm', 'end_force_x_n', 'end_force_y_n', 'end_force_z_n', 'end_moment_x_nm',
+    'end_moment_y_nm', 'end_moment_z_nm', 'least_tension_n', 'largest_tension_n')
 
 
 def measure_turning(

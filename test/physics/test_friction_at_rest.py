@@ -16,14 +16,16 @@ Friction at rest, along a path: closed forms, energies, and runs that come to re
 """
 
 import math
+from pathlib import Path
 
 from fabrics import changed
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
-from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
+from icofabric_sim.scene.weave_geometry import geometry_from_angle, MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
-from icofabric_sim.statics.friction import FrictionPath
+from icofabric_sim.statics.friction import FrictionPath, Relaxation
 from icofabric_sim.statics.spectrum import scaled_hessian
+from icofabric_sim.studies.sweep.outcomes import carry_out, make_work
 import numpy as np
 import pytest
 
@@ -133,7 +135,7 @@ def test_forces_of_friction_are_the_gradient_of_their_energy():
     rest = ico.solve_equilibrium(changed(scene, {'contact.friction': 0.0})).snapshot
     here = fabric.configuration('start', rest)
     path = path.advanced(fabric.contacts, here.position, here.axes)
-    path.allow(fabric.contacts, here.position, here.axes)
+    path.allow(fabric.contacts, here.position, here.axes, Relaxation())
     assert len(path.pairs) > 10 and path.limit.max() > 0.0
     generator = np.random.default_rng(5)
     path.before[:] = 0.3 * path.limit[:, None] * generator.standard_normal(path.before.shape)
@@ -182,6 +184,27 @@ def test_a_dense_slab_loses_energy_in_a_cycle_of_shear():
         work = cycle.work
     assert abs(lost[0.0]) < 1e-6 * work
     assert lost[0.3] > 0.01 * work
+
+
+def test_strong_friction_and_pushes_agree():
+    # Pushes that answer limits of friction by more than they were changed swing ever wider.
+    unit = geometry_from_angle(0.01, MINIMUM_ANGLE)
+    scene = ico.Scene.from_parameters({
+        'weave.size': [5, 3, 3], 'shell.edge_length': 0.02, 'connector.stiffness': 500.0,
+        'weave.connector_angle': MINIMUM_ANGLE, 'contact.mode': 'auto',
+        'connector.natural_length': 0.9 * unit.connector_length, 'contact.stiffness': 1e5,
+        'contact.friction': 0.6})
+    points = ico.measure_curve(scene, 'shear', [1e-4, 3e-4, 1e-3, 0.0025, 0.005, 0.0075, 0.01])
+    assert len(points) == 7 and max(point.residual for point in points) < 1e-9
+    assert points[0].sliding == 0 and points[-1].sliding > 3
+    # What slides is left between mu N on either side, which is less than what sticks would bear.
+    slopes = np.diff([point.stress for point in points]) / np.diff([
+        point.strain for point in points])
+    assert slopes[-1] < 0.5 * points[0].stress / 1e-4
+    kept = {column.name: column.value for column in carry_out(
+        make_work('curve', ['strength shear 0.001 1 x']), scene, Path())}
+    assert kept['curve.shear.x.slips_at'] == next(
+        point.strain for point in points if point.sliding)
 
 
 def test_friction_without_a_path_is_refused():

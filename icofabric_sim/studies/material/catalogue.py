@@ -19,6 +19,7 @@ from typing import Final
 
 from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.studies.material.elastic import CONSTANTS, SLABS
+from icofabric_sim.studies.material.friction import FRICTION
 from icofabric_sim.studies.material.jamming import CHECK, JAM
 from icofabric_sim.studies.material.part import Part, Stage
 from icofabric_sim.studies.material.strength import FALL, STRENGTH
@@ -28,7 +29,7 @@ from icofabric_sim.studies.sweep.sweep import Study
 
 PARTS: Final[Mapping[str, Part]] = {
     part.name: part for part in (
-        CONSTANTS, SLABS, WAVES, SURFACES, JAM, STRENGTH, FALL, CHECK)}
+        CONSTANTS, SLABS, WAVES, SURFACES, JAM, FRICTION, STRENGTH, FALL, CHECK)}
 
 
 def make_study(stage: Stage, store: str | os.PathLike[str]) -> Study:

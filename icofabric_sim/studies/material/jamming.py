@@ -54,12 +54,13 @@ def jams_below(angle: float) -> float:
     return MINIMUM_LENGTH_RATIO * geometry.cube_width / geometry.connector_length
 
 
-def _tight(angle: float, ratio: float, **more: Any) -> dict[str, Any]:
+def tight(angle: float, ratio: float, **more: Any) -> dict[str, Any]:
+    """Fabric with connectors of the natural length D = ratio times L."""
     return {'weave.connector_angle': angle,
             'connector.natural_length': ratio * woven(angle).connector_length, **more}
 
 
-def _contact(stiffness: float) -> dict[str, Any]:
+def touching(stiffness: float) -> dict[str, Any]:
     """Contacts of a stiffness over k; 0: none."""
     return {'contact.mode': 'auto' if stiffness else 'never', 'contact.stiffness': stiffness * K}
 
@@ -82,30 +83,30 @@ def _stages(level: Level) -> dict[str, Stage]:
     free, held = ({**base, 'weave.size': size} for size in (free_size, slab))
     return {
         'free': Stage(
-            [_tight(LEAST, ratio, **_contact(stiffness))
+            [tight(LEAST, ratio, **touching(stiffness))
              for stiffness in (0.0, CONTACT) for ratio in free_ratios],
             ('statics',), ('contacts', 'tension'), level.pick(0.2, 1.5, 20.0), free),
         'held': Stage(
-            [_tight(LEAST, ratio, **_contact(stiffness))
+            [tight(LEAST, ratio, **touching(stiffness))
              for stiffness in contacts for ratio in ratios
              # Stiffest contacts that hardly press: no rest is found.
              if (stiffness, ratio) != (CONTACTS[-1], RATIOS[0])],
             ('curve',), (_SHEAR,), level.pick(0.5, 5.0, 40.0), held),
         'size': Stage(
-            [_tight(LEAST, RATIO, **_contact(stiffness), **{'weave.size': size})
+            [tight(LEAST, RATIO, **touching(stiffness), **{'weave.size': size})
              for stiffness in (0.0, CONTACT) for size in sizes],
             ('curve',), (_SHEAR,), level.pick(0.3, 3.0, 30.0), base),
         'map': Stage(
-            [_tight(angle, ratio, **_contact(stiffness))
+            [tight(angle, ratio, **touching(stiffness))
              for stiffness in (0.0, CONTACT) for angle in map_angles for ratio in map_ratios
              # Open weaves that are hardly tight are slack.
              if angle == LEAST or ratio != map_ratios[0]],
             ('curve',), (_SHEAR,), level.pick(0.3, 0.3, 5.0), {**base, 'weave.size': short}),
         'far': Stage(
-            [_tight(LEAST, RATIO, **_contact(stiffness)) for stiffness in (0.0, CONTACT)],
+            [tight(LEAST, RATIO, **touching(stiffness)) for stiffness in (0.0, CONTACT)],
             ('curve',), far, level.pick(5.0, 8.0, 200.0), {**base, 'weave.size': short}),
         'endless': Stage(
-            [_tight(angle, ratio, **_contact(stiffness))
+            [tight(angle, ratio, **touching(stiffness))
              for angle in (LEAST, -0.3) for stiffness in contacts
              for ratio in (ratios if angle == LEAST else [r for r in ratios if r < 0.96])],
             ('elasticity', 'bands'), ('moduli relaxed', f'gap {level.pick(2, 6, 12)} relaxed'),
@@ -210,13 +211,13 @@ def map_of(found: Found, stiffness: float) -> dict[float, dict[float, float]]:
 
 
 def _map_table(found: Found) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
-    touching, free = map_of(found, CONTACT), map_of(found, 0.0)
-    ratios = sorted({ratio for row in touching.values() for ratio in row}, reverse=True)
+    closed, free = map_of(found, CONTACT), map_of(found, 0.0)
+    ratios = sorted({ratio for row in closed.values() for ratio in row}, reverse=True)
     return (('angle', 'jams below', *(f'{ratio:g}' for ratio in ratios)), [
         (fixed(angle, 4), fixed(jams_below(angle), 3), *(
             f'{_short(row[ratio])} ({_short(free[angle][ratio])})' if ratio in row else '-'
             for ratio in ratios))
-        for angle, row in touching.items()])
+        for angle, row in closed.items()])
 
 
 def _both(row: Row) -> str:
@@ -240,7 +241,7 @@ def _check(level: Level) -> dict[str, Stage]:
     points = level.pick(1, 1, 4)
     word = f'independent shear {0.001 * points:g} {points} x'
     return {'scipy': Stage(
-        [_tight(LEAST, RATIO, **_contact(CONTACT))], ('curve',), (word,),
+        [tight(LEAST, RATIO, **touching(CONTACT))], ('curve',), (word,),
         level.pick(40.0, 40.0, 160.0), {'connector.stiffness': K, 'weave.size': [3, 3, 3]})}
 
 

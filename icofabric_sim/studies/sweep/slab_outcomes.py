@@ -66,6 +66,7 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
         Column(f'{name}.unstable_at', '', _first(
             states, lambda state: state.verdict == 'equilibrium, unstable')),
         Column(f'{name}.touches_at', '', _first(states, lambda state: state.touching > 0)),
+        Column(f'{name}.slips_at', '', _first(states, lambda state: state.sliding > 0)),
         Column(f'{name}.obstructed_at', '', _first(states, lambda state: state.obstructed > 0)),
         Column(f'{name}.breaks_at', '', _first(states, lambda state: state.broken > 0)),
         Column(f'{name}.broken', '', states[-1].broken),
