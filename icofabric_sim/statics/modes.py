@@ -132,8 +132,11 @@ class Spectrum(AsTable):
         """The largest of all [rad/s], by the iteration that chooses steps (lanczos.py)."""
         if self.here.fabric.scene.principal_inertia is None:
             return math.sqrt(largest_square(self.here))
-        matrix = _scaled(self.here).toarray()
-        return math.sqrt(float(np.linalg.eigvalsh(matrix)[-1])) if len(matrix) else 0.0
+        matrix = _scaled(self.here)
+        if matrix.shape[0] > DENSE:
+            return math.sqrt(float(_iterate(matrix, k=1, which='LA')[0][0]))
+        return math.sqrt(float(np.linalg.eigvalsh(matrix.toarray())[-1])) if (
+            matrix.shape[0]) else 0.0
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
@@ -200,13 +203,14 @@ def solve_modes(
 
 def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     if here.fabric.model.coulomb is not None and not is_counted(here):
-        _require_isotropic(here)
+        _require_isotropic(here, DENSE)
         return _without_matrix(here, count, which)
     matrix = _scaled(here)
     size = matrix.shape[0]
     if size <= DENSE:
         return _all_modes(here, matrix.toarray(), count, which)
-    _require_isotropic(here)
+    if size > FACTORED:
+        _require_isotropic(here, FACTORED)
     wanted = min(_SOME if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
@@ -214,10 +218,11 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     return _some_modes(here, values, vectors, curvature, size)
 
 
-def _require_isotropic(here: Configuration) -> None:
+def _require_isotropic(here: Configuration, most: int) -> None:
+    """Of more freedoms than this products with the matrix are those of the kernels."""
     scene = here.fabric.scene
     require_isotropic(
-        scene.parameters, scene.principal_inertia, f'vibrations of more than {DENSE:,} freedoms')
+        scene.parameters, scene.principal_inertia, f'vibrations of more than {most:,} freedoms')
 
 
 def _scaled(here: Configuration) -> sparse.csr_matrix:
@@ -331,7 +336,8 @@ def _lowest(
 
     below = curvature.zero + curvature.negative
     size = matrix.shape[0]
-    if size > min(ITERATED, FACTORED):
+    equal = here.fabric.scene.principal_inertia is None
+    if equal and size > min(ITERATED, FACTORED):
         def between(value: float) -> int:
             return count_under(here, matrix, value) - below
 

@@ -29,7 +29,6 @@ from typing import Any
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.connector_groups import alike_everywhere
-from icofabric_sim.scene.masses import require_isotropic
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.statics.directional import (
@@ -65,7 +64,8 @@ class Cell:
     neighbours: np.ndarray  # (m,) itself first, twelve that it is joined to, and others it presses
     offsets: np.ndarray  # (m, 3) [m] from its centre, as woven
     stiffness: np.ndarray  # (m, 6, 6) second derivatives H(0, R) of the energy
-    root: np.ndarray  # (6,) roots of mass and inertia
+    root: np.ndarray  # (6,) roots of mass and the least moment of inertia
+    inverse_root: np.ndarray  # (6, 6) M^-1/2 with all moments, world axes
     # Whether connectors are at their natural length, where k_e is not k_c.
     at_kink: bool
     rest: LatticeRest | None = None  # where it has relaxed to; None: as woven
@@ -145,7 +145,19 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
             blocks[number, :, freedom] = here.times(vector)[body]
     return Cell(
         piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
-        fabric.root, bool((bodies[here.at_kink] == body).any()), rest)
+        fabric.root, _inverse_root(fabric, here, body),
+        bool((bodies[here.at_kink] == body).any()), rest)
+
+
+def _inverse_root(fabric: StaticFabric, here: Configuration, body: int) -> np.ndarray:
+    """M^-1/2 (6, 6) of a body on world axes, of moments of inertia that may differ."""
+    inverse: np.ndarray = np.diag(1.0 / fabric.root)
+    moments = fabric.scene.principal_inertia
+    if moments is not None:
+        # Rows are the axes of the body.
+        axes = here.axes[body]
+        inverse[3:, 3:] = np.einsum('ki,k,kj->ij', axes, moments[body] ** -0.5, axes)
+    return inverse
 
 
 def _stick(here: Configuration) -> None:
@@ -173,7 +185,6 @@ def solve_bands(
     wave_vectors = checks.array(
         'wave_vectors', wave_vectors, ('[m]', 3), 'rad/m').reshape(-1, 3)
     require_scene(scene)
-    require_isotropic(scene.parameters, scene.principal_inertia, 'waves')
     cell = make_cell(scene, branch, relaxed=relaxed)
     if cell.at_kink and branch is None:
         raise ValueError(
@@ -182,7 +193,7 @@ def solve_bands(
             "do not superpose there; say branch='pull' or branch='push' for the waves of a fabric "
             'whose connectors all pull or all push')
     phase = np.exp(1j * wave_vectors @ cell.offsets.T)
-    scaled = cell.stiffness / np.outer(cell.root, cell.root)
+    scaled = cell.inverse_root @ cell.stiffness @ cell.inverse_root
     matrix = np.einsum('mr,rij->mij', phase, scaled)
     values = np.linalg.eigvalsh(0.5 * (matrix + np.conj(np.swapaxes(matrix, 1, 2))))
     largest = float(np.abs(scaled).sum(axis=(0, 2)).max())

@@ -21,7 +21,8 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import hessian_product
-from icofabric_sim.statics import modes
+from icofabric_sim.statics import modes, spectrum
+from icofabric_sim.statics.periodic import make_cell
 import numpy as np
 import pytest
 from references import axes_of, resultants
@@ -261,13 +262,48 @@ def test_vibrations_know_the_moments(monkeypatch):
         'shell.principal_inertia': [0.0, 0.0, 0.0],
         'masses.some.principal_inertia': [0.0, 0.0, 0.0]}))
     assert np.abs(plain.frequencies - found.frequencies).max() > 0.05 * found.frequencies[-1]
+    # Of larger fabrics by a factorisation.
     monkeypatch.setattr(modes, 'DENSE', 10)
+    monkeypatch.setattr(spectrum, 'DENSE', 10)
+    monkeypatch.setattr(modes, 'ITERATED', 20)
+    for which, part in (('lowest', slice(0, 5)), ('highest', slice(-5, None))):
+        some = ico.solve_modes(scene, count=5, which=which)
+        np.testing.assert_allclose(some.frequencies, found.frequencies[part], rtol=1e-8)
+        assert some.mechanism_count == found.mechanism_count
+        shapes = some.shapes.reshape(5, -1)
+        assert np.abs(shapes @ block_diag(*masses) @ shapes.T - np.eye(5)).max() < 1e-8
+    assert some.largest_frequency == pytest.approx(math.sqrt(expected[-1]), rel=1e-10)
+    monkeypatch.setattr(modes, 'FACTORED', 10)
     with pytest.raises(ParameterError) as refused:
         ico.solve_modes(scene)
     assert refused.value.name == 'shell.principal_inertia'
 
 
-def test_waves_are_refused_by_name():
-    with pytest.raises(ParameterError) as refused:
-        ico.solve_bands(make_scene((3, 3, 3), TUMBLING), np.zeros((1, 3)))
-    assert refused.value.name == 'shell.principal_inertia'
+@pytest.mark.parametrize('relaxed', [False, True])
+def test_waves_know_the_moments(relaxed):
+    # Against the general problem K(q) v = w^2 M v, with the mass matrix written anew.
+    geometry = make_scene((2, 2, 2)).geometry
+    scene = make_scene((3, 3, 3), {
+        **TUMBLING, 'connector.bending_stiffness': 0.02, 'weave.kind': 'bias',
+        'connector.natural_length': 0.97 * geometry.connector_length, 'contact.mode': 'never'})
+    cell = make_cell(scene, relaxed=relaxed)
+    turn = axes_of(scene.orientation[:1])[0]
+    if relaxed:
+        turn = turn @ Rotation.from_quat(cell.rest.turn).as_matrix().T
+    masses = block_diag(scene.shell.mass * np.eye(3), turn.T @ np.diag(MOMENTS) @ turn)
+    waves = np.random.default_rng(1).uniform(-3.0, 3.0, (20, 3)) / scene.geometry.pitch
+    found = ico.solve_bands(scene, waves, relaxed=relaxed)
+    for wave, bands in zip(waves, found):
+        matrix = np.einsum('r,rij->ij', np.exp(1j * cell.offsets @ wave), cell.stiffness)
+        squares = eigh(0.5 * (matrix + matrix.conj().T), masses, eigvals_only=True)
+        np.testing.assert_allclose(
+            np.sign(bands) * bands**2, squares, rtol=0, atol=1e-10 * squares[-1])
+    plain = ico.solve_bands(changed(scene, {
+        'shell.principal_inertia': [0.0, 0.0, 0.0]}), waves, relaxed=relaxed)
+    assert np.abs(plain - found).max() > 0.05 * found.max()
+    # Long waves move masses alone.
+    slow = 1e-3 * waves[:3]
+    np.testing.assert_allclose(
+        ico.solve_bands(scene, slow, relaxed=relaxed)[:, :3],
+        ico.solve_bands(changed(scene, {'shell.principal_inertia': [0.0, 0.0, 0.0]}), slow,
+                        relaxed=relaxed)[:, :3], rtol=1e-3)
