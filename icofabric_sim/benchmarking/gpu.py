@@ -39,6 +39,8 @@ _COMPARED, _TIMED = 64, 128
 # Kernels that are compiled: of a plain fabric, and one with nearly all that a device computes.
 PLAIN = 'springs'
 ALL = 'springs with own laws, moments, supports, loads'
+# Of slopes, for the embedded pair.
+DAMPED = 'damped springs, by dop8'
 
 
 class DeviceSize(NamedTuple):
@@ -77,7 +79,7 @@ def measure(
     *, rounds: int = 5, largest: int = 101_000, choice: str = 'auto',
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL)
+    sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL, DAMPED)
 ) -> Gpu:
     """Compare the motions, then time steps in rounds; `choice`: of solver.device, or auto."""
     try:
@@ -87,13 +89,16 @@ def measure(
     from icofabric_sim.simulation.devices.gpu.arrays import bytes_moved, bytes_of
     from icofabric_sim.simulation.devices.gpu.compiled import compiled_kernel
     from icofabric_sim.simulation.devices.gpu.kernels import Terms
+    from icofabric_sim.simulation.devices.gpu.slopes import Losses
     say('kernels for a GPU')
     plain = Terms(
         linked=True, midpoints=True, one_law=True, moments=False, dipole=False, held=False,
         loaded=False)
+    losses = Losses(damped=True, dragged=False)
     full = plain._replace(one_law=False, moments=True, held=True, loaded=True)
     compiled = {
-        name: compiled_kernel(plain if name == PLAIN else full) for name in kernels}
+        name: compiled_kernel(full if name == ALL else plain, losses if name == DAMPED else None)
+        for name in kernels}
     rows, held = [], 0
     chosen = [size for size in sizes if size[0] * size[1] * size[2] / 2 <= 1.01 * largest]
     for size in chosen:

@@ -501,7 +501,7 @@ def test_energy_and_momenta_stay():
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
 
 
-@pytest.mark.parametrize('mode', [pytest.param('never', marks=pytest.mark.long), 'auto'])
+@pytest.mark.parametrize('mode', ['never', 'auto'])
 def test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode(mode):
     simulation = ico.compile_scene(lively(**{'contact.mode': mode}))
     driver = simulation._event_loop.driver

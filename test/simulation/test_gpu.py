@@ -26,19 +26,34 @@ from icofabric_sim.simulation.devices.refusals import require_on_device
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
 import pytest
-from ranks_program import FOR_RANKS_ALONE, SCENES
+from ranks_program import COMMON, FOR_RANKS_ALONE, SCENES
 from references import axes_of, integrate_quaternions
 
 warp = pytest.importorskip('warp', reason='Warp (extra `gpu`) is not installed')
 
 # What both round in other places, times what a run of these lengths makes of it.
 ROUNDING = 1e-12
-CHOSEN = ['even rows, srkn8', 'kinks, srkn6']
+CHOSEN = ['even rows, srkn8', 'kinks, srkn6', 'damped, dop8']
+# By the embedded pair: what takes energy, loads in time, bodies of their own mass, an anchor.
+LOSSY = {
+    **COMMON, 'weave.size': [5, 7, 9], 'connector.damping': 0.05,
+    'drag': {'linear': 0.02, 'angular': 1e-6},
+    'groups': {'top': 'z_max', 'tip': 'x_max', 'some': 'ids 3 40 77 100'},
+    'masses': {'m': {'group': 'some', 'mass': 0.03, 'inertia': 5e-6}},
+    'connector_groups': {'g': {'between': 'some all', 'damping': 0.02}}}
+OWN = {
+    'damped, given dop8': {
+        **LOSSY, 'anchors': {'a': {'body': 0, 'edge': 'west', 'position': [-0.2, 0.0, 0.0]}},
+        'connector.bending_stiffness': 1e-3, 'solver': {'method': 'dop8', 'step': 2e-4}},
+    'damped, given': {**LOSSY, 'solver': {'method': 'dop8', 'step': 2e-4}},
+    'damped, dop8': {**LOSSY, 'solver': {'method': 'auto', 'tolerance': 1e-5}},
+    'free, dop8': {**COMMON, 'weave.size': [5, 7, 9], 'solver': {
+        'method': 'dop8', 'tolerance': 1e-5}}}
 FIELDS = 'position', 'orientation', 'linear_velocity', 'angular_velocity'
 
 
 def compiled(name, device='warp_cpu', **changes):
-    parameters = {**SCENES[name], **changes}
+    parameters = {**{**SCENES, **OWN}[name], **changes}
     parameters['solver'] = {**parameters['solver'], 'device': device}
     return ico.compile_scene(ico.Scene.from_parameters(parameters))
 
@@ -60,7 +75,8 @@ def bits(snapshot):
     return [getattr(snapshot, name).tobytes() for name in FIELDS]
 
 
-@pytest.mark.parametrize('name', [name for name in SCENES if name not in FOR_RANKS_ALONE])
+@pytest.mark.parametrize('name', [
+    *(name for name in SCENES if name not in FOR_RANKS_ALONE), 'damped, given dop8'])
 def test_a_device_moves_as_the_processor_does(name):
     expected, simulation = compiled(name, 'cpu'), compiled(name)
     one, other = run(expected), run(simulation)
@@ -79,6 +95,32 @@ def test_a_device_moves_as_the_processor_does(name):
         assert simulation._driver.trajectory.method.holder._fabric.active.numpy().max() == 2
     for kind, energy in one.energy.items():
         assert other.energy[kind] == pytest.approx(energy, abs=ROUNDING * scale), kind
+
+
+@pytest.mark.parametrize('name', ['damped, dop8', 'free, dop8'])
+def test_steps_are_tried_and_refused_as_on_the_processor(name):
+    expected, simulation = compiled(name, 'cpu'), compiled(name)
+    one, other = run(expected), run(simulation)
+    status, wanted = simulation.status, expected.status
+    assert status.method_name == 'dop8' and status.device == 'the processor, by Warp'
+    assert status.step_count == wanted.step_count > 5
+    assert simulation.error_estimate == pytest.approx(expected.error_estimate, rel=1e-3)
+    # Lengths of steps follow from errors, which rounding changes more than it changes motions.
+    error = 1e-3 * expected.error_estimate
+    for field, scale in zip(FIELDS, (0.01, 1.0, 10.0, 1e3)):
+        assert np.abs(getattr(other, field) - getattr(one, field)).max() < error * scale, field
+    for kind, energy in one.energy.items():
+        assert other.energy[kind] == pytest.approx(
+            energy, rel=1e-6, abs=1e-9 * expected.balance.scale), kind
+    assert (other.energy['dissipated'] > 1e-3 * other.energy['kinetic']) == (name[0] == 'd')
+    assert abs(other.energy['balance_error']) < 1e-6 * other.energy['kinetic']
+    # Between two steps, from the slopes that are brought here.
+    for moment in (0.3, 0.7):
+        time = simulation.time + moment * status.step
+        for each in (simulation, expected):
+            each.advance_to(time)
+        assert np.abs(
+            simulation.snapshot().position - expected.snapshot().position).max() < 0.01 * error
 
 
 def test_bodies_have_masses_of_their_own_on_a_device():
@@ -253,8 +295,10 @@ def test_sines_are_those_of_the_library():
 @pytest.mark.parametrize('changes, names', [
     ({'contact.mode': 'auto'}, ['contact.mode', 'never']),
     ({'charge': {'per_body': 1e-9, 'mutual': True}}, ['charge.mutual']),
-    ({'drag.linear': 0.1}, ['dop8', 'drag.linear']),
-    ({'connector.damping': 0.1}, ['dop8', 'damped']),
+    ({'connector': {'maxwell_stiffness': 100.0, 'maxwell_time': 0.01}}, ['dop8', 'Maxwell']),
+    ({'charge.per_body': 1e-9, 'field.magnetic': [0.0, 0.0, 1.0]}, ['dop8', 'field.magnetic']),
+    ({'connector.break_length_extension': 0.1}, ['dop8', 'break']),
+    ({'shell.principal_inertia': [1e-6, 1.2e-6, 1.4e-6]}, ['dop8', 'isotropic']),
     ({'connector.law': str(Path(__file__).with_name('ranks_law.csv'))}, ['connector.law']),
     ({'groups': {'tip': 'z_min'}, 'drives': {'pull': {
         'group': 'tip', 'motion': 'velocity', 'linear': [0.1, 0.0, 0.0]}}}, ['drives.pull']),
@@ -273,8 +317,9 @@ def test_what_a_device_cannot_compute_is_refused_by_its_name(changes, names):
 
 
 def test_methods_and_ranks_are_refused_by_name_too():
-    with pytest.raises(ParameterError, match='dop8 .* one of leapfrog, srkn4, srkn6, srkn8, or'):
-        compiled('slab, leapfrog', solver={'method': 'dop8'})
+    with pytest.raises(
+            ParameterError, match='sdirk4 .* one of leapfrog, srkn4, srkn6, srkn8, dop8, or'):
+        compiled('slab, leapfrog', solver={'method': 'sdirk4'})
     scene = compiled('slab, leapfrog').scene
     with pytest.raises(ParameterError, match='not for ranks of MPI'):
         require_on_device(scene, cosines=False, body_force=False, shared=True)
@@ -287,14 +332,16 @@ def test_without_a_gpu_cuda_names_the_way_out():
 
 
 def test_a_fabric_beyond_the_memory_of_the_device_is_refused(monkeypatch):
-    from icofabric_sim.simulation.devices.gpu import opening, steps
+    from icofabric_sim.simulation.devices.gpu import opening, pair, steps
     monkeypatch.setattr(opening.Device, 'free_bytes', 10_000)
-    monkeypatch.setattr(steps, 'fabric_of', lambda *_: pytest.fail('allocated'))
-    with pytest.raises(ValueError, match='bodies need about .* GB on the processor, by Warp'):
-        compiled('slab, leapfrog')
+    for module, name in ((steps, 'slab, leapfrog'), (pair, 'damped, dop8')):
+        monkeypatch.setattr(module, 'fabric_of', lambda *_: pytest.fail('allocated'))
+        with pytest.raises(ValueError, match='bodies need about .* GB on the processor, by Warp'):
+            compiled(name)
 
 
-@pytest.mark.parametrize('name, spin', [('slab, leapfrog', 60.0), ('kinks, srkn6', 1.0)])
+@pytest.mark.parametrize('name, spin', [
+    ('slab, leapfrog', 60.0), ('kinks, srkn6', 1.0), ('damped, given', 1.0)])
 def test_health_checks_on_the_device_see_what_those_here_see(name, spin):
     ledgers = []
     for device in ('cpu', 'warp_cpu'):
@@ -368,16 +415,55 @@ def test_bytes_that_are_counted_are_those_that_are_taken():
         assert taken <= arrays.bytes_of(packed.model, packed.layout) <= 1.1 * taken
 
 
-def test_a_record_of_a_device_repeats_on_it(tmp_path, capsys):
+def test_bytes_of_the_pair_are_counted_too():
+    from icofabric_sim.simulation.devices.gpu import pair
+    names = ('_slopes', '_spent', '_done', '_stage', '_start', '_errors')
+    for name in ('damped, dop8', 'free, dop8'):
+        holder = compiled(name)._driver.trajectory.method.holder
+        assert isinstance(holder, pair.DevicePair)
+        fabric, state = holder._fabric, holder._state
+        arrays = [
+            fabric.slot, fabric.alive, fabric.place, fabric.present, fabric.free_mass,
+            fabric.free_inertia, fabric.own_mass, fabric.own_inertia, fabric.extension,
+            fabric.compression, fabric.natural, fabric.damping, *state.poses, state.motion,
+            state.acceleration, state.saved_pose, state.saved_motion]
+        for each in names:
+            found = getattr(holder, each)
+            arrays += found if isinstance(found, (list, tuple)) else [found]
+        taken = sum(values.capacity for values in arrays if values is not None)
+        assert taken <= 1.02 * holder.device_bytes and holder.device_bytes <= 1.1 * taken
+
+
+def test_a_pair_that_fails_ends_the_run_and_the_last_state_is_kept(monkeypatch):
+    from icofabric_sim.simulation.devices.gpu.pair import DevicePair
+    simulation = compiled('damped, dop8')
+    simulation.advance_to(0.01)
+    before = simulation.status.step_count
+    monkeypatch.setattr(DevicePair, '_try_step', lambda *_, **__: 1 / 0)
+    with pytest.raises(ico.SimulationError, match='by Warp has failed: division by zero; the las'):
+        simulation.advance_to(1.0)
+    assert simulation.status.step_count == before > 5
+    snapshot = simulation.snapshot()
+    assert np.isfinite(snapshot.position).all() and snapshot.energy['kinetic'] > 0.0
+    monkeypatch.undo()
+    simulation.reset()
+    simulation.advance_steps(3)
+
+
+@pytest.mark.parametrize('more', [
+    '{method: leapfrog, tolerance: 0.1, device: warp_cpu}',
+    '{method: auto, tolerance: 1.0e-4, device: warp_cpu}\n    connector: {damping: 0.05}'])
+def test_a_record_of_a_device_repeats_on_it(tmp_path, capsys, more):
     scene = tmp_path / 'scene.yaml'
     scene.write_text(
         '/**:\n  ros__parameters:\n    weave: {size: [7, 7, 9]}\n    contact: {mode: never}\n'
         '    initial_random: {velocity_sigma: 0.02, spin_sigma: 1.0, seed: 3}\n'
-        '    solver: {method: leapfrog, tolerance: 0.1, device: warp_cpu}\n    duration: 0.05\n')
+        f'    solver: {more}\n    duration: 0.05\n')
     assert main(['run', str(scene), '--record', str(tmp_path / 'bag')]) == 0
     said = capsys.readouterr().out
-    # 221 bodies at about 331 bytes, and slots without a body.
+    # 221 bodies at about 331 bytes, or 1.9 kB by dop8, and slots without a body.
     taken = re.search(r'device +the processor, by Warp; the run takes about (.*) MB there', said)
-    assert taken and 0.06 < float(taken[1]) < 0.2
+    assert taken and (0.06 if 'leapfrog' in more else 0.4) < float(taken[1]) < (
+        0.2 if 'leapfrog' in more else 0.8)
     assert main(['verify', str(tmp_path / 'bag')]) == 0
     assert 'identical: ' in capsys.readouterr().out

@@ -18,9 +18,9 @@ from icofabric_sim.kernels.records import Model
 # By the kernels in simulation/devices/gpu, or by the health checks of the processor.
 COMPUTED = {
     'inverse_mass', 'inverse_inertia', 'gravity', 'blocks', 'links', 'bending', 'twisting',
-    'supports', 'dipole', 'shells', 'masses'}
+    'supports', 'dipole', 'shells', 'masses', 'damping', 'drag'}
 # By simulation/devices/refusals.py: by name, or because they need dop8.
-REFUSED = {'damping', 'drag', 'magnet', 'coulomb', 'wrapping', 'contacts', 'maxwell',
+REFUSED = {'magnet', 'coulomb', 'wrapping', 'contacts', 'maxwell',
            'gyration'}
 
 

@@ -23,7 +23,6 @@ state is gathered where something is near.
 
 from collections.abc import Callable
 from functools import partial
-from types import FunctionType
 from typing import Any
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
@@ -61,6 +60,7 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
+from icofabric_sim.simulation.devices.pair_control import idle_pieces, with_pieces
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
     done_by,
@@ -122,7 +122,7 @@ class SharedPair:
     ) -> tuple[int, int, int]:
         """Take steps as `adaptive_pair` does, with all ranks."""
         def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = _with_pieces(embedded.adaptive_pair, pieces)(
+            found: tuple[int, int, int] = with_pieces(embedded.adaptive_pair, pieces)(
                 self._pair, model, loads, state, saved, work, team, control, count, since_check,
                 check_interval, watch, ledger)
             return found
@@ -138,7 +138,7 @@ class SharedPair:
     ) -> tuple[int, int, int]:
         """Take steps as `fixed_pair` does, with all ranks."""
         def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = _with_pieces(embedded.fixed_pair, pieces)(
+            found: tuple[int, int, int] = with_pieces(embedded.fixed_pair, pieces)(
                 self._pair, model, loads, state, saved, work, team, origin, index, h, count,
                 since_check, check_interval, watch, ledger)
             return found
@@ -218,16 +218,9 @@ class SharedPair:
 
     def _pieces(self, control: np.ndarray | None) -> dict[str, Any]:
         """What the step control calls, by its names there: orders, or nothing to do here."""
-        def nothing(*_: Any) -> None:
-            return None
-
         return {
-            'own_blocks': lambda team, count: (0, count),
-            'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
-            'losses_of': nothing, 'wait_for_all': nothing, 'note_lengths': self._note_lengths,
-            'is_breaking': self._is_breaking, 'ways_of': nothing, 'save': nothing,
-            'accept_stretches': nothing, 'keep_work': nothing, 'add_flow': nothing,
-            'repeat_stretches': nothing, 'forget_ways': nothing,
+            **idle_pieces(), 'note_lengths': self._note_lengths,
+            'is_breaking': self._is_breaking,
             'tests_of': lambda contacts, member: 0 if contacts is None else contacts.tests[0],
             'set_tests': _set_tests, 'repeat_slope': lambda *_: self._order('repeat'),
             'slope_at': self._slope_at, 'foresee': self._foresee, 'land': self._land,
@@ -471,10 +464,3 @@ class SharedPair:
 def _set_tests(contacts: Contacts | None, member: int, tests: float) -> None:
     if contacts is not None:
         contacts.tests[0] = tests
-
-
-def _with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
-    """A kernel as a function of Python that calls these `pieces` by the names that it knows."""
-    plain = getattr(steps, 'py_func', steps)
-    return FunctionType(
-        plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)

@@ -17,7 +17,10 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.electric import is_charged
+from icofabric_sim.scene.maxwell import has_arms
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 
@@ -47,18 +50,33 @@ def require_on_device(
     _require(
         scene, chain(_lacking(scene), _lacking_on_device(scene)), _on(device), _CPU,
         cosines=cosines, body_force=body_force)
-    choice = required_method(scene)
-    if choice is not None:
+    reason = _beyond_pair(scene)
+    if reason:
+        choice = required_method(scene)
+        assert choice is not None
         raise ParameterError(
             'solver.method',
-            f'solver.method {choice.name} {_on(device)} yet, and this scene needs it: '
-            f'{choice.reason}; leave that out, {_CPU}')
+            f'solver.method {choice.name} {_on(device)} for this scene yet: {reason}; leave that '
+            f'out, {_CPU}')
     moments = [
         name for name in ('connector.bending_stiffness', 'connector.twisting_stiffness')
         if scene.parameters[name] > 0.0]
     if scene.parameters['weave.kind'] == 'radial' and moments:
         raise ParameterError(
             moments[0], f'{moments[0]} in a weave.kind radial {_on(device)} yet: take 0, {_CPU}')
+
+
+def _beyond_pair(scene: Scene) -> str:
+    """Say what only `dop8` integrates and no device computes; '': nothing."""
+    parameters = scene.parameters
+    arm = has_arms(parameters)
+    if scene.connector_count and arm:
+        return f'{arm} gives connectors Maxwell arms, which creep'
+    if scene.principal_inertia is not None:
+        return 'inertias are not isotropic (principal_inertia), so free bodies tumble'
+    if is_charged(parameters) and any(parameters['field.magnetic']):
+        return 'field.magnetic acts on charges by their velocities'
+    return why_events(scene)
 
 
 def require_shareable_method(name: str) -> None:
@@ -70,7 +88,7 @@ def require_shareable_method(name: str) -> None:
 def require_method_on_device(name: str, device: str) -> None:
     """Raise ParameterError where the `device` cannot take the steps of the method `name`."""
     _require_method(name, _on(device), _CPU, [
-        other for other, method in METHODS.items() if method.symplectic])
+        other for other, method in METHODS.items() if not method.implicit])
 
 
 def _on(device: str) -> str:

@@ -28,6 +28,7 @@ from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import UNSOUND
 from icofabric_sim.kernels.records import Model, State, Team
+from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
@@ -260,10 +261,13 @@ class EmbeddedStepping:
         """Let kernels take up to `count` steps; returns the status and how many they took."""
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
         watch, control = pieces.contact.watching(), self._step.control
-        status, done, checks.since_check = pieces.calls.timed(
-            lambda team: self._kernels.take(
-                trajectory.model, *trajectory.for_steps(), team, control.numbers, count,
-                checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
+        try:
+            status, done, checks.since_check = pieces.calls.timed(
+                lambda team: self._kernels.take(
+                    trajectory.model, *trajectory.for_steps(), team, control.numbers, count,
+                    checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
+        except ElsewhereError as error:
+            trajectory.lose_steps(error)
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:

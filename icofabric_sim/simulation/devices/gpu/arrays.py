@@ -39,6 +39,8 @@ wp: Any = import_module('warp')
 # velocities of the saved state.
 _EACH = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
+# Slopes of a step of the embedded pair, its end included.
+_SLOPES = 13
 # And for steps that follow where slopes jump.
 _START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
 
@@ -74,6 +76,25 @@ def bytes_of(model: Model, layout: Layout, *, kinked: bool = False) -> int:
             12 * 8 for moment in (model.bending, model.twisting)
             if moment is not None and moment.variety is not None)
     return slots * each + blocks
+
+
+def pair_bytes_of(model: Model, layout: Layout) -> int:
+    """The same of a run by the embedded pair, with its slopes."""
+    spends = model.damping is not None or model.drag is not None
+    # Of a state that is tried and one that is kept; slopes, powers, what was spent; errors.
+    more = 2 * (POSE + MOTION) + _SLOPES * (POSE + MOTION) + spends * (_SLOPES + 2) + 2
+    own = model.damping is not None and model.damping.own is not None
+    return bytes_of(model, layout) + 8 * layout.slot_count * (more + own * LINK_COUNT)
+
+
+def require_room(device: Device, bodies: int, need: int) -> None:
+    """Refuse a fabric for which the device lacks memory, before any is taken: `need` bytes."""
+    left = device.free_bytes
+    if need > left:
+        raise ValueError(
+            f'{bodies:,} bodies need about {need / 1e9:.3g} GB on {device.name}, and '
+            f'{left / 1e9:.3g} GB are left there; take a smaller weave.size, ranks of MPI or '
+            'solver.device cpu')
 
 
 def bytes_moved(model: Model, layout: Layout) -> float:
@@ -131,6 +152,12 @@ def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
         fabric.direction = _vectors(model.bending.direction, device)
     if model.twisting is not None:
         fabric.twisting = _stiffness(model.twisting, device)
+    if model.damping is not None:
+        given = model.damping.own
+        fabric.damping = doubles(
+            np.array([model.damping.coefficient]) if given is None else given, device)
+    if model.drag is not None:
+        fabric.drag_linear, fabric.drag_angular = model.drag.linear, model.drag.angular
     if model.dipole is not None:
         fabric.dipole = wp.vec3d(*map(float, model.dipole.moment))
         fabric.field = wp.vec3d(*map(float, model.dipole.field))
@@ -221,7 +248,7 @@ class StateArrays:
     def put(self, state: State, work: Work) -> None:
         """Copy a state there; the first pose is the present one."""
         for target, first, values in self._rows(self.poses[0], state, work):
-            wp.copy(target, _seen(values), first * self._count, 0, values.size)
+            wp.copy(target, seen(values), first * self._count, 0, values.size)
         # Slots without a body are never written.
         wp.copy(self.poses[1], self.poses[0])
 
@@ -229,7 +256,7 @@ class StateArrays:
         """Copy the state back; `whole`: with the accelerations."""
         for target, first, values in self._rows(self.poses[now], state, work):
             if whole or target is not self.acceleration:
-                wp.copy(_seen(values), target, 0, first * self._count, values.size)
+                wp.copy(seen(values), target, 0, first * self._count, values.size)
 
     def save(self, now: int, done: Any) -> None:
         """Save the state, and what loads have `done`, on the device."""
@@ -243,7 +270,7 @@ class StateArrays:
                 (self.saved_pose, 0, saved.position), (self.saved_pose, 3, saved.orientation),
                 (self.saved_motion, 0, saved.linear_velocity),
                 (self.saved_motion, 3, saved.angular_velocity)):
-            wp.copy(_seen(values), source, 0, first * self._count, values.size)
+            wp.copy(seen(values), source, 0, first * self._count, values.size)
         if self._saved_work is not None:
             copy_back(done, self._saved_work)
 
@@ -254,12 +281,12 @@ class StateArrays:
             (self.acceleration, 0, work.acceleration)]
 
 
-def _seen(values: np.ndarray) -> Any:
-    """Return the memory of an array as Warp sees it."""
+def seen(values: np.ndarray) -> Any:
+    """Return the memory of an array of this process as Warp sees it."""
     return wp.array(values.reshape(-1), dtype=wp.float64, device='cpu', copy=False)
 
 
 def copy_back(values: np.ndarray, source: Any) -> None:
     """Copy an array of the device into one of this process."""
     if values.size:
-        wp.copy(_seen(values), source)
+        wp.copy(seen(values), source)

@@ -26,6 +26,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from icofabric_sim.simulation.devices.gpu.kernels import step_kernel, Terms
+from icofabric_sim.simulation.devices.gpu.slopes import Losses, slope_kernel
 
 wp: Any = import_module('warp')
 
@@ -58,9 +59,15 @@ class CompiledKernel(NamedTuple):
         return min(_REGISTERS // each * self.block // _WARP, _MOST_WARPS)
 
 
-def compiled_kernel(terms: Terms, architecture: int = HOPPER) -> CompiledKernel:
-    """Compile the kernel of scenes with these terms for a GPU; nothing is kept."""
-    kernel = step_kernel(terms)
+def compiled_kernel(
+    terms: Terms, losses: Losses | None = None, architecture: int = HOPPER
+) -> CompiledKernel:
+    """
+    Compile the kernel of scenes with these terms for a GPU; nothing is kept.
+
+    `losses`: the one of slopes, of scenes that lose this; None: that of splitting methods.
+    """
+    kernel = step_kernel(terms) if losses is None else slope_kernel(terms, losses)
     with TemporaryDirectory() as folder:
         texts, programs = (
             [Path(path) for path in wp.compile_aot_module(

@@ -220,6 +220,50 @@ def moments(arm_to: Any) -> Any:
     return resistance
 
 
+def dampers(arm_to: Any) -> Any:
+    """Return the function of damping along the connectors at a body, attached there."""
+    @wp.func
+    def losing(
+        fabric: Fabric, pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
+        block: int, lane: int, s: int, place: wp.vec3d, turn: wp.vec4d, velocity: wp.vec3d,
+        spin: wp.vec3d
+    ):
+        force, torque, taken = wp.vec3d(), wp.vec3d(), wp.float64(0.0)
+        n = fabric.stride
+        for edge in range(6):
+            arm = arm_to(fabric, turn, edge)
+            end, speed = place + arm, velocity + wp.cross(spin, arm)
+            loss = wp.vec3d()
+            for side in range(2):
+                link = 2 * edge + side
+                if has_link(fabric, block, lane, link) == 1:
+                    t = partner_of(fabric, block, lane, link)
+                    other = arm_to(fabric, turn_of(pose, n, t), edge ^ 1)
+                    u = (place_of(pose, n, t) + other) - end
+                    moving = wp.vec3d(motion[t], motion[n + t], motion[2 * n + t]) + wp.cross(
+                        wp.vec3d(motion[3 * n + t], motion[4 * n + t], motion[5 * n + t]), other)
+                    inverse = _ONE / wp.sqrt(wp.max(wp.dot(u, u), _SMALLEST))
+                    rate = wp.dot(u, moving - speed) * inverse
+                    tension = stiffness_of(fabric.damping, n, link, s) * rate
+                    taken = taken + tension * rate
+                    loss = loss + (tension * inverse) * u
+            force = force + loss
+            torque = torque + wp.cross(arm, loss)
+        # Half of what each takes counts for either end.
+        return force, torque, _HALF * taken
+    return losing
+
+
+@wp.func
+def no_dampers(
+    fabric: Fabric, pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
+    block: int, lane: int, s: int, place: wp.vec3d, turn: wp.vec4d, velocity: wp.vec3d,
+    spin: wp.vec3d
+):
+    """Return nothing, where connectors are not damped."""
+    return wp.vec3d(), wp.vec3d(), wp.float64(0.0)
+
+
 @wp.func
 def factor_of(acting: Acting, w: int, time: wp.float64):
     """What a wrench is multiplied by at `time` [s]."""

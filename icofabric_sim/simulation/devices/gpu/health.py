@@ -83,9 +83,14 @@ class HealthCheck:
             and (model.shells is None or Ledger.over(ledger).until_obstructed > 1.0))
 
     def examine(
-        self, state: StateArrays, now: int, loads: Loads, acting: Any, ledger: np.ndarray
+        self, state: StateArrays, now: int, loads: Loads, acting: Any, ledger: np.ndarray,
+        spent: Any = None
     ) -> int:
-        """Status bits of the state, as `examine` of kernels/monitor.py finds them."""
+        """
+        Status bits of the state, as `examine` of kernels/monitor.py finds them.
+
+        `spent` (s,) [J]: by the slots, on the device.
+        """
         figures, book = self._figures(state, now), Ledger.over(ledger)
         book.spin = math.sqrt(figures[SPIN])
         rate = math.sqrt(figures[BOUND] + book.contact_rate)
@@ -93,7 +98,8 @@ class HealthCheck:
         book.kinetic = figures[KINETIC]
         book.linked = book.stored = figures[LINKED]
         book.contact = book.deepest = book.touching = 0.0
-        book.bent = book.field = book.anchored = book.spent = 0.0
+        book.bent = book.field = book.anchored = 0.0
+        book.spent = 0.0 if spent is None else _sum(self._fold(spent, 1)[0])
         book.height, book.tensions = figures[HEIGHT], figures[TENSIONS]
         book.extent = figures[EXTENT]
         work, size = self._worked(loads, acting)

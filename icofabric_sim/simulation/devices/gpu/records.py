@@ -63,6 +63,9 @@ class Fabric:
     bending: wp.array(dtype=wp.float64)
     twisting: wp.array(dtype=wp.float64)
     direction: wp.array(dtype=wp.vec3d)  # (12,) of connectors in the weave, body axes
+    damping: wp.array(dtype=wp.float64)  # c [N s/m], likewise
+    drag_linear: wp.float64  # [N s/m]
+    drag_angular: wp.float64  # [N m s/rad]
     dipole: wp.vec3d  # p [C m], body axes
     field: wp.vec3d  # E [V/m]
 

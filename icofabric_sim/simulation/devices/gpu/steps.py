@@ -20,9 +20,8 @@ summed up there (health.py).
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from importlib import import_module
-from threading import RLock
 from typing import Any
 
 from icofabric_sim.kernels.flows import place_all
@@ -47,16 +46,18 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
     POSE,
     put_acting,
     put_crossings,
+    require_room,
     StateArrays,
     terms_of,
 )
 from icofabric_sim.simulation.devices.gpu.crossings import crossings, kinked_stages, note
 from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
+from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.devices.gpu.pair import DevicePair
 from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Stage
 from icofabric_sim.simulation.devices.refusals import require_method_on_device
-from icofabric_sim.simulation.errors import DeviceError
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import Ledger
@@ -69,8 +70,6 @@ wp: Any = import_module('warp')
 # Evaluations of the forces in the longest graph.
 _LONGEST = 64
 _KEPT, _EVALUATED = 1, 2
-# What is launched or copied while a thread records a graph would be recorded, too.
-_TURN = RLock()
 
 
 class DeviceSteps:
@@ -85,7 +84,8 @@ class DeviceSteps:
         Raises ValueError where it lacks memory.
         """
         self._device, self._packed, self._method = device, packed, method
-        _require_room(device, packed, method)
+        require_room(device, packed.layout.body_count, bytes_of(
+            packed.model, packed.layout, kinked=method.mends_kinks))
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
@@ -136,7 +136,7 @@ class DeviceSteps:
         watch: None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
-        with _TURN, self._named_failure():
+        with TURN, self._named_failure():
             return self._advance(
                 model, loads, state, saved, work, origin, index, h, count, since_check,
                 check_interval, ledger)
@@ -145,7 +145,7 @@ class DeviceSteps:
         """Have the whole state of the run here, where it may be looked at and changed."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
-            with _TURN, self._named_failure():
+            with TURN, self._named_failure():
                 self._take(*self._run, whole=True)
 
     @property
@@ -164,18 +164,16 @@ class DeviceSteps:
         if self._saved_for is None:
             return
         (saved, loads), self._saved_for = self._saved_for, None
-        with _TURN, self._named_failure():
+        with TURN, self._named_failure():
             self._state.take_saved(saved, loads.earlier_work)
 
-    @contextmanager
-    def _named_failure(self) -> Iterator[None]:
+    def _named_failure(self) -> AbstractContextManager[None]:
         """Let what goes wrong be a failure of the device; the state there is lost."""
-        try:
-            yield
-        except Exception as error:
-            self._is_out = self._is_stale = False
-            self._saved_for = None
-            raise DeviceError(f'{self.device} has failed: {error}') from error
+        return named_failure(self.device, self._forget)
+
+    def _forget(self) -> None:
+        self._is_out = self._is_stale = False
+        self._saved_for = None
 
     def bare_steps(self, count: int) -> None:
         """
@@ -183,7 +181,7 @@ class DeviceSteps:
 
         For measurements: no health check, and the run does not get to know.
         """
-        with _TURN:
+        with TURN:
             self._steps(0, count)
             wp.synchronize_device(self._device.handle)
 
@@ -416,18 +414,11 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
 
 def device_method(device: Device, packed: PackedScene, name: str, *, given: bool) -> Method:
     """Return the method `name` with steps that the device takes."""
-    method = METHODS[name]
     require_method_on_device(name, device.choice)
+    method = METHODS[name]
+    if method.embedded is not None:
+        pair = DevicePair(device, packed)
+        return method._replace(
+            advance=pair.advance, holder=pair, embedded=method.embedded._replace(take=pair.take))
     steps = DeviceSteps(device, packed, method, given=given)
     return method._replace(advance=steps.advance, holder=steps)
-
-
-def _require_room(device: Device, packed: PackedScene, method: Method) -> None:
-    """Refuse a fabric for which the device lacks memory, before any is taken."""
-    need = bytes_of(packed.model, packed.layout, kinked=method.mends_kinks)
-    left = device.free_bytes
-    if need > left:
-        raise ValueError(
-            f'{packed.layout.body_count:,} bodies need about {need / 1e9:.3g} GB on {device.name},'
-            f' and {left / 1e9:.3g} GB are left there; take a smaller weave.size, ranks of MPI '
-            'or solver.device cpu')

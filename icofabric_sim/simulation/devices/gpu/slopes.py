@@ -1,0 +1,255 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Kernels of an embedded Runge-Kutta pair on a device: slopes, stages, errors, what flows.
+
+The formulas of kernels/rhs.py, viscous.py and probable_error.py, one thread a body. A stage is
+written to arrays of its own, from which all read in the next launch: nothing is read that another
+thread writes.
+"""
+
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from icofabric_sim.simulation.devices.gpu.forces import (
+    anchor_pull,
+    arm_anywhere,
+    arm_at_midpoint,
+    dampers,
+    factor_of,
+    moments,
+    no_dampers,
+    no_moments,
+    no_pulls,
+    one_law,
+    own_law,
+    place_of,
+    springs,
+    turn_of,
+    wrench_of,
+)
+from icofabric_sim.simulation.devices.gpu.kernels import MOST_REGISTERS, OPTIONS, Terms
+from icofabric_sim.simulation.devices.gpu.monitor import larger, SHARE
+from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+from icofabric_sim.simulation.devices.gpu.rotations import to_world
+
+wp: Any = import_module('warp')
+
+_D = wp.float64
+_ZERO, _HALF, _ONE, _TWENTY = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 20.0))
+_TINY, _HUNDREDTH = wp.constant(_D(1e-300)), wp.constant(_D(0.01))
+_SLOPE, _KINK = wp.constant(_D(26.0)), wp.constant(_D(1.7))
+# Rows of a state and of its slope: position, orientation, velocity, spin.
+ROWS = 13
+# No contact and no arm: what is integrated ends with the spin.
+_FIRSTS = wp.constant(wp.types.vector(length=5, dtype=wp.int32)(0, 3, 7, 10, 13))
+
+
+class Losses(NamedTuple):
+    """What takes energy in a scene; the kernel has no code for the rest."""
+
+    damped: bool
+    dragged: bool
+
+
+@cache
+def slope_kernel(terms: Terms, losses: Losses) -> Any:
+    """Return the kernel of slopes for scenes with these terms."""
+    arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
+    pulls = springs(one_law if terms.one_law else own_law, arm_to) if terms.linked else no_pulls
+    resistance = moments(arm_to) if terms.moments else no_moments
+    held, loaded, dipole = terms.held, terms.loaded, terms.dipole
+    damped, dragged = losses
+    losing = dampers(arm_to) if damped and terms.linked else no_dampers
+
+    @wp.kernel(
+        module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
+        cuda_max_registers=MOST_REGISTERS)
+    def find_slope(
+        fabric: Fabric, acting: Acting, time: wp.float64, index: int,
+        pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
+        slopes: wp.array2d(dtype=wp.float64), spent: wp.array2d(dtype=wp.float64),
+        power: wp.array2d(dtype=wp.float64)
+    ):
+        thread = wp.tid()
+        block = thread / fabric.lanes
+        lane = thread - block * fabric.lanes
+        if (int(fabric.alive[block]) >> lane) & 1 == 0:
+            return
+        s = fabric.slot[block] + lane
+        n = fabric.stride
+        place, turn = place_of(pose, n, s), turn_of(pose, n, s)
+        velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
+        spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
+        mass = wp.vec3d(fabric.inverse_mass, fabric.inverse_mass, fabric.inverse_mass)
+        inertia = fabric.inverse_inertia
+        weight = fabric.gravity
+        if wp.static(held):
+            mass = wp.vec3d(
+                fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
+            inertia = fabric.free_inertia[s]
+            for k in range(3):
+                if mass[k] == _ZERO:
+                    weight[k] = _ZERO
+        force, torque = pulls(fabric, pose, block, lane, s, place, turn, -_ONE)
+        more, moment = resistance(fabric, pose, block, lane, s, place, turn)
+        force, torque = force + more, torque + moment
+        if wp.static(dipole):
+            torque = torque + wp.cross(to_world(turn, fabric.dipole), fabric.field)
+        if wp.static(damped or dragged):
+            taken = _ZERO
+            more, moment, taken = losing(
+                fabric, pose, motion, block, lane, s, place, turn, velocity, spin)
+            force, torque = force + more, torque + moment
+            if wp.static(dragged):
+                force = force - fabric.drag_linear * velocity
+                torque = torque - fabric.drag_angular * spin
+                taken = taken + (
+                    fabric.drag_linear * wp.dot(velocity, velocity)
+                    + fabric.drag_angular * wp.dot(spin, spin))
+            spent[index, s] = taken
+        if wp.static(loaded):
+            for m in range(acting.start[block], acting.start[block + 1]):
+                at = fabric.lanes * m + lane
+                given = _ZERO
+                if (int(acting.lanes[m]) >> lane) & 1 == 1:
+                    w = acting.wrench[m]
+                    if w >= 0:
+                        push, turning = wrench_of(acting, turn, w)
+                        factor = factor_of(acting, w, time)
+                        push, turning = factor * push, factor * turning
+                        given = wp.dot(push, velocity) + wp.dot(turning, spin)
+                    else:
+                        push, turning, given = anchor_pull(acting, -1 - w, place, turn, time)
+                    force, torque = force + push, torque + turning
+                power[index, at] = given
+        linear = wp.cw_mul(force, mass) + weight
+        angular = inertia * torque
+        for k in range(3):
+            slopes[index, k * n + s] = velocity[k]
+            slopes[index, (k + 7) * n + s] = linear[k]
+            slopes[index, (k + 10) * n + s] = angular[k]
+        half = _HALF * spin
+        # dq/dt = omega q / 2 (eq 22), scalar last.
+        vector = wp.vec3d(turn[0], turn[1], turn[2])
+        change = turn[3] * half + wp.cross(half, vector)
+        for k in range(3):
+            slopes[index, (k + 3) * n + s] = change[k]
+        slopes[index, 6 * n + s] = -wp.dot(half, vector)
+    return find_slope
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def combine(
+    fabric: Fabric, weights: wp.array(dtype=wp.float64), h: wp.float64, ends: int,
+    slopes: wp.array2d(dtype=wp.float64), pose: wp.array(dtype=wp.float64),
+    motion: wp.array(dtype=wp.float64), to_pose: wp.array(dtype=wp.float64),
+    to_motion: wp.array(dtype=wp.float64)
+):
+    """A stage of a step of `h` [s]; `ends` not 0: its end, with a unit quaternion."""
+    thread = wp.tid()
+    block = thread / fabric.lanes
+    lane = thread - block * fabric.lanes
+    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+        return
+    s = fabric.slot[block] + lane
+    n = fabric.stride
+    for k in range(13):
+        total = wp.float64(0.0)
+        for j in range(weights.shape[0]):
+            # Many weights of high-order methods are 0.
+            if weights[j] != _ZERO:
+                total = total + weights[j] * slopes[j, k * n + s]
+        if k < 7:
+            to_pose[k * n + s] = pose[k * n + s] + h * total
+        else:
+            at = (k - 7) * n + s
+            to_motion[at] = motion[at] + h * total
+    if ends != 0:
+        turn = turn_of(to_pose, n, s)
+        scale = _ONE / wp.sqrt(wp.dot(turn, turn))
+        for k in range(4):
+            to_pose[(k + 3) * n + s] = scale * turn[k]
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def judge(
+    fabric: Fabric, error_5: wp.array(dtype=wp.float64), error_3: wp.array(dtype=wp.float64),
+    scales: wp.vec4d, smooth: wp.float64, slopes: wp.array2d(dtype=wp.float64),
+    found: wp.array2d(dtype=wp.float64)
+):
+    """Error of a step of length 1 of each body, to judge it by, and what it probably is."""
+    thread = wp.tid()
+    block = thread / fabric.lanes
+    lane = thread - block * fabric.lanes
+    found[0, thread] = _ZERO
+    found[1, thread] = _ZERO
+    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+        return
+    s = fabric.slot[block] + lane
+    n = fabric.stride
+    largest_5, largest_3, squares = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+    for part in range(4):
+        square_5, square_3 = wp.float64(0.0), wp.float64(0.0)
+        for k in range(_FIRSTS[part], _FIRSTS[part + 1]):
+            first, second = wp.float64(0.0), wp.float64(0.0)
+            for j in range(error_5.shape[0]):
+                value = slopes[j, k * n + s]
+                first = first + error_5[j] * value
+                second = second + error_3[j] * value
+            square_5 = square_5 + first * first
+            square_3 = square_3 + second * second
+        squares = squares + (square_5 + square_3)
+        largest_5 = wp.max(largest_5, scales[part] * square_5)
+        largest_3 = wp.max(largest_3, scales[part] * square_3)
+    # The larger of two numbers ignores one that is none; 0 times that is none.
+    found[0, thread] = largest_5 / wp.sqrt(
+        wp.max(largest_5 + _HUNDREDTH * largest_3, _TINY)) + _ZERO * squares
+    # See kernels/probable_error.py.
+    of_5, of_3 = wp.sqrt(largest_5), wp.sqrt(largest_3)
+    ratio = wp.min(of_5 / wp.sqrt(wp.max(largest_3, _TINY)), _ONE)
+    probable = (_SLOPE * ratio * wp.sqrt(ratio) / (_TWENTY * ratio + _ONE)) * of_5
+    found[1, thread] = wp.max(probable, _KINK * (of_5 - smooth * of_3))
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def fold_largest(
+    count: int, values: wp.array2d(dtype=wp.float64), folded: wp.array2d(dtype=wp.float64)
+):
+    """The largest of some values in each row; infinite where one is no number."""
+    row, share = wp.tid()
+    total = wp.float64(0.0)
+    for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
+        total = larger(total, values[row, k])
+    folded[row, share] = total
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def add_flow(
+    weights: wp.array(dtype=wp.float64), h: wp.float64, power: wp.array2d(dtype=wp.float64),
+    keeps: int, done: wp.array(dtype=wp.float64), before: wp.array(dtype=wp.float64)
+):
+    """
+    Add what flowed in a step [J]: the weighted sum of its powers.
+
+    `keeps` not 0: what was `done` without it is kept `before`.
+    """
+    at = wp.tid()
+    total = wp.float64(0.0)
+    for j in range(weights.shape[0]):
+        total = total + weights[j] * power[j, at]
+    if keeps != 0:
+        before[at] = done[at]
+    done[at] = done[at] + h * total

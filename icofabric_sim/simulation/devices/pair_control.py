@@ -1,0 +1,45 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The step control of the embedded pair, for steps that are taken elsewhere.
+
+Which steps are tried, accepted and refused is decided by the code of a single process
+(`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py): it is run in Python, and
+what it calls for all bodies is a piece of whoever has the bodies. So there is one step control.
+"""
+
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+
+def with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
+    """A kernel as a function of Python that calls these `pieces` by the names that it knows."""
+    plain = getattr(steps, 'py_func', steps)
+    return FunctionType(
+        plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)
+
+
+def idle_pieces() -> dict[str, Any]:
+    """Pieces that have nothing to do where the bodies are elsewhere, by their names there."""
+    return {
+        'own_blocks': lambda team, count: (0, count),
+        'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
+        **dict.fromkeys((
+            'losses_of', 'wait_for_all', 'ways_of', 'save', 'accept_stretches', 'keep_work',
+            'add_flow', 'repeat_stretches', 'forget_ways'), _nothing)}
+
+
+def _nothing(*_: Any) -> None:
+    return None
