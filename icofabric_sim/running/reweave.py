@@ -24,12 +24,12 @@ name.
 from collections.abc import Callable
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages.topics import Outputs
-from icofabric_sim.parameters.changes import rebuilds
+from icofabric_sim.parameters.changes import rebuilds, with_rates
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import has_target, PullTarget
@@ -56,15 +56,32 @@ def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
         if not has_target(scene, target)]
 
 
+class _Wish(NamedTuple):
+    """What is wanted, with all that was accepted before."""
+
+    parameters: Parameters
+    scene: Scene | None  # of these, where it is built already
+    number: int
+
+
+class _Built(NamedTuple):
+    wish: _Wish
+    simulation: Simulation
+    outputs: Outputs | None  # its messages
+
+
 class Reweaver:
     """
     Builds the wanted scene; what is wanted while a build is under way becomes one more build.
+
+    Where that cannot be built, what was wanted before it can: a change that is refused takes no
+    other with it.
     """
 
     def __init__(
         self,
         post: Callable[[Callable[[], None]], object],
-        on_ready: Callable[[Parameters, Simulation | None, str], None],
+        on_ready: Callable[[Parameters, Simulation | None, str, int], None],
         body_force: BodyForce | None = None,
         ranks: 'Ranks | None' = None,
         is_touching: Callable[[], bool] = lambda: False,
@@ -74,58 +91,68 @@ class Reweaver:
         `post` brings a call into the runner's thread, where `on_ready` gets each result.
 
         The result is the simulation, or None and the reason, after the parameters wanted by then:
-        their rates may be newer than those in the scene that was built. A `body_force` goes on,
-        and `ranks` that share the steps share those of the new fabric.
+        their rates may be newer than those in the scene that was built. Then the number of the
+        last wish that it answers, with all before; a refusal may follow what could be built. A
+        `body_force` goes on, and `ranks` that share the steps share those of the new fabric.
         Where shells of the running fabric touch, which `is_touching` tells, those of the other one
         may from its first step on. `has_time`: the run waits for its pace now and then.
         """
         self._post, self._has_time = post, has_time
         self._on_ready = on_ready
         self._body_force, self._ranks, self._is_touching = body_force, ranks, is_touching
-        self._wanted: Parameters | None = None
-        self._scene: Scene | None = None  # of what is wanted, where it is built already
+        self._number = 0
+        # What is wanted by now; what was not built yet of the wishes up to there; what was built
+        # last, and the reason why something newer was not.
+        self._newest: _Wish | None = None
+        self._open: list[_Wish] = []
+        self._built: _Built | None = None
+        self._reason = ''
         self.outputs: Outputs | None = None  # messages of what was built last
         self._free_at = 0.0  # time of the next build, where the last one was a moment ago
 
-    def want(self, parameters: Parameters, scene: Scene | None = None) -> None:
+    def want(self, parameters: Parameters, scene: Scene | None = None) -> int:
         """
         Build the simulation of `parameters`, of their `scene` where there is one.
 
-        From the runner's thread.
+        From the runner's thread. Returns the number of the wish.
         """
-        idle = self._wanted is None
-        self._wanted, self._scene = parameters, scene
+        idle = self._newest is None
+        self._number += 1
+        self._newest = _Wish(parameters, scene, self._number)
+        self._open.append(self._newest)
         if idle:
             self._build(self._free_at - time.monotonic())
+        return self._number
 
     @property
     def wanted(self) -> Parameters | None:
         """What is being built, with all that was accepted meanwhile; None while nothing is."""
-        return self._wanted
+        return None if self._newest is None else self._newest.parameters
 
     def amend(self, parameters: Parameters) -> None:
         """Apply a change of rates to a build under way too, which need not be restarted for it."""
-        if self._wanted is not None:
-            self._wanted, self._scene = parameters, None
+        if self._newest is None:
+            return
+        before, self._newest = self._newest, self._newest._replace(
+            parameters=parameters, scene=None)
+        if self._open and self._open[-1] is before:
+            self._open[-1] = self._newest
 
     def _build(self, delay: float = 0.0) -> None:
-        """Build what is wanted after a `delay` [s]."""
-        now = self._wanted, self._scene
+        """Build the last of what is open after a `delay` [s]."""
+        now = self._open[-1]
 
         def build() -> None:
-            parameters, scene = now
+            wish = now
             simulation: Simulation | None = None
             outputs: Outputs | None = None
             if delay > 0.0:
                 time.sleep(delay)
-                parameters, scene = self._wanted, self._scene
-            assert parameters is not None
-            if scene is not None and scene.parameters is not parameters:
-                # The run has changed its mind between two lines of this.
-                scene = None
+                wish = self._open[-1]
             reason, began = '', time.thread_time()
             try:
-                simulation = self._compiled(scene or Scene.from_parameters(parameters))
+                simulation = self._compiled(
+                    wish.scene or Scene.from_parameters(wish.parameters))
                 # Here, and not in the thread of the run: the longest part of a change of it.
                 outputs = Outputs(simulation.scene)
                 outputs.weave(simulation.scene.parameters)
@@ -137,7 +164,7 @@ class Reweaver:
             share, longest = _REST if self._has_time() else _BUSY_REST
             self._free_at = time.monotonic() + min(
                 share * (time.thread_time() - began), longest)
-            self._post(lambda: self._finish(parameters, simulation, reason, outputs))
+            self._post(lambda: self._finish(wish, simulation, reason, outputs))
 
         threading.Thread(target=build, name='weave', daemon=True).start()
 
@@ -162,15 +189,28 @@ class Reweaver:
         return make()
 
     def _finish(
-        self, built: Parameters, simulation: Simulation | None, reason: str,
-        outputs: Outputs | None,
+        self, wish: _Wish, simulation: Simulation | None, reason: str, outputs: Outputs | None
     ) -> None:
-        wanted = self._wanted or built
-        if rebuilds(built, wanted):
+        if simulation is None:
+            self._reason = reason
+            self._open = [other for other in self._open if other.number != wish.number]
+        else:
+            self._built = _Built(wish, simulation, outputs)
+            self._open = [other for other in self._open if other.number > wish.number]
+        if self._open and (self._built is None or rebuilds(
+                self._built.wish.parameters, self._open[-1].parameters)):
             # At once: a slider that moves on must not keep all of its changes from being seen.
-            self._wanted = wanted
             self._build()
             return
-        self._wanted = self._scene = None
-        self.outputs = outputs
-        self._on_ready(wanted, simulation, reason)
+        newest, built, reason = self._newest, self._built, self._reason
+        assert newest is not None
+        self._newest, self._open, self._built, self._reason = None, [], None, ''
+        is_whole = built is not None and not rebuilds(built.wish.parameters, newest.parameters)
+        if built is not None:
+            self.outputs = built.outputs
+            wanted = newest.parameters if is_whole else with_rates(
+                built.wish.parameters, newest.parameters)
+            self._on_ready(
+                wanted, built.simulation, '', newest.number if is_whole else built.wish.number)
+        if not is_whole:
+            self._on_ready(newest.parameters, None, reason, newest.number)

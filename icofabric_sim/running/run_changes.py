@@ -83,8 +83,8 @@ class RunChanges:
         # A slider sends fifty changes a second.
         self._said = Complaints(_LOGGER.info)
         self.rest = Rest(state, time, broadcast, post)
-        # Who waits for the fabric that is being built.
-        self._builds: 'list[Future[str]]' = []
+        # Who waits for the fabric that is being built, by the number of the wish.
+        self._builds: 'list[tuple[int, Future[str]]]' = []
 
     @property
     def wanted(self) -> Parameters | None:
@@ -212,8 +212,7 @@ class RunChanges:
             self._take_rates(rates)
             self._broadcast.describe(state.now)
         if rebuilds(before, parameters):
-            self._builds.append(built)
-            self._reweaver.want(parameters, scene)
+            self._builds.append((self._reweaver.want(parameters, scene), built))
         else:
             self._reweaver.amend(parameters)
             built.set_result('')
@@ -236,8 +235,12 @@ class RunChanges:
         self._broadcast.set_rates(parameters)
         self._pace.set_factor(parameters['real_time_factor'], self._state.now)
 
-    def _swap(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> None:
-        builds, self._builds = self._builds, []
+    def _swap(
+        self, wanted: Parameters, simulation: Simulation | None, reason: str, number: int
+    ) -> None:
+        """Go on with another simulation, or say why not, to all who wait up to a `number`."""
+        builds = [built for wish, built in self._builds if wish <= number]
+        self._builds = [waits for waits in self._builds if waits[0] > number]
         try:
             reason = self._taken(wanted, simulation, reason)
         except BaseException as error:

@@ -33,7 +33,7 @@ class Runner:
     def __init__(self, *, has_time=True):
         self.posted, self.results = SimpleQueue(), []
         self.reweaver = Reweaver(
-            self.posted.put, lambda *result: self.results.append(result),
+            self.posted.put, lambda *result: self.results.append(result[:3]),
             has_time=lambda: has_time)
 
     def run_one(self):
@@ -106,6 +106,40 @@ def test_changes_during_a_build_become_one_more(builds):
     assert [result[0]['shell.density'] for result in runner.results] == [5.0]
     assert builds == [2.0, 5.0]
     assert runner.is_idle()
+
+
+def test_a_change_that_cannot_be_built_takes_no_other_with_it(builds):
+    # One is built, another and a wrong one come meanwhile, and rates.
+    answers, posted = [], SimpleQueue()
+    reweaver = Reweaver(posted.put, lambda *answer: answers.append(answer))
+    good = with_density(2.0)
+    better = with_density(3.0)
+    wrong = better.with_changes({'solver.step': 1.0})
+    numbers = [reweaver.want(wish) for wish in (good, better, wrong)]
+    reweaver.amend(wrong.with_changes({'publish_rate': 7.0}))
+    while reweaver.wanted is not None:
+        posted.get(timeout=60.0)()
+    assert builds == [2.0, 3.0, 3.0]
+    (wanted, simulation, reason, number), (refused, none, why, last) = answers
+    assert wanted['shell.density'] == simulation.scene.parameters['shell.density'] == 3.0
+    assert wanted['publish_rate'] == 7.0 and wanted['solver.step'] == 0.0
+    assert reason == '' and number == numbers[1]
+    assert refused['solver.step'] == 1.0 and none is None and last == numbers[2]
+    assert 'solver.step' in why
+    # What was built first is there where all that came later is wrong.
+    answers.clear()
+    numbers = [reweaver.want(wish) for wish in (good, wrong)]
+    while reweaver.wanted is not None:
+        posted.get(timeout=60.0)()
+    assert [(answer[0]['shell.density'], answer[2] == '', answer[3]) for answer in answers] == [
+        (2.0, True, numbers[0]), (3.0, False, numbers[1])]
+    # One that mends the wrong one is built.
+    answers.clear()
+    numbers = [reweaver.want(wish) for wish in (wrong, with_density(4.0))]
+    while reweaver.wanted is not None:
+        posted.get(timeout=60.0)()
+    (wanted, simulation, reason, number), = answers
+    assert simulation.scene.parameters['shell.density'] == 4.0 and number == numbers[1]
 
 
 def test_rates_reach_a_build_under_way(builds):

@@ -191,6 +191,25 @@ def test_change_that_cannot_be_built_leaves_everything():
     assert len(sink.of(WEAVE)) == 1
 
 
+def test_a_change_that_cannot_be_built_takes_none_with_it_that_was_accepted_before():
+    sink = ListSink(EVENTS)
+    runner = make_runner(sink, duration=0.0)
+    softer = runner.parameters.with_changes({'connector.stiffness': 200.0})
+    light = softer.with_changes({'gravity': [0.0, 0.0, -1.62]})
+    wrong = light.with_changes({'solver.step': 1.0})
+    with Beside(runner):
+        # All are there before the first is built.
+        answers = [Future() for _ in range(3)]
+        for each, answer in zip((softer, light, wrong), answers):
+            runner.change(each, None, answer)
+        assert answers[0].result(60.0) == answers[1].result(60.0) == ''
+        assert 'solver.step' in answers[2].result(60.0)
+    assert runner.simulation.scene.parameters == runner.parameters == light
+    events = [json.loads(decode_string(data))['event'] for _, data in sink.of(EVENTS)]
+    assert [name for name in events if name in ('reweave', 'change_refused')] == [
+        'reweave', 'change_refused']
+
+
 def test_rates_change_without_a_new_fabric():
     sink = ListSink(POSES, WEAVE)
     runner = make_runner(sink)
