@@ -51,6 +51,8 @@ class StaticContacts:
         self._setup, self._count = setup, body_count
         self._forces = PairForces(setup)
         self._pairs: np.ndarray | None = None
+        # Whether second derivatives are smoothed, for a search.
+        self.smoothed = False
 
     @property
     def stiffness(self) -> float:
@@ -135,7 +137,8 @@ class StaticContacts:
         self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Second derivatives of what touches, see simulation/contact/pair_forces.py."""
-        return self._forces.blocks(contacts.pairs, contacts.planes, position, axes)
+        return self._forces.blocks(
+            contacts.pairs, contacts.planes, position, axes, smoothed=self.smoothed)
 
     def close(
         self, position: np.ndarray, axes: np.ndarray, reach: float

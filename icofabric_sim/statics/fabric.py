@@ -249,6 +249,12 @@ class Configuration:
                 np.concatenate([own, bodies]), np.concatenate([before, blocks]))
         return there
 
+    def anew(self) -> 'Configuration':
+        """The same, with second derivatives of contacts found anew."""
+        there = self._alike(self.side)
+        there.__dict__.pop('contact_blocks', None)
+        return there
+
     def _alike(self, side: str) -> 'Configuration':
         there = Configuration(self.fabric, self.position, self.orientation, side)
         # What does not depend on it, as far as it is known.

@@ -28,13 +28,22 @@ from icofabric_sim.kernels.contact.many import (
     touch_planes,
 )
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.simulation.contact.curvature import (
+    BY_EDGES,
+    BY_SURFACE,
+    COUNT,
+    curvature_room,
+    pair_curvatures,
+    SWEPT,
+    VOLUME,
+)
 from icofabric_sim.simulation.contact.setup import ContactSetup
 import numpy as np
 
 # Pairs of shells; other groups are numbers of planes.
 PAIRS = -1
-# Step of the differences of forces, in parts of a and in rad, at most; and in parts of the
-# overlap, so that what touches does so at all of them.
+# Step of differences of forces, in parts of a and in rad, at most; and in parts of the overlap, so
+# that what touches does so at all of them.
 _STEP, _WITHIN = 1e-6, 0.1
 # Overlap, or gap, below which shells are at their first touch, in parts of a.
 FIRST_TOUCH = 1e-9
@@ -49,7 +58,7 @@ class PairForces:
         """See simulation/contact/setup.py."""
         self._setup = setup
         self.stiffness = setup.stiffness  # K [N/m] in use
-        self._scratch = contact_scratch()
+        self._scratch, self._room = contact_scratch(), curvature_room()
         self._reach = 2.0 * circumscribed_radius(setup.half_edge)
 
     def near(self, position: np.ndarray) -> np.ndarray:
@@ -67,7 +76,7 @@ class PairForces:
 
     def blocks(
         self, pairs: np.ndarray, planes: Sequence[np.ndarray], position: np.ndarray,
-        axes: np.ndarray
+        axes: np.ndarray, *, smoothed: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """
         Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
@@ -75,53 +84,91 @@ class PairForces:
         Of those `pairs` (p, 2), and those bodies near each of the `planes`, that touch where
         bodies are at a `position` (n, 3) with `axes` (n, 3, 3), body axes as rows.
 
-        By differences of forces on what the first body does, from which those of the second
-        follow. Where shells are at their first touch the push has a kink: it
+        In closed form (curvature.py) of what one body does by the motion of the other, from which
+        the rest follows. Where shells are at their first touch the push has a kink: it
         resists one way only, and is left out. A torque on a turned body is seen from other axes:
         half of its turn is taken out, so that the derivative is symmetric as that of the
         connectors is. A contact with a plane is a pair of a body and itself, with the first 6 x 6
-        numbers.
+        numbers. `smoothed`: by differences over 1e-6 of a and rad instead, which see what lies
+        just beyond where the overlap gains or loses a corner.
         """
         groups: list[tuple[np.ndarray, int]] = [(pairs, PAIRS)]
         groups += [
             (np.repeat(near[:, None], 2, axis=1), number) for number, near in enumerate(planes)]
         bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
         for pairs, which in groups:
-            here, _, depth, _ = self.wrenches(position[pairs], axes[pairs], which)
-            deep = depth > FIRST_TOUCH * self._setup.half_edge
-            pairs, here, depth = pairs[deep], here[deep], depth[deep]
+            touching, out = self.met(position[pairs], axes[pairs], which)
+            deep = touching & (out[:, 11] > FIRST_TOUCH * self._setup.half_edge)
+            pairs, out = pairs[deep], out[deep]
             if not len(pairs):
                 continue
-            part = np.zeros((len(pairs), 12, 12))
-            places, turns = position[pairs], axes[pairs]
-            # Of each pair, in parts of a and in rad.
-            step = np.minimum(_STEP, _WITHIN * depth / self._setup.half_edge)[:, None]
-            for k in range(6):
-                sides = []
-                for sign in (1.0, -1.0):
-                    moved, turned = places.copy(), turns.copy()
-                    if k < 3:
-                        moved[:, 0, k] += sign * step[:, 0] * self._setup.half_edge
-                    else:
-                        rotation = np.zeros((len(pairs), 3))
-                        rotation[:, k - 3] = sign * step[:, 0]
-                        turned[:, 0] = turned_axes(rotation, turned[:, 0])
-                    sides.append(self.wrenches(moved, turned, which)[0])
-                part[:, :, k] = (sides[1] - sides[0]) / (
-                    2.0 * step * (self._setup.half_edge if k < 3 else 1.0))
-            if which == PAIRS:
-                _follow_second(part, here, places[:, 1] - places[:, 0])
+            part = (self._smoothed if smoothed else self._curvatures)(
+                position[pairs], axes[pairs], which, out)
             freedoms = 12 if which == PAIRS else 6
-            for freedom in range(freedoms):
-                end, k = divmod(freedom, 6)
-                if k >= 3:
-                    part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
-                        np.eye(3)[k - 3], here[:, 6 * end + 3:6 * end + 6])
             # The plane feels the opposite, and stays where it is.
-            part[:, freedoms:] = 0.0
+            part[:, freedoms:] = part[:, :, freedoms:] = 0.0
             bodies.append(pairs)
             blocks.append(0.5 * (part + np.swapaxes(part, 1, 2)))
         return np.concatenate(bodies), np.concatenate(blocks)
+
+    def _curvatures(
+        self, places: np.ndarray, axes: np.ndarray, which: int, out: np.ndarray
+    ) -> np.ndarray:
+        """
+        Second derivatives (m, 12, 12) of the energy of pairs that touch, from `out` of `met`.
+
+        By the motion of a plane, too, about the point where it touches.
+        """
+        setup, delta = self._setup, out[:, 10, None, None]
+        point = np.ascontiguousarray(places.mean(axis=1) + out[:, 15:18])
+        second = np.ascontiguousarray(places[:, 1] if which == PAIRS else point)
+        turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
+        found = np.empty((len(places), COUNT))
+        plane = np.zeros(4) if which == PAIRS else np.asarray(setup.planes[which], float)
+        pair_curvatures(
+            setup.half_edge, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(turns[:, 0]),
+            second, np.ascontiguousarray(turns[:, 1]), point, np.ascontiguousarray(plane[:3]),
+            float(plane[3]), self._room, found)
+        arm = second - places[:, 0]
+        wrenches = np.hstack([
+            out[:, :6], -out[:, :3], np.cross(arm, out[:, :3]) - out[:, 3:6]])
+        # Of delta = 4 M_1 / M_0 by the motions of both.
+        slope = -wrenches[:, :, None] / delta
+        swept = found[:, SWEPT:BY_EDGES, None]
+        mixed = [
+            one[:, :6] * np.swapaxes(other[:, 6:], 1, 2)
+            for one, other in ((slope, slope), (slope, swept), (swept, slope))]
+        edges, surface = (
+            found[:, first:last].reshape(-1, 6, 6) for first, last in (
+                (BY_EDGES, BY_SURFACE), (BY_SURFACE, COUNT)))
+        across = mixed[0] + delta * (
+            4.0 * surface - mixed[1] - mixed[2] - delta * edges) / found[:, VOLUME, None, None]
+        return _completed(self.stiffness * across, self.stiffness * wrenches, arm)
+
+    def _smoothed(
+        self, places: np.ndarray, axes: np.ndarray, which: int, out: np.ndarray
+    ) -> np.ndarray:
+        """The same by differences of forces on what the first body does."""
+        part, a = np.zeros((len(places), 12, 12)), self._setup.half_edge
+        # Of each pair, in parts of a and in rad.
+        step = np.minimum(_STEP, _WITHIN * out[:, 11] / a)[:, None]
+        for k in range(6):
+            sides = []
+            for sign in (1.0, -1.0):
+                moved, turned = places.copy(), axes.copy()
+                if k < 3:
+                    moved[:, 0, k] += sign * step[:, 0] * a
+                else:
+                    rotation = np.zeros((len(places), 3))
+                    rotation[:, k - 3] = sign * step[:, 0]
+                    turned[:, 0] = turned_axes(rotation, turned[:, 0])
+                sides.append(self.wrenches(moved, turned, which)[0])
+            part[:, :, k] = (sides[1] - sides[0]) / (
+                2.0 * step * (a if k < 3 else 1.0))
+        here = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
+        if which == PAIRS:
+            _follow_second(part, here, places[:, 1] - places[:, 0])
+        return _with_half_turns(part, here)
 
     def wrenches(
         self, places: np.ndarray, axes: np.ndarray, which: int
@@ -212,15 +259,38 @@ class PairForces:
         return touching, out
 
 
-def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> None:
+def _completed(across: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """
-    Fill in what the second body of each pair does, (m, 12, 6 of 12), by what the first does.
+    All second derivatives (m, 12, 12), from those by one motion of either body (m, 6, 6).
 
     To move both changes nothing, and to turn both about the first turns the `wrenches` (m, 12) and
-    moves the second by its `arm` (m, 3) from the first; `part` is of minus the wrenches.
+    moves the second by its `arm` (m, 3) from the first.
     """
+    part = np.zeros((len(across), 12, 12))
+    part[:, :6, 6:], part[:, 6:, :6] = across, np.swapaxes(across, 1, 2)
+    part[:, :6, :3], part[:, 6:, 6:9] = -part[:, :6, 6:9], -part[:, 6:, :3]
+    for k, axis in enumerate(np.eye(3)):
+        turned = np.cross(axis, wrenches.reshape(-1, 4, 3)).reshape(-1, 12)
+        moved = np.einsum('mij,mj->mi', part[:, :, 6:9], np.cross(axis, arm))
+        part[:, :6, 3 + k] = -(turned + moved)[:, :6] - part[:, :6, 9 + k]
+        part[:, 6:, 9 + k] = -(turned + moved)[:, 6:] - part[:, 6:, 3 + k]
+    return _with_half_turns(part, wrenches)
+
+
+def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> None:
+    """Fill in, likewise, what the second body does, (m, 12, 6 of 12), by what the first does."""
     part[:, :, 6:9] = -part[:, :, :3]
     for k, axis in enumerate(np.eye(3)):
         turned = np.cross(axis, wrenches.reshape(-1, 4, 3)).reshape(-1, 12)
         moved = np.einsum('mij,mj->mi', part[:, :, 6:9], np.cross(axis, arm))
         part[:, :, 9 + k] = -turned - part[:, :, 3 + k] - moved
+
+
+def _with_half_turns(part: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Derivatives (m, 12, 12) with torques seen from axes that have turned half as far."""
+    for freedom in range(12):
+        end, k = divmod(freedom, 6)
+        if k >= 3:
+            part[:, 6 * end + 3:6 * end + 6, freedom] += 0.5 * np.cross(
+                np.eye(3)[k - 3], wrenches[:, 6 * end + 3:6 * end + 6])
+    return part
