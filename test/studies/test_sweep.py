@@ -170,7 +170,8 @@ def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
     ({'verbs': 'elasticity', 'vary': {'weave.kind': ['bias', 'radial']}},
      r"run 1 \(weave.kind 'radial'\): weave.kind radial does not repeat"),
     ({'verbs': 'statics', 'vary': {
-        'connector.obstruction': ['wrap'], 'connector.attachment_scale': [0.9]}}, 'attachment_scale'),
+        'connector.obstruction': ['wrap'], 'connector.attachment_scale': [0.9]}},
+     'attachment_scale'),
     ({'verbs': 'bands', 'vary': {'connector.stiffness_compression': [5.0]}}, 'no bands')])
 def test_work_that_a_scene_cannot_give_is_refused_before_anything_starts(
         woven, tmp_path, words, said):
