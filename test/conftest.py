@@ -74,7 +74,8 @@ _LONG = re.compile(
     r'|test_quick_arms_around_shells_are_dampers_and_slow_ones_springs'
     r'|test_they_break_at_the_length_of_the_whole_way\[1-2\]'
     r'|test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode\[auto\]'
-    r'|test_statics_and_motion_bend_a_beam_alike')
+    r'|test_statics_and_motion_bend_a_beam_alike'
+    r'|test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces')
 
 # Files that take longest, the longest first, from an empty cache of kernels. Workers begin with
 # them, so that none is left with one when the others have ended. Nodes wait more than they

@@ -42,7 +42,7 @@ LOSSY = {
     'masses': {'m': {'group': 'some', 'mass': 0.03, 'inertia': 5e-6}},
     'connector_groups': {'g': {'between': 'some all', 'damping': 0.02}}}
 OWN = {
-    'damped, given dop8': {
+    'damped, anchored and bent': {
         **LOSSY, 'anchors': {'a': {'body': 0, 'edge': 'west', 'position': [-0.2, 0.0, 0.0]}},
         'connector.bending_stiffness': 1e-3, 'solver': {'method': 'dop8', 'step': 2e-4}},
     'damped, given': {**LOSSY, 'solver': {'method': 'dop8', 'step': 2e-4}},
@@ -76,13 +76,16 @@ def bits(snapshot):
 
 
 @pytest.mark.parametrize('name', [
-    *(name for name in SCENES if name not in FOR_RANKS_ALONE), 'damped, given dop8'])
+    *(name for name in SCENES if name not in FOR_RANKS_ALONE), 'damped, given',
+    pytest.param('damped, anchored and bent', marks=pytest.mark.long)])
 def test_a_device_moves_as_the_processor_does(name):
     expected, simulation = compiled(name, 'cpu'), compiled(name)
     one, other = run(expected), run(simulation)
+    # Twelve evaluations a step.
+    rounding = ROUNDING * (10.0 if 'damped' in name else 1.0)
     for field in FIELDS:
         values = getattr(one, field)
-        assert np.abs(getattr(other, field) - values).max() <= ROUNDING * max(
+        assert np.abs(getattr(other, field) - values).max() <= rounding * max(
             np.abs(values).max(), 1.0), field
     assert simulation.status.step == pytest.approx(expected.status.step, rel=1e-9)
     assert simulation.status.step_count == expected.status.step_count > 10
