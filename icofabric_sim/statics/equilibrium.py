@@ -567,9 +567,10 @@ class _Search:
     def result(self) -> Equilibrium:
         """Judge where the search stands."""
         residual, converged = self.residual(), self.is_at_rest
-        if self.here.fabric.contacts is not None:
-            self.here.fabric.contacts.smoothed = False
-        here = self.here.anew()
+        here = self.here
+        if here.fabric.contacts is not None:
+            here.fabric.contacts.smoothed = False
+            here = here.anew()
         verdict, curvature = NOT_AT_REST, Curvature(-1, -1)
         branches: Mapping[str, Curvature] = {}
         if converged:

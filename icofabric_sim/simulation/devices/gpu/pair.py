@@ -167,7 +167,8 @@ class DevicePair:
             return found
 
         return self._take(
-            steps, (loads, state, work), saved, of_run=check_interval < NEVER, adapts=True)
+            steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
+            adapts=True)
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
@@ -182,17 +183,18 @@ class DevicePair:
             return found
 
         return self._take(
-            steps, (loads, state, work), saved, of_run=check_interval < NEVER, adapts=False)
+            steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
+            adapts=False)
 
     def _take(
-        self, steps: Callable[[dict[str, Any]], tuple[int, int, int]], now: _Run, saved: State, *,
-        of_run: bool, adapts: bool
+        self, steps: Callable[[dict[str, Any]], tuple[int, int, int]], model: Model, now: _Run,
+        saved: State, *, of_run: bool, adapts: bool
     ) -> tuple[int, int, int]:
         if not of_run:
             self.take_over()
         with TURN, named_failure(self.device, self._forget):
             if not (of_run and self._is_out):
-                self._put(*now)
+                self._put(model, *now)
             if of_run:
                 self._run = now
                 self._is_out = self._is_stale = True
@@ -324,7 +326,7 @@ class DevicePair:
 
     # Between here and there.
 
-    def _put(self, loads: Loads, state: State, work: Work) -> None:
+    def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
         """Have the state, its slope, what acts and what was spent on the device."""
         self._copy_rows(state, self._state.poses[0], self._state.motion, back=False)
         for target in (self._state.poses[1], self._stage[0], self._start[0]):
@@ -338,9 +340,9 @@ class DevicePair:
             wp.copy(self._spent[_LAST], seen(work.spent.power[_LAST]))
         if len(loads.wrench) or self._acting is not None:
             self._put_loads(loads)
-        links = self._packed.model.links
-        if links is not None:
-            self._fabric.present.assign(links.present.ravel())
+        if model.links is not None:
+            # A connector that was broken before the run came here.
+            self._fabric.present.assign(model.links.present.ravel())
         self._has_stepped = False
 
     def _put_loads(self, loads: Loads) -> None:

@@ -214,7 +214,7 @@ def judge(
         squares = squares + (square_5 + square_3)
         largest_5 = wp.max(largest_5, scales[part] * square_5)
         largest_3 = wp.max(largest_3, scales[part] * square_3)
-    # The larger of two numbers ignores one that is none; 0 times that is none.
+    # wp.max drops NaN; a product with 0 keeps it.
     found[0, thread] = largest_5 / wp.sqrt(
         wp.max(largest_5 + _HUNDREDTH * largest_3, _TINY)) + _ZERO * squares
     # See kernels/probable_error.py.
