@@ -23,12 +23,27 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any
 
+from icofabric_sim.kernels.integrators import embedded
+
+# Status, steps done and steps since the last health check, by the pieces that take them.
+Steps = Callable[[dict[str, Any]], tuple[int, int, int]]
+
 
 def with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
     """A kernel as a function of Python that calls these `pieces` by the names that it knows."""
     plain = getattr(steps, 'py_func', steps)
     return FunctionType(
         plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)
+
+
+def adaptive_steps(*arguments: Any) -> Steps:
+    """Steps as `adaptive_pair` takes them, once pieces are given."""
+    return lambda pieces: with_pieces(embedded.adaptive_pair, pieces)(embedded.DOP8, *arguments)
+
+
+def fixed_steps(*arguments: Any) -> Steps:
+    """The same as `fixed_pair`."""
+    return lambda pieces: with_pieces(embedded.fixed_pair, pieces)(embedded.DOP8, *arguments)
 
 
 def idle_pieces() -> dict[str, Any]:
@@ -38,8 +53,8 @@ def idle_pieces() -> dict[str, Any]:
         'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
         **dict.fromkeys((
             'losses_of', 'wait_for_all', 'ways_of', 'save', 'accept_stretches', 'keep_work',
-            'add_flow', 'repeat_stretches', 'forget_ways'), _nothing)}
+            'add_flow', 'repeat_stretches', 'forget_ways'), nothing)}
 
 
-def _nothing(*_: Any) -> None:
-    return None
+def nothing(*_: Any) -> None:
+    """Do nothing: a piece that is not needed."""

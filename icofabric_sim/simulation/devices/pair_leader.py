@@ -21,7 +21,6 @@ the steps. What it asks of pairs, when a contact begins or ends, is found here t
 state is gathered where something is near.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -60,7 +59,12 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
-from icofabric_sim.simulation.devices.pair_control import idle_pieces, with_pieces
+from icofabric_sim.simulation.devices.pair_control import (
+    adaptive_steps,
+    fixed_steps,
+    idle_pieces,
+    Steps,
+)
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
     done_by,
@@ -121,12 +125,9 @@ class SharedPair:
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `adaptive_pair` does, with all ranks."""
-        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = with_pieces(embedded.adaptive_pair, pieces)(
-                self._pair, model, loads, state, saved, work, team, control, count, since_check,
-                check_interval, watch, ledger)
-            return found
-
+        steps = adaptive_steps(
+            model, loads, state, saved, work, team, control, count, since_check, check_interval,
+            watch, ledger)
         return self._take(
             steps, model, loads, state, work, watch, of_run=check_interval < NEVER,
             control=control)
@@ -137,17 +138,14 @@ class SharedPair:
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `fixed_pair` does, with all ranks."""
-        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = with_pieces(embedded.fixed_pair, pieces)(
-                self._pair, model, loads, state, saved, work, team, origin, index, h, count,
-                since_check, check_interval, watch, ledger)
-            return found
-
+        steps = fixed_steps(
+            model, loads, state, saved, work, team, origin, index, h, count, since_check,
+            check_interval, watch, ledger)
         return self._take(
             steps, model, loads, state, work, watch, of_run=check_interval < NEVER, control=None)
 
     def _take(
-        self, steps: Callable[[dict[str, Any]], tuple[int, int, int]], model: Model, loads: Loads,
+        self, steps: Steps, model: Model, loads: Loads,
         state: State, work: Work, watch: Watch | None, *, of_run: bool,
         control: np.ndarray | None
     ) -> tuple[int, int, int]:

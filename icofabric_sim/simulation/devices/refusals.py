@@ -17,11 +17,8 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.scene.electric import is_charged
-from icofabric_sim.scene.maxwell import has_arms
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.stepping.events import why_events
-from icofabric_sim.simulation.stepping.method_needs import required_method
+from icofabric_sim.simulation.stepping.method_needs import beyond_losses, required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
@@ -50,7 +47,7 @@ def require_on_device(
     _require(
         scene, chain(_lacking(scene), _lacking_on_device(scene)), _on(device), _CPU,
         cosines=cosines, body_force=body_force)
-    reason = _beyond_pair(scene)
+    reason = beyond_losses(scene)
     if reason:
         choice = required_method(scene)
         assert choice is not None
@@ -64,19 +61,6 @@ def require_on_device(
     if scene.parameters['weave.kind'] == 'radial' and moments:
         raise ParameterError(
             moments[0], f'{moments[0]} in a weave.kind radial {_on(device)} yet: take 0, {_CPU}')
-
-
-def _beyond_pair(scene: Scene) -> str:
-    """Say what only `dop8` integrates and no device computes; '': nothing."""
-    parameters = scene.parameters
-    arm = has_arms(parameters)
-    if scene.connector_count and arm:
-        return f'{arm} gives connectors Maxwell arms, which creep'
-    if scene.principal_inertia is not None:
-        return 'inertias are not isotropic (principal_inertia), so free bodies tumble'
-    if is_charged(parameters) and any(parameters['field.magnetic']):
-        return 'field.magnetic acts on charges by their velocities'
-    return why_events(scene)
 
 
 def require_shareable_method(name: str) -> None:

@@ -106,17 +106,22 @@ def _refuse_blind_steps(scene: Scene) -> None:
 def _reason(scene: Scene) -> str:
     """Name the first term that needs it, if any."""
     # Forces that depend on velocities are named here; events within a step name themselves.
-    parameters = scene.parameters
     if is_damped(scene):
         return 'connectors are damped, by forces that depend on velocities'
+    for name in ('drag.linear', 'drag.angular'):
+        if scene.parameters[name] > 0.0:
+            return f'{name} is a force that depends on velocities'
+    return beyond_losses(scene)
+
+
+def beyond_losses(scene: Scene) -> str:
+    """Name what needs it beside damping and drag; '': nothing."""
+    parameters = scene.parameters
     arm = has_arms(parameters)
     if scene.connector_count and arm:
         return f'{arm} gives connectors Maxwell arms, which creep'
     if scene.principal_inertia is not None:
         return 'inertias are not isotropic (principal_inertia), so free bodies tumble'
-    for name in ('drag.linear', 'drag.angular'):
-        if parameters[name] > 0.0:
-            return f'{name} is a force that depends on velocities'
     if is_charged(parameters) and any(parameters['field.magnetic']):
         return 'field.magnetic acts on charges by their velocities'
     return why_events(scene)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from icofabric_sim import checks
-from icofabric_sim.geometry.icosahedron import face_geometry
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
 from icofabric_sim.geometry.shell import maximum_thickness, Shell
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
@@ -340,7 +340,7 @@ class _Draw:
         for edge in _EDGES:
             if self.chance(0.5):
                 way = np.array(self.vector(1.0))
-                on_shell = way * (maximum_thickness(self.a) / (faces.normals @ way).max())
+                on_shell = way * (inscribed_radius(self.a) / (faces.normals @ way).max())
                 out = 1.0 if self.chance(0.4) else self.uniform(1.0, 1.5)
                 self.values[f'connector.attachment.{edge}'] = [float(x) for x in out * on_shell]
 

@@ -19,7 +19,6 @@ Which steps are tried, accepted and refused is decided here, by the code of a si
 stay on the device, and come here where the trajectory is asked for them.
 """
 
-from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -60,7 +59,13 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
     ROWS,
     slope_kernel,
 )
-from icofabric_sim.simulation.devices.pair_control import idle_pieces, with_pieces
+from icofabric_sim.simulation.devices.pair_control import (
+    adaptive_steps,
+    fixed_steps,
+    idle_pieces,
+    nothing,
+    Steps,
+)
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -103,7 +108,10 @@ class DevicePair:
         self._errors = [self._zeros((2, self._threads))]
         while self._errors[-1].shape[1] > _FEW:
             self._errors.append(self._zeros((2, -(-self._errors[-1].shape[1] // SHARE))))
+        # What acts, and what stands for it where nothing does.
         self._acting: Any = None
+        self._idle = Acting()
+        self._kernel: Any = None
         self._health = HealthCheck(model, self._fabric, device)
         # Whether the state of the run is on the device, and whether only there; and whether steps
         # were taken since it came there.
@@ -160,12 +168,9 @@ class DevicePair:
         watch: None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `adaptive_pair` does, on the device."""
-        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = with_pieces(embedded.adaptive_pair, pieces)(
-                self._pair, model, loads, state, saved, work, team, control, count, since_check,
-                check_interval, watch, ledger)
-            return found
-
+        steps = adaptive_steps(
+            model, loads, state, saved, work, team, control, count, since_check, check_interval,
+            watch, ledger)
         return self._take(
             steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
             adapts=True)
@@ -176,18 +181,15 @@ class DevicePair:
         watch: None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `fixed_pair` does, on the device."""
-        def steps(pieces: dict[str, Any]) -> tuple[int, int, int]:
-            found: tuple[int, int, int] = with_pieces(embedded.fixed_pair, pieces)(
-                self._pair, model, loads, state, saved, work, team, origin, index, h, count,
-                since_check, check_interval, watch, ledger)
-            return found
-
+        steps = fixed_steps(
+            model, loads, state, saved, work, team, origin, index, h, count, since_check,
+            check_interval, watch, ledger)
         return self._take(
             steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
             adapts=False)
 
     def _take(
-        self, steps: Callable[[dict[str, Any]], tuple[int, int, int]], model: Model, now: _Run,
+        self, steps: Steps, model: Model, now: _Run,
         saved: State, *, of_run: bool, adapts: bool
     ) -> tuple[int, int, int]:
         if not of_run:
@@ -213,9 +215,6 @@ class DevicePair:
 
     def _pieces(self, now: _Run, *, adapts: bool) -> dict[str, Any]:
         """What the step control calls, by its names there."""
-        def nothing(*_: Any) -> None:
-            return None
-
         return {
             **idle_pieces(), 'note_lengths': nothing, 'is_breaking': lambda *_: False,
             'tests_of': lambda *_: 0, 'set_tests': nothing,
@@ -235,11 +234,9 @@ class DevicePair:
         self._slope(self._state.poses[0], self._state.motion, int(index), float(rest[2]))
 
     def _slope(self, pose: Any, motion: Any, index: int, time: float) -> None:
-        loaded = self._acting is not None
-        kernel = slope_kernel(terms_of(self._packed.model, loaded=loaded), self._losses)
         self._launch(
-            kernel, self._acting if loaded else Acting(), time, index, pose, motion, self._slopes,
-            self._spent, self._power)
+            self._kernel, self._idle if self._acting is None else self._acting, time, index, pose,
+            motion, self._slopes, self._spent, self._power)
 
     def _launch(self, kernel: Any, *inputs: Any) -> None:
         wp.launch(
@@ -343,6 +340,8 @@ class DevicePair:
         if model.links is not None:
             # A connector that was broken before the run came here.
             self._fabric.present.assign(model.links.present.ravel())
+        self._kernel = slope_kernel(
+            terms_of(self._packed.model, loaded=self._acting is not None), self._losses)
         self._has_stepped = False
 
     def _put_loads(self, loads: Loads) -> None:

@@ -64,6 +64,16 @@ class Losses(NamedTuple):
     dragged: bool
 
 
+@wp.func
+def slot_of(fabric: Fabric, thread: int):
+    """Slot of a thread's body; -1: it has none."""
+    block = thread / fabric.lanes
+    lane = thread - block * fabric.lanes
+    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+        return -1
+    return fabric.slot[block] + lane
+
+
 @cache
 def slope_kernel(terms: Terms, losses: Losses) -> Any:
     """Return the kernel of slopes for scenes with these terms."""
@@ -84,11 +94,11 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
         power: wp.array2d(dtype=wp.float64)
     ):
         thread = wp.tid()
+        s = slot_of(fabric, thread)
+        if s < 0:
+            return
         block = thread / fabric.lanes
         lane = thread - block * fabric.lanes
-        if (int(fabric.alive[block]) >> lane) & 1 == 0:
-            return
-        s = fabric.slot[block] + lane
         n = fabric.stride
         place, turn = place_of(pose, n, s), turn_of(pose, n, s)
         velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
@@ -159,12 +169,9 @@ def combine(
     to_motion: wp.array(dtype=wp.float64)
 ):
     """A stage of a step of `h` [s]; `ends` not 0: its end, with a unit quaternion."""
-    thread = wp.tid()
-    block = thread / fabric.lanes
-    lane = thread - block * fabric.lanes
-    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+    s = slot_of(fabric, wp.tid())
+    if s < 0:
         return
-    s = fabric.slot[block] + lane
     n = fabric.stride
     for k in range(13):
         total = wp.float64(0.0)
@@ -192,13 +199,11 @@ def judge(
 ):
     """Error of a step of length 1 of each body, to judge it by, and what it probably is."""
     thread = wp.tid()
-    block = thread / fabric.lanes
-    lane = thread - block * fabric.lanes
     found[0, thread] = _ZERO
     found[1, thread] = _ZERO
-    if (int(fabric.alive[block]) >> lane) & 1 == 0:
+    s = slot_of(fabric, thread)
+    if s < 0:
         return
-    s = fabric.slot[block] + lane
     n = fabric.stride
     largest_5, largest_3, squares = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
     for part in range(4):
