@@ -126,6 +126,27 @@ def test_steps_are_tried_and_refused_as_on_the_processor(name):
             simulation.snapshot().position - expected.snapshot().position).max() < 0.01 * error
 
 
+def test_what_broke_before_stays_broken_on_a_device():
+    # A run in which connectors break, and the fabric that goes on without limits.
+    torn = compiled('damped, given', 'cpu', **{
+        'connector.break_length_extension': 0.034, 'gravity': [0.0, 0.0, -200.0]})
+    torn.advance_to(0.03)
+    broken = (~torn.snapshot().intact).sum()
+    assert broken > 0
+    ends = []
+    for device in ('cpu', 'warp_cpu'):
+        simulation = compiled('damped, given', device, gravity=[0.0, 0.0, -200.0])
+        simulation.take_over(torn, keep_motion=True)
+        simulation.advance_to(0.035)
+        ends.append(simulation.snapshot())
+        assert (~ends[-1].intact).sum() == broken
+    assert np.abs(ends[1].position - ends[0].position).max() < 1e-11
+    whole = compiled('damped, given', gravity=[0.0, 0.0, -200.0])
+    whole.set_state(**{field: getattr(torn.snapshot(), field) for field in FIELDS})
+    whole.advance_to(0.005)
+    assert np.abs(whole.snapshot().position - ends[1].position).max() > 1e-6
+
+
 def test_bodies_have_masses_of_their_own_on_a_device():
     changes = {
         'weave.size': [5, 7, 9],
