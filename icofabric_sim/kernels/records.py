@@ -398,7 +398,10 @@ class Contacts(Record):
     # zero, for each thread
     deepest: np.ndarray
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
-    taken: np.ndarray  # int64, the thread that took each part of the pairs last
+    # int64 (8 t,): which part of the pairs each thread took last, -1: none; and for each part which
+    # one the thread that took it had taken before
+    latest: np.ndarray
+    earlier: np.ndarray
     # (t, 8, 3) place and matrix of the first body, for each thread, with cache lines of its own
     first: np.ndarray
     second: np.ndarray  # (t, 8, 3) and of the second

@@ -111,10 +111,11 @@ def touch_some(
     """
     Evaluate the pairs that do not sleep at a `path` [m] (sleeping.py); returns how many.
 
-    Those of the parts that this one of `size` threads takes (runtime/team.py), which are noted in
-    `taken`. The numbers of the evaluated pairs of a part go into `awake`, from its first place on.
-    Those that had one apex when they were evaluated last wait until there are enough to fill the
-    lanes of a vector; all others are evaluated one by one.
+    Those of the parts that this one of `size` threads takes (runtime/team.py). It notes them in a
+    chain of its own: who took the others may not have said so yet. The numbers of the evaluated
+    pairs of a part go into `awake`, from its first place on. Those that had one apex when they were
+    evaluated last wait until there are enough to fill the lanes of a vector; all others are
+    evaluated one by one.
     """
     deepest, edges, points, total = 0.0, 0, 0, 0
     count = contacts.pairs.shape[0]
@@ -128,9 +129,11 @@ def touch_some(
     axis = borrowed(contacts.sleep.axis)
     room, marks = borrowed(scratch.room), borrowed(scratch.marks)
     half_edge = contacts.half_edge
+    latest: int = np.int64(-1)  # type: ignore[assignment]
     number = take_part(flags, member, size, parts, -1)
     while number >= 0:
-        contacts.taken[number] = member
+        contacts.earlier[number] = latest
+        latest = number
         first, last, tested = number * part, min((number + 1) * part, count), 0
         for p in range(first, last):
             if path < until[p]:
@@ -202,6 +205,7 @@ def touch_some(
         deepest = max(deepest, take_lanes(
             contacts, position, orientation, pairs, own, other, scratch, room, marks, result,
             until, path, POINTS, POINTS_WAIT, points))
+    contacts.latest[8 * member] = latest
     contacts.deepest[8 * member] = max(contacts.deepest[8 * member], deepest)
     contacts.deepest[8 * member + 1] = max(contacts.deepest[8 * member + 1], deepest)
     return total
@@ -415,7 +419,7 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
                 aside[p, 19] = 0.0
     touch_listed(
         contacts, state.position, state.orientation, contacts.scratch, aside, sleep.looked, 0.0,
-        contacts.taken, 0, 1)
+        contacts.earlier, 0, 1)
     contacts.tests[0], contacts.deepest[0] = tests, before
     for p in range(contacts.pairs.shape[0]):
         energy += aside[p, 9]

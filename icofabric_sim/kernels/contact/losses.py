@@ -94,9 +94,11 @@ def touch_and_lose(
     count = contacts.pairs.shape[0]
     part = part_of(count, team.size)
     touch_awake(contacts, state.position, state.orientation, team)
-    for first in range(0, count, part):
-        if contacts.taken[first // part] == team.member:
-            lose_some(losses, contacts, state, index, first, min(first + part, count))
+    number = contacts.latest[8 * team.member]
+    while number >= 0:
+        first = number * part
+        lose_some(losses, contacts, state, index, first, min(first + part, count))
+        number = contacts.earlier[number]
     wait_for_all(team)
     end_parts(team)
     add_up(contacts, contacts.result, contacts.rows, team)
@@ -187,11 +189,13 @@ def touch_ahead(
         count = contacts.pairs.shape[0]
         part = part_of(count, team.size)
         touch_awake(contacts, state.position, state.orientation, team)
-        for first in range(0, count, part):
-            if contacts.taken[first // part] == team.member:
-                lose_ahead(
-                    losses, contacts, state, inverse_mass, inverse_inertia, h, step, first,
-                    min(first + part, count))
+        number = contacts.latest[8 * team.member]
+        while number >= 0:
+            first = number * part
+            lose_ahead(
+                losses, contacts, state, inverse_mass, inverse_inertia, h, step, first,
+                min(first + part, count))
+            number = contacts.earlier[number]
         wait_for_all(team)
         end_parts(team)
         add_up(contacts, contacts.result, contacts.rows, team)

@@ -580,7 +580,7 @@ class BroadPhase:
         watch, scratch, place = self._watch, contacts.scratch, contacts.first[0]
         return (
             (touch_some, contacts, watch.reference, watch.turned, scratch, contacts.result,
-             contacts.sleep.until, 0.0, contacts.taken, 0, 1),
+             contacts.sleep.until, 0.0, contacts.earlier, 0, 1),
             (found_gap, contacts.half_edge, place[0], place[1:], place[0], place[1:], scratch))
 
     def nothing(self) -> Contacts:
@@ -601,7 +601,8 @@ class BroadPhase:
             'pairs': slots, 'result': np.zeros((count, OUT_SIZE)), 'start': start, 'slot': slot,
             'entry': entry, 'deepest': np.zeros(8 * self._threads),
             'tests': np.zeros(8 * self._threads),
-            'taken': np.zeros(count // LEAST_PART + 2, np.int64),
+            'latest': np.full(8 * self._threads, -1),
+            'earlier': np.zeros(count // LEAST_PART + 2, np.int64),
             'aside': np.zeros((count, OUT_SIZE)),
             'sleep': self._sleep(count),
             'losses': self.stretches.room(near.pairs, rows.shape[1], slot)}
