@@ -398,10 +398,8 @@ class Contacts(Record):
     # zero, for each thread
     deepest: np.ndarray
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
-    # int64 (8 t,): which part of the pairs each thread took last, -1: none; and for each part which
-    # one the thread that took it had taken before
-    latest: np.ndarray
-    earlier: np.ndarray
+    latest: np.ndarray  # int64 (8 t,), the part of the pairs that each thread took last, -1: none
+    earlier: np.ndarray  # int64, for each part the one that its thread had taken before
     # (t, 8, 3) place and matrix of the first body, for each thread, with cache lines of its own
     first: np.ndarray
     second: np.ndarray  # (t, 8, 3) and of the second

@@ -22,6 +22,8 @@ from fabrics import changed, same_state
 import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.commands.run_summary import step_reason
+from icofabric_sim.kernels.contact.forces import part_of, touch_some
+from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.messages import decode_diagnostic_array
 from icofabric_sim.running.diagnostics import HealthReport
 from icofabric_sim.running.runner import Runner
@@ -371,6 +373,34 @@ def test_a_crowd_that_loses_energy_is_the_same_bits_for_any_threads(
         assert abs(ends[-1].energy['balance_error']) < 1e-6 * start['total']
         assert ends[-1].energy['dissipated'] > least * start['total']
     assert same_state(*ends) and ends[0].energy == ends[1].energy
+
+
+def test_a_thread_knows_the_parts_it_took_and_no_other():
+    # What another thread holds may still bear the note of an evaluation before.
+    simulation = ico.compile_scene(crowd(contact__damping=2.0, solver__threads=1))
+    simulation.advance_to(0.03)
+    driver = simulation._driver
+    contacts, state = driver.trajectory.model.contacts, driver.trajectory.state
+    count, flags = len(contacts.pairs), np.zeros(flag_count(2), np.int64)
+    parts = -(-count // part_of(count, 2))
+    assert parts > 2
+
+    def taken():
+        touch_some(
+            contacts, state.position, state.orientation, contacts.scratch, contacts.result.copy(),
+            contacts.sleep.until.copy(), 0.0, flags, 0, 2)
+        chain, number = [], contacts.latest[0]
+        while number >= 0:
+            chain.append(int(number))
+            number = contacts.earlier[number]
+        return sorted(chain)
+
+    assert taken() == list(range(parts))
+    # The second thread has taken the first part of its run, and no more.
+    flags[:] = 0
+    flags[40 + 8] = 1
+    assert taken() == [number for number in range(parts) if number != parts // 2]
+    assert taken() == []
 
 
 @pytest.mark.parametrize('size, friction, damping, drag, calm', [

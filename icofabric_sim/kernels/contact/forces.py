@@ -113,8 +113,8 @@ def touch_some(
 
     Those of the parts that this one of `size` threads takes (runtime/team.py). It notes them in a
     chain of its own: who took the others may not have said so yet. The numbers of the evaluated
-    pairs of a part go into `awake`, from its first place on. Those that had one apex when they were
-    evaluated last wait until there are enough to fill the lanes of a vector; all others are
+    pairs of a part go into `awake`, from its first place on. Those that had one apex when they
+    were evaluated last wait until there are enough to fill the lanes of a vector; all others are
     evaluated one by one.
     """
     deepest, edges, points, total = 0.0, 0, 0, 0

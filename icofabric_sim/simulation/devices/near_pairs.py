@@ -109,9 +109,9 @@ def contacts_of(
         start=start, slot=acting, entry=entry, turns=turns,
         rows=rows, pushes=np.zeros(block_count), deepest=np.zeros(8), tests=np.zeros(8),
         latest=np.full(8, -1), earlier=np.zeros(count // LEAST_PART + 2, np.int64),
-        first=np.zeros((1, 8, 3)), second=np.zeros((1, 8, 3)), aside=np.zeros((0, OUT_SIZE)), scratch=contact_scratch(),
-        touch_address=0, gap_address=0, sleep=_sleep(near, followed, slot_count),
-        losses=_losses(near, slot_count))
+        first=np.zeros((1, 8, 3)), second=np.zeros((1, 8, 3)), aside=np.zeros((0, OUT_SIZE)),
+        scratch=contact_scratch(), touch_address=0, gap_address=0,
+        sleep=_sleep(near, followed, slot_count), losses=_losses(near, slot_count))
     if not address:
         place, turned = aligned_empty((3, 0)), aligned_empty((4, 0))
         address = address_of(
