@@ -49,23 +49,33 @@ class Push(NamedTuple):
     depth: Any  # delta, four times the mean depth of the overlap [m], (n,)
 
 
-def separation(half_edge: float, first: Pose, second: Pose) -> Separation:
+def separation(
+    half_edge: float, first: Pose, second: Pose, *, other_edge: float | None = None
+) -> Separation:
     """
     Distance of two shells of half edge a [m], to rounding; minus their depth where they overlap.
 
-    The depth is the least shift that parts them. Tests every feature of both.
+    The depth is the least shift that parts them. Tests every feature of both. `other_edge`: half
+    edge [m] of the second where it is another.
     """
     from icofabric_sim.kernels.contact.many import signed_distances
 
     half_edge = checks.positive('half_edge', half_edge, 'm')
     (xa, ra), (xb, rb), single = _poses(first=first, second=second)
     distance, axis = np.zeros(len(xa)), np.zeros((len(xa), 3))
-    signed_distances(float(half_edge), xa, ra, xb, rb, distance, axis)
+    signed_distances(_edges(half_edge, other_edge, len(xa)), xa, ra, xb, rb, distance, axis)
     return Separation(*_rows(single, distance, axis))
 
 
-def push(half_edge: float, first: Pose, second: Pose, stiffness: float) -> Push:
-    """How two shells of half edge a [m] push each other, for a contact stiffness [N/m]."""
+def push(
+    half_edge: float, first: Pose, second: Pose, stiffness: float, *,
+    other_edge: float | None = None
+) -> Push:
+    """
+    How two shells of half edge a [m] push each other, for a contact stiffness [N/m].
+
+    `other_edge`: half edge [m] of the second where it is another.
+    """
     from icofabric_sim.kernels.contact.many import touch_pairs
     from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 
@@ -73,7 +83,8 @@ def push(half_edge: float, first: Pose, second: Pose, stiffness: float) -> Push:
     stiffness = checks.positive('stiffness', stiffness, 'N/m')
     (xa, ra), (xb, rb), single = _poses(first=first, second=second)
     touching, out = np.zeros(len(xa), bool), np.zeros((len(xa), OUT_SIZE))
-    touch_pairs(float(half_edge), xa, ra, xb, rb, contact_scratch(), touching, out)
+    touch_pairs(
+        _edges(half_edge, other_edge, len(xa)), xa, ra, xb, rb, contact_scratch(), touching, out)
     return _push(single, touching, out, stiffness)
 
 
@@ -93,9 +104,16 @@ def push_of_plane(
     offset = checks.number('offset', offset, unit='m')
     (x, r), _, single = _poses(pose=pose)
     touching, out = np.zeros(len(x), bool), np.zeros((len(x), OUT_SIZE))
-    touch_planes(float(half_edge), up / length, offset / length, x, r, contact_scratch(),
-                 touching, out)
+    touch_planes(
+        _edges(half_edge, None, len(x)), up / length, offset / length, x, r, contact_scratch(),
+        touching, out)
     return _push(single, touching, out, stiffness)
+
+
+def _edges(half_edge: float, other: float | None, count: int) -> np.ndarray:
+    """Half edges [m] of both of so many pairs, (n, 2)."""
+    second = half_edge if other is None else checks.positive('other_edge', other, 'm')
+    return np.tile([float(half_edge), float(second)], (count, 1))
 
 
 def restitution(damping: float, speed: float) -> float:

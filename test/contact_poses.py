@@ -38,12 +38,12 @@ KINDS = ('random', 'alike', 'face on face', 'tilted face', 'vertex on vertex', '
          'edge on edge', 'parallel edges', 'quarter turns')
 
 
-def touch(xa, ra, xb, rb, half_edge=1.0):
+def touch(xa, ra, xb, rb, half_edge=1.0, other_edge=None):
     """What `touch_pair` says, as (whether, out)."""
     out = np.full(OUT_SIZE, np.nan)
     touching = touch_pair(
-        half_edge, np.array(xa, float), np.array(ra, order='C'), np.array(xb, float),
-        np.array(rb, order='C'), SCRATCH, out)
+        half_edge, other_edge or half_edge, np.array(xa, float), np.array(ra, order='C'),
+        np.array(xb, float), np.array(rb, order='C'), SCRATCH, out)
     return touching, out
 
 
@@ -60,7 +60,7 @@ def by_polygons(xa, ra, xb, rb):
     What all polygons between two bodies that overlap say, as `touch`; their sums are in SCRATCH.
     """
     out, room, d = np.zeros(OUT_SIZE), SCRATCH.room, xb - xa
-    c = approach(1.0, *d, ra, rb, room)
+    c = approach(1.0, 1.0, *d, ra, rb, room)
     verdict, *found = find_facet(room, *c)
     touching, *_, gap = press_surface(1.0, ra, verdict, *c, *found, room, SCRATCH.marks, out)
     out[6:9] = np.cross(d, out[0:3]) - out[3:6]
@@ -142,10 +142,10 @@ def first_touch(ra, rb, way):
     return low
 
 
-def half_spaces(x, rotation):
+def half_spaces(x, rotation, half_edge=1.0):
     """Rows (n, -rho - n . x): n . y + b is minus the depth of y below a face."""
     normals = NORMALS @ rotation.T
-    return np.c_[normals, -RHO - normals @ x]
+    return np.c_[normals, -half_edge * RHO - normals @ x]
 
 
 def moments(*bodies):

@@ -115,7 +115,7 @@ class _Own:
 
     def __init__(self, pairs: Pairs) -> None:
         count = len(pairs.xa)
-        self._poses = HALF_EDGE, pairs.xa, pairs.ra, pairs.xb, pairs.rb
+        self._poses = np.full((count, 2), HALF_EDGE), pairs.xa, pairs.ra, pairs.xb, pairs.rb
         self._scratch = contact_scratch()
         self.touching, self._out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
         self._apart, self._gap = np.zeros(count, bool), np.zeros(count)

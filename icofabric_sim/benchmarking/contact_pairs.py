@@ -104,7 +104,8 @@ def _first_touch(ra: np.ndarray, rb: np.ndarray, way: np.ndarray) -> np.ndarray:
     count = len(ra)
     touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
     inside = HALF_EDGE * math.sqrt(2.0)
-    touch_pairs(HALF_EDGE, np.zeros((count, 3)), ra, inside * way, rb, contact_scratch(), touching,
-                out)
+    touch_pairs(
+        np.full((count, 2), HALF_EDGE), np.zeros((count, 3)), ra, inside * way, rb,
+        contact_scratch(), touching, out)
     along = inside * np.einsum('ni,ni->n', out[:, 12:15], way)
     return inside * (along + out[:, 11]) / along

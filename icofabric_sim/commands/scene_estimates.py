@@ -51,13 +51,14 @@ def estimate_rows(scene: Scene) -> list[Row]:
 
 
 def _box(scene: Scene) -> str:
-    radius = circumscribed_radius(scene.shell.half_edge)
-    low, high = scene.position.min(axis=0) - radius, scene.position.max(axis=0) + radius
+    radius = circumscribed_radius(1.0) * scene.body_half_edges[:, None]
+    low, high = (scene.position - radius).min(axis=0), (scene.position + radius).max(axis=0)
     return f'{vector(low, "m")} to {vector(high, "m")}, around the shells'
 
 
 def _gap(scene: Scene) -> str:
-    found = smallest_gap(scene.shell.half_edge, scene.initial.position, scene.initial.orientation)
+    found = smallest_gap(
+        scene.body_half_edges, scene.initial.position, scene.initial.orientation)
     if found is None:
         return 'there is one shell'
     gap, (one, other) = found

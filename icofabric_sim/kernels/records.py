@@ -411,6 +411,7 @@ class Contacts(Record):
     gap_address: int
     sleep: 'Sleep'
     losses: 'ContactLosses | None' = None
+    half_edges: np.ndarray | None = None  # (s,) [m], of each slot, where they differ
 
 
 class Sleep(Record):
@@ -600,6 +601,7 @@ class Nearby(Record):
     heads: np.ndarray  # (h,) int32, a power of two
     cubes: np.ndarray  # (3, n) int64
     following: np.ndarray  # (n,) int32
+    half_edges: np.ndarray | None = None  # (n,) [m], where they differ
 
 
 class Watch(Record):

@@ -149,24 +149,36 @@ class ShellMarkers:
 
     def __init__(self, scene: Scene) -> None:
         """Lay out what does not change."""
-        self._vertices = vertices(scene.shell.half_edge)
         self._corners = FACES.ravel()
+        edges = scene.body_half_edges
+        alike = edges == scene.shell.half_edge
         held = held_bodies(scene)
         length = max(_RUN, -(-len(held) // _MOST_RUNS))
-        self._lists: list[tuple[MarkerBytes, np.ndarray]] = []
+        self._lists: list[tuple[MarkerBytes, np.ndarray, np.ndarray]] = []
+
+        def add(number: int, color: Color, bodies: np.ndarray, half_edge: float) -> None:
+            self._lists.append((
+                MarkerBytes(
+                    scene.parameters['frame_id'], 'icosahedra', number, MarkerType.TRIANGLE_LIST,
+                    color=color),
+                bodies.astype(np.int32), vertices(half_edge)))
+
+        number = 0
         for run, start in enumerate(range(0, len(held), length)):
             for kind, entry in enumerate(SHELL_CLASSES):
-                bodies = start + np.flatnonzero(held[start:start + length] == kind)
+                number = run * len(SHELL_CLASSES) + kind
+                here = slice(start, start + length)
+                bodies = start + np.flatnonzero((held[here] == kind) & alike[here])
                 if len(bodies):
-                    marker = MarkerBytes(
-                        scene.parameters['frame_id'], 'icosahedra',
-                        run * len(SHELL_CLASSES) + kind, MarkerType.TRIANGLE_LIST,
-                        color=entry.color)
-                    self._lists.append((marker, bodies.astype(np.int32)))
+                    add(number, entry.color, bodies, scene.shell.half_edge)
+        # Those of a size of their own, one by one.
+        for body in np.flatnonzero(~alike).tolist():
+            number += 1
+            add(number, SHELL_CLASSES[int(held[body])].color, np.array([body]), float(edges[body]))
 
     def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """One list for each run of bodies and colour."""
-        for marker, bodies in self._lists:
+        for marker, bodies, corners in self._lists:
             yield marker.filled(nanoseconds, len(self._corners) * len(bodies), partial(
-                fill_shells, bodies, snapshot.position, snapshot.orientation, self._vertices,
+                fill_shells, bodies, snapshot.position, snapshot.orientation, corners,
                 self._corners))

@@ -101,7 +101,8 @@ class Framing:
                 *(_arrow_ends(moment, push) for push in moment.pushes)])
         kept = kept - self.target_of(moment)
         self._points.append(kept[np.unique(np.argmax(kept @ _DIRECTIONS.T, axis=0))])
-        self.radius = max(self.radius, 1.15 * circumscribed_radius(scene.shell.half_edge))
+        self.radius = max(self.radius, 1.15 * circumscribed_radius(
+            float(scene.body_half_edges.max(initial=scene.shell.half_edge))))
 
     def target_of(self, moment: Moment) -> np.ndarray:
         """What the camera moves with (3,) [m]; 0 where it follows nothing."""
@@ -396,7 +397,7 @@ class Renderer:
             legend['broken connector'] = BROKEN_COLOR
         if 'contact' not in legend and scene.body_count <= 20_000 and len(
                 find_contacts(
-                    scene.shell.half_edge, moment.position, moment.orientation).bodies):
+                    scene.body_half_edges, moment.position, moment.orientation).bodies):
             legend['contact'] = CONTACT_COLOR
 
     def _footing(self, image: Any, camera: Camera, area: Area) -> None:
@@ -563,7 +564,7 @@ def _shadowed(
         return image
     cosines = cosines_from_quaternions(moment.orientation[chosen])
     corners = moment.position[chosen, None] + np.einsum(
-        'va,nai->nvi', vertices(half_edge), cosines)
+        'n,va,nai->nvi', scene.body_half_edges[chosen], vertices(1.0), cosines)
     cast = ground.shadows(corners, lighting)
     lit = np.einsum('fa,nai->nfi', face_geometry(half_edge).normals, cosines) @ lighting.lamp > 0.0
     height = moment.position[chosen] @ ground.normal - ground.offset

@@ -139,19 +139,19 @@ def _shells(
     moment: Moment, colors: np.ndarray, chosen: np.ndarray, camera: Camera, area: Area,
     lighting: Lighting
 ) -> _Part:
-    half_edge = moment.scene.shell.half_edge
+    half_edges = moment.scene.body_half_edges[chosen]
     position, distance = moment.position[chosen], camera.distances(moment.position[chosen])
-    edge = 2.0 * half_edge * camera.pixels_per_meter(area)
+    edge = 2.0 * moment.scene.shell.half_edge * camera.pixels_per_meter(area)
     if edge < _DISC_PIXELS or not len(chosen):
-        return _discs(position, colors[chosen], distance, half_edge, camera, area, lighting)
+        return _discs(position, colors[chosen], distance, half_edges, camera, area, lighting)
     cosines = cosines_from_quaternions(moment.orientation[chosen])
-    normals = np.einsum('fa,nai->nfi', face_geometry(half_edge).normals, cosines)
-    corners = np.einsum('fka,nai->nfki', outer_triangles(half_edge), cosines)
+    normals = np.einsum('fa,nai->nfi', face_geometry(1.0).normals, cosines)
+    corners = np.einsum('n,fka,nai->nfki', half_edges, outer_triangles(1.0), cosines)
     corners += position[:, None, None]
     middle = corners.mean(axis=2)
     body, face = np.nonzero(np.einsum('nfi,nfi->nf', camera.eye - middle, normals) > 0.0)
     light = light_on(
-        lighting, middle[body, face], normals[body, face], body, position, half_edge)
+        lighting, middle[body, face], normals[body, face], body, position, half_edges)
     faces = colors[chosen][body] * light
     seen = camera.project(corners[body, face], area)
     if edge < _PLAIN_PIXELS:
@@ -165,20 +165,20 @@ def _shells(
 
 
 def _discs(
-    position: np.ndarray, colors: np.ndarray, distance: np.ndarray, half_edge: float,
+    position: np.ndarray, colors: np.ndarray, distance: np.ndarray, half_edges: np.ndarray,
     camera: Camera, area: Area, lighting: Lighting
 ) -> _Part:
     if not len(position):
         return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
     angle = np.arange(_DISC_CORNERS) * (2.0 * math.pi / _DISC_CORNERS)
     rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    radius = 0.9 * circumscribed_radius(half_edge) * camera.focal(area) / distance
+    radius = 0.9 * circumscribed_radius(1.0) * half_edges * camera.focal(area) / distance
     normals = np.broadcast_to(
         (lighting.front + np.array([0.0, 0.0, 0.7])) / np.linalg.norm(
             lighting.front + np.array([0.0, 0.0, 0.7])), position.shape)
     light = light_on(
-        lighting, position + half_edge * normals, normals, np.arange(len(position)), position,
-        half_edge)
+        lighting, position + half_edges[:, None] * normals, normals, np.arange(len(position)),
+        position, half_edges)
     centre = camera.project(position, area)
     return _Part(centre[:, None] + radius[:, None, None] * rim, colors * light, distance)
 
@@ -294,7 +294,7 @@ def anchor_points(moment: Moment) -> np.ndarray:
 def _contacts(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> _Part:
     """Rings where shells overlap, before both of them."""
     contacts = find_contacts(
-        moment.scene.shell.half_edge, moment.position, moment.orientation)
+        moment.scene.body_half_edges, moment.position, moment.orientation)
     chosen = shown[contacts.bodies].all(axis=1) & camera.is_before(contacts.point)
     if not chosen.any():
         return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))

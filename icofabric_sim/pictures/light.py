@@ -52,14 +52,16 @@ class Lighting(NamedTuple):
 
 def light_on(
     lighting: Lighting, points: np.ndarray, normals: np.ndarray, body: np.ndarray,
-    position: np.ndarray, half_edge: float
+    position: np.ndarray, half_edges: np.ndarray
 ) -> np.ndarray:
     """
     What colours of facets are multiplied by, (m, 3).
 
-    Their middles are `points` (m, 3), of the shells `body` (m,) at `position` (n, 3).
+    Their middles are `points` (m, 3), of the shells `body` (m,) at `position` (n, 3), with
+    their half edges (n,) [m].
     """
-    shadow, openness = _from_neighbours(lighting.lamp, points, normals, body, position, half_edge)
+    shadow, openness = _from_neighbours(
+        lighting.lamp, points, normals, body, position, half_edges)
     lamp = np.clip(normals @ lighting.lamp, 0.0, 1.0) * shadow
     sky = (0.72 + 0.28 * normals[:, 2]) * openness
     front = np.clip(normals @ lighting.front, 0.0, 1.0)
@@ -69,7 +71,7 @@ def light_on(
 
 def _from_neighbours(
     lamp: np.ndarray, points: np.ndarray, normals: np.ndarray, body: np.ndarray,
-    position: np.ndarray, half_edge: float
+    position: np.ndarray, half_edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What is left of the lamp's light, and of the sky's, on each facet: 0 to 1."""
     count = min(len(position), _NEIGHBOURS + 1)
@@ -77,10 +79,10 @@ def _from_neighbours(
         return np.ones(len(points)), np.ones(len(points))
     _, near = cKDTree(position).query(position, k=count)
     balls = position[near[:, 1:]]
-    radius = 1.08 * inscribed_radius(half_edge)
+    radii = 1.08 * inscribed_radius(1.0) * half_edges[near[:, 1:]]
     shadow, openness = np.ones(len(points)), np.ones(len(points))
     for number in range(balls.shape[1]):
-        away = balls[body, number] - points
+        away, radius = balls[body, number] - points, radii[body, number]
         square = np.einsum('mi,mi->m', away, away)
         along = away @ lamp
         beside = np.sqrt(np.maximum(square - along**2, 0.0))

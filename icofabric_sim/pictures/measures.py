@@ -116,13 +116,14 @@ def tensions(scene: Scene, ends: np.ndarray) -> np.ndarray:
 def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """Deepest overlap [m] of each shell with another one or with a plane, (n,); 0: none."""
     deepest = np.zeros(len(position))
-    contacts = find_contacts(scene.shell.half_edge, position, orientation)
+    contacts = find_contacts(scene.body_half_edges, position, orientation)
     for side in contacts.bodies.T:
         np.maximum.at(deepest, side, contacts.depth)
     planes = make_planes(scene.parameters)
     if len(planes):
         corners = np.einsum(
-            'va,nai->nvi', vertices(scene.shell.half_edge), cosines_from_quaternions(orientation))
+            'n,va,nai->nvi', scene.body_half_edges, vertices(1.0),
+            cosines_from_quaternions(orientation))
         for row in planes:
             lowest = position @ row[:3] + (corners @ row[:3]).min(axis=1)
             np.maximum(deepest, row[3] - lowest, out=deepest)

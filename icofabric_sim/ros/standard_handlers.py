@@ -227,7 +227,7 @@ class StandardHandlers:
     async def GetEntityInfo(self, request: Any, response: Any) -> None:
         """What an entity is: a shell, held or free, and its groups."""
         view, kind = await self._view(), self._messages.EntityCategory
-        entities, info, shell = Entities(view.scene), response.info, view.scene.shell
+        entities, info = Entities(view.scene), response.info
         body = entities.number(request.entity)
         held = entities.held[body]
         masses = view.scene.masses.mass
@@ -235,15 +235,16 @@ class StandardHandlers:
         info.category.category = (
             kind.CATEGORY_STATIC_OBJECT if held else kind.CATEGORY_DYNAMIC_OBJECT)
         info.description = (
-            f'icosahedral shell {body} of {view.scene.body_count}: edge {shell.edge_length:g} m, '
+            f'icosahedral shell {body} of {view.scene.body_count}: edge '
+            f'{2.0 * view.scene.body_half_edges[body]:g} m, '
             f'mass {mass:g} kg{", held by a support" if held else ""}')
         info.tags = entities.tags(body)
 
     async def GetEntityBounds(self, request: Any, response: Any) -> None:
         """The box around a shell, in its own axes."""
         view = await self._view()
-        Entities(view.scene).number(request.entity)
-        corners = vertices(view.scene.geometry.half_edge)
+        body = Entities(view.scene).number(request.entity)
+        corners = vertices(float(view.scene.body_half_edges[body]))
         response.bounds.type = self._messages.Bounds.TYPE_BOX
         response.bounds.points = [
             Vector3(x=float(x), y=float(y), z=float(z))

@@ -67,7 +67,7 @@ class Entities:
     def __init__(self, scene: Scene) -> None:
         """Describe `scene`."""
         self.scene = scene
-        self.radius = circumscribed_radius(scene.geometry.half_edge)
+        self.radius = circumscribed_radius(1.0) * scene.body_half_edges
         supports = scene.supports
         self.held = np.zeros(scene.body_count, dtype=bool)
         if supports is not None:

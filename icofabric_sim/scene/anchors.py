@@ -61,9 +61,13 @@ class Anchor(NamedTuple):
 
 def make_anchors(
     parameters: Parameters, body_count: int, drives: Mapping[str, Drive],
-    geometry: WeaveGeometry
+    geometry: WeaveGeometry, half_edges: np.ndarray | None = None
 ) -> dict[str, Anchor]:
-    """All `anchors.NAME`; ParameterError where one makes no sense."""
+    """
+    All `anchors.NAME`; ParameterError where one makes no sense.
+
+    `half_edges` (n,) [m] of bodies where they differ.
+    """
     anchors = {}
     midpoints = attachment_points(parameters, geometry.half_edge)
     for name in parameters.names('anchors'):
@@ -78,7 +82,9 @@ def make_anchors(
                     'it; leave the anchor out, or take the body out of the group')
         edge = NAMED_EDGES.index(parameters[f'anchors.{name}.edge'])
         anchors[name] = Anchor(
-            body, midpoints[edge], make_anchor_path(parameters, name),
+            body, midpoints[edge] * (
+                1.0 if half_edges is None else half_edges[body] / geometry.half_edge),
+            make_anchor_path(parameters, name),
             law := spring_law(parameters, f'anchors.{name}', geometry.connector_length),
             _make_limits(parameters, f'anchors.{name}', law[2]))
     return anchors

@@ -14,9 +14,9 @@
 """
 Masses and inertias of bodies: those of the shell, or their own.
 
-All bodies are icosahedra of one size; what fills or braces them may differ. The inertia of a shell
-is isotropic (eq 43), so the gyroscopic term vanishes; with principal moments that differ it is
-back (kernels/gyration.py).
+Woven bodies are icosahedra of one size, loose ones may have another (body_sizes.py), and what
+fills or braces them may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic
+term vanishes; with principal moments that differ it is back (kernels/gyration.py).
 """
 
 from collections.abc import Mapping
@@ -25,6 +25,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import TAU
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.body_sizes import own_half_edge
 import numpy as np
 
 _AXES = 'xyz'
@@ -63,8 +64,8 @@ def own_masses(parameters: Parameters, shell: Shell) -> dict[str, tuple[float, f
     """
     Mass [kg] and inertia [kg m^2] of each `masses.NAME` and `bodies.NAME` that has its own.
 
-    What is not said is the shell's; the inertia scales with the mass, as within one shape. Of
-    principal moments it is the smallest.
+    What is not said is the shell's, magnified to the size of the body; the inertia scales with the
+    mass, as within one shape. Of principal moments it is the smallest.
     """
     _, own = _all_own(parameters, shell)
     return {prefix: (each.mass, each.inertia) for prefix, each in own.items()}
@@ -72,7 +73,7 @@ def own_masses(parameters: Parameters, shell: Shell) -> dict[str, tuple[float, f
 
 def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own]]:
     """What the shell has, and each `masses.NAME` and `bodies.NAME` that has its own."""
-    moments = _principal(parameters, 'shell', float(shell.mass), shell)
+    moments = _principal(parameters, 'shell', float(shell.mass), shell.half_edge)
     common = _Own(
         float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments)
     if moments is not None and parameters['shell.inertia']:
@@ -84,9 +85,12 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
         for name in parameters.names(family):
             prefix = f'{family}.{name}'
             mass, inertia = (parameters[f'{prefix}.{field}'] for field in ('mass', 'inertia'))
-            heavy = mass or common.mass
-            moments = _principal(parameters, prefix, heavy, shell)
-            if mass == inertia == 0.0 and moments is None:
+            half_edge = own_half_edge(parameters, name, shell) if family == 'bodies' else (
+                shell.half_edge)
+            size = half_edge / shell.half_edge
+            heavy = mass or common.mass * size**3
+            moments = _principal(parameters, prefix, heavy, half_edge)
+            if mass == inertia == 0.0 and moments is None and size == 1.0:
                 continue
             if moments is not None and inertia:
                 raise ParameterError(
@@ -94,7 +98,7 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
                     f'{prefix}.principal_inertia and {prefix}.inertia say the same twice: set one '
                     'of them to zero')
             # All of the mass at the vertices.
-            most = heavy * shell.half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
+            most = heavy * half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
             if inertia > most * _ROUNDING:
                 raise ParameterError(
                     f'{prefix}.inertia',
@@ -103,13 +107,13 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
                     'has so much; give a smaller one, or more mass')
             if moments is None:
                 moments = np.full(3, inertia) if inertia else common.moments * (
-                    heavy / common.mass)
+                    heavy / common.mass * size**2)
             found[prefix] = _Own(heavy, moments)
     return common, found
 
 
 def _principal(
-    parameters: Parameters, prefix: str, mass: float, shell: Shell
+    parameters: Parameters, prefix: str, mass: float, half_edge: float
 ) -> np.ndarray | None:
     """Moments [kg m^2] about the body axes of a body of a `mass` [kg]; None: it is isotropic."""
     name = f'{prefix}.principal_inertia'
@@ -117,7 +121,7 @@ def _principal(
     if not moments.any():
         return None
     # All of the mass as far from the axis as a vertex can be.
-    most = mass * shell.half_edge**2 * (TAU + 2.0)
+    most = mass * half_edge**2 * (TAU + 2.0)
     if not (moments > 0.0).all():
         raise ParameterError(
             name, f'{name} must have three moments above 0 kg m^2, got {moments.tolist()}; zeros '

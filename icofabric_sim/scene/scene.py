@@ -34,6 +34,7 @@ from icofabric_sim.scene import initial, selectors
 from icofabric_sim.scene.anchors import Anchor, make_anchors, require_whole
 from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
 from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.scene.body_sizes import check_sizes, make_half_edges, require_alike
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
 from icofabric_sim.scene.connector_groups import (
     check_connector_groups,
@@ -127,6 +128,7 @@ class Scene:
     parameters: Parameters
     shell: Shell
     masses: BodyMasses
+    half_edges: np.ndarray | None  # (n,) [m]; None: those of the shell
     principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] about the body axes, if any differ
     geometry: WeaveGeometry
     weave: Weave
@@ -214,6 +216,10 @@ class Scene:
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = make_supports(checked, groups, len(position))
         masses = make_masses(checked, shell, groups, len(position))
+        half_edges = make_half_edges(checked, shell, len(position))
+        for name in checked.names('tractions'):
+            group = f'tractions.{name}.group'
+            require_alike(checked, half_edges, groups[checked[group]], group)
         members = grouped_connectors(
             checked, groups, weave.connector_bodies, weave.connector_edges)
         own = members, len(weave.connector_bodies)
@@ -223,12 +229,13 @@ class Scene:
             require_isotropic(checked, moments, 'field.magnetic and the charges')
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
-        anchors = make_anchors(checked, len(position), drives, geometry)
+        anchors = make_anchors(checked, len(position), drives, geometry, half_edges)
         require_whole(anchors, start.position, start.orientation)
         return cls(
             parameters=checked,
             shell=shell,
             masses=masses,
+            half_edges=half_edges,
             principal_inertia=moments,
             geometry=geometry,
             weave=weave,
@@ -286,6 +293,13 @@ class Scene:
                 f'{name} ({len(members):,})' for name, members in self.groups.items()) or 'none',
             'loads': ', '.join(self.loads) or 'none',
             'gravity': f'{self.parameters["gravity"]} m/s^2'})
+
+    @property
+    def body_half_edges(self) -> np.ndarray:
+        """Half edges a [m] of all bodies, (n,)."""
+        if self.half_edges is None:
+            return np.full(self.body_count, self.geometry.half_edge)
+        return self.half_edges
 
     @property
     def body_count(self) -> int:
@@ -351,6 +365,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
                 f'groups.{name}: {name!r} is a word of the selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
+    check_sizes(parameters, shell)
     own_masses(parameters, shell)
     check_rates(parameters, shell)
     check_attachments(parameters, geometry)

@@ -14,8 +14,9 @@
 """
 How far shells are apart, by the separating axes of both: normals of faces and products of edges.
 
-Plain arrays: nothing is compiled for it. Where shells overlap this is their depth, the least shift
-that parts them; where they are apart it is at most their distance.
+Half edges [m] are one number, or (n,) of all bodies. Plain arrays: nothing is compiled for it.
+Where shells overlap this is their depth, the least shift that parts them; where they are apart it
+is at most their distance.
 """
 
 from typing import NamedTuple
@@ -29,6 +30,9 @@ from scipy.spatial import cKDTree
 _BLOCK = 2000
 
 
+Edges = float | np.ndarray
+
+
 class Contacts(NamedTuple):
     """Pairs of shells that overlap."""
 
@@ -37,20 +41,23 @@ class Contacts(NamedTuple):
     point: np.ndarray  # (m, 3) [m] between them
 
 
-def find_contacts(half_edge: float, position: np.ndarray, orientation: np.ndarray) -> Contacts:
+def find_contacts(half_edge: Edges, position: np.ndarray, orientation: np.ndarray) -> Contacts:
     """Overlapping shells of one state, in the order of their numbers."""
-    reach = 2.0 * circumscribed_radius(half_edge)
+    reach = 2.0 * circumscribed_radius(float(np.max(half_edge)))
     pairs = cKDTree(position).query_pairs(reach, output_type='ndarray').reshape(-1, 2)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     gap = pair_gaps(half_edge, position, orientation, pairs)
     touching = gap < 0.0
+    first, second = pairs[touching].T
+    edges = np.broadcast_to(half_edge, len(position))
+    part = (edges[first] / (edges[first] + edges[second]))[:, None]
     return Contacts(
         pairs[touching], -gap[touching],
-        0.5 * (position[pairs[touching, 0]] + position[pairs[touching, 1]]))
+        (1.0 - part) * position[first] + part * position[second])
 
 
 def smallest_gap(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray
+    half_edge: Edges, position: np.ndarray, orientation: np.ndarray
 ) -> tuple[float, tuple[int, int]] | None:
     """Least gap [m] between any two shells (negative: overlap) and their numbers; None of one."""
     if len(position) < 2:
@@ -58,7 +65,8 @@ def smallest_gap(
     tree = cKDTree(position)
     nearest = float(tree.query(position, k=2)[0][:, 1].min())
     # Farther centres than these cannot be of nearer shells: their radii differ by so much.
-    margin = 2.0 * circumscribed_radius(half_edge) * (1.0 - _ROUNDNESS)
+    margin = 2.0 * circumscribed_radius(1.0) * float(
+        np.max(half_edge) - _ROUNDNESS * np.min(half_edge))
     pairs = tree.query_pairs(nearest + margin, output_type='ndarray').reshape(-1, 2)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     gap = pair_gaps(half_edge, position, orientation, pairs)
@@ -67,21 +75,24 @@ def smallest_gap(
 
 
 def pair_gaps(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
+    half_edge: Edges, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
     """Gaps [m] of pairs (m, 2) of shells, (m,); negative: the depth of their overlap."""
+    edges = np.broadcast_to(half_edge, len(position))
     return np.concatenate([np.zeros(0)] + [
-        _gaps(half_edge, position, orientation, pairs[start:start + _BLOCK])
+        _gaps(edges, position, orientation, pairs[start:start + _BLOCK])
         for start in range(0, len(pairs), _BLOCK)])
 
 
 def _gaps(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
+    half_edges: np.ndarray, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
     between = position[pairs[:, 1]] - position[pairs[:, 0]]
     cosines = [cosines_from_quaternions(orientation[side]) for side in pairs.T]
     # The shells are symmetric about their centres: half of all directions will do.
-    first, second = (np.einsum('ka,nai->nki', half_edge * _HALF, turn) for turn in cosines)
+    first, second = (
+        np.einsum('n,ka,nai->nki', half_edges[side], _HALF, turn)
+        for side, turn in zip(pairs.T, cosines))
     axes = [np.einsum('ka,nai->nki', _NORMALS, turn) for turn in cosines]
     one, other = (np.einsum('ka,nai->nki', _EDGES, turn) for turn in cosines)
     cross = np.cross(one[:, :, None], other[:, None]).reshape(len(pairs), -1, 3)

@@ -101,11 +101,12 @@ class StaticContacts:
         pairs, pushes, rows, middles = [], [], [], []
         for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]
-            touching, out = self._forces.met(places, turns, number - 1)
+            edges = self._forces.half_edges(group)
+            touching, out = self._forces.met(places, turns, number - 1, edges)
             push = self.stiffness * np.where(touching[:, None], out[:, :3], 0.0)
             # Where they are open by next to nothing, how they would meet.
             places[:, 0] += FIRST_TOUCH * self._setup.half_edge * toward
-            nearly, near = self._forces.met(places, turns, number - 1)
+            nearly, near = self._forces.met(places, turns, number - 1, edges)
             out = np.where(touching[:, None], out, near)
             there = touching | nearly
             pairs.append(group[there] if number == 0 else np.column_stack(
@@ -156,7 +157,7 @@ class StaticContacts:
         found = []
         for number, group in enumerate(groups):
             which, depth, slopes, touching = self._forces.close(
-                position[group], axes[group], number - 1, reach)
+                position[group], axes[group], number - 1, self._forces.half_edges(group), reach)
             found.append((group[which], depth, slopes, touching))
         pairs, depth, slopes, touching = (np.concatenate(parts) for parts in zip(*found))
         return pairs, depth, np.stack([slopes[:, :6], slopes[:, 6:]]), touching
@@ -166,9 +167,10 @@ class StaticContacts:
         first, count = FIRST_TOUCH * self._setup.half_edge, 0
         for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]
-            open_yet = self._forces.wrenches(places, turns, number - 1)[2] <= first
+            edges = self._forces.half_edges(group)
+            open_yet = self._forces.wrenches(places, turns, number - 1, edges)[2] <= first
             places[:, 0] += first * toward
-            touching = self._forces.wrenches(places, turns, number - 1)[3]
+            touching = self._forces.wrenches(places, turns, number - 1, edges)[3]
             count += int(np.count_nonzero(open_yet & touching))
         return count
 
@@ -184,7 +186,7 @@ class StaticContacts:
         groups = [pairs, *(np.repeat(bodies[:, None], 2, axis=1) for bodies in planes)]
         for number, group in enumerate(groups):
             pushes, energy, depth, touching = self._forces.wrenches(
-                position[group], axes[group], number - 1)
+                position[group], axes[group], number - 1, self._forces.half_edges(group))
             group, pushes = group[touching], pushes[touching]
             np.add.at(wrench, group[:, 0], pushes[:, :6])
             if number == 0:

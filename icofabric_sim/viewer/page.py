@@ -216,7 +216,7 @@ class Page:
             return
         seen = poses[fabric.seen, :3]
         low, high = seen.min(axis=0), seen.max(axis=0)
-        half_edge = fabric.scene.shell.half_edge
+        half_edge = float(fabric.scene.body_half_edges.max())
         middle = self.stage.scale * 0.5 * (low + high)
         size = self.stage.scale * (float(np.linalg.norm(high - low)) + 5.0 * half_edge)
         place = middle + _FAR * size * np.array([0.5, -0.8, 0.35])

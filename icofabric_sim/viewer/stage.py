@@ -138,8 +138,9 @@ class Stage:
             batched_colors=colors[fabric.held.astype(int)], flat_shading=True, lod='off')
 
     def _shown(self, positions: np.ndarray, fabric: Fabric) -> np.ndarray:
-        """Size of each shell over its own: 0 where it is not to be seen."""
-        return (self.section.shows(positions) & fabric.seen).astype(np.float32)
+        """Size of each shell over that of the fabric: 0 where it is not to be seen."""
+        sizes = fabric.scene.body_half_edges / fabric.scene.shell.half_edge
+        return (sizes * (self.section.shows(positions) & fabric.seen)).astype(np.float32)
 
     def _move(self, poses: np.ndarray, fabric: Fabric, *, cut: bool) -> None:
         positions = poses[:, :3]

@@ -28,7 +28,7 @@ def test_pairs_are_as_far_apart_as_they_say():
     found = []
     for pairs in (near, close, shallow, flat, far):
         distance, axis = np.zeros(200), np.zeros((200, 3))
-        signed_distances(HALF_EDGE, *pairs[1:], distance, axis)
+        signed_distances(np.full((200, 2), HALF_EDGE), *pairs[1:], distance, axis)
         found.append(distance / HALF_EDGE)
     near, close, shallow, flat, far = found
     assert 0.2 < (near < 0.0).mean() < 0.6 and near.max() < 0.8

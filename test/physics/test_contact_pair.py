@@ -155,7 +155,7 @@ def test_whatever_facet_was_kept_the_bits_are_the_same(kind):
         for number in {int(wanted[19]), *rng.choice(numbers, 300)}:
             out = np.full(OUT_SIZE, np.nan)
             out[19] = number
-            assert touch_pair_again(1.0, *parts, SCRATCH, out)
+            assert touch_pair_again(1.0, 1.0, *parts, SCRATCH, out)
             assert (out == wanted).all()
 
 

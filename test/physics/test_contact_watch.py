@@ -54,9 +54,9 @@ def close_pairs(position, width):
     places = np.ascontiguousarray(position.T)
     sort_cubes(places, slots, width, cubes, heads, following)
     few = np.empty((1, 2), np.int32)
-    found = find_close(places, slots, width, cubes, heads, following, few)
+    found = find_close(places, slots, width, cubes, heads, following, few, None)
     pairs = np.empty((found, 2), np.int32)
-    assert find_close(places, slots, width, cubes, heads, following, pairs) == found
+    assert find_close(places, slots, width, cubes, heads, following, pairs, None) == found
     return pairs
 
 
@@ -95,7 +95,7 @@ def touching(position, rotation, i, j):
     if j < 0:
         plane = PLANES[-1 - j]
         return touch_plane(1.0, plane[:3], plane[3], position[i], rotation[i], SCRATCH, OUT)
-    return touch_pair(1.0, position[i], rotation[i], position[j], rotation[j], SCRATCH, OUT)
+    return touch_pair(1.0, 1.0, position[i], rotation[i], position[j], rotation[j], SCRATCH, OUT)
 
 
 def test_shells_touch_where_no_axis_shows_a_gap_and_nowhere_else():
@@ -107,7 +107,7 @@ def test_shells_touch_where_no_axis_shows_a_gap_and_nowhere_else():
         way *= generator.uniform(2.9, 3.9) / np.linalg.norm(way)
         quaternion = both.as_quat().T.copy()
         gap, _ = widest_gap(
-            np.inf, 1.0, *way, axes_of(quaternion, 0), axes_of(quaternion, 1))
+            np.inf, 1.0, 1.0, *way, axes_of(quaternion, 0), axes_of(quaternion, 1))
         touches = touching(np.array([np.zeros(3), way]), both.as_matrix(), 0, 1)
         assert touches == (gap < 0.0) or abs(gap) < 1e-12
         seen[touches] += 1
@@ -226,6 +226,7 @@ def test_what_may_pass_unseen_in_a_step_is_found_and_no_more(curve):
     # found, and where it goes straight nothing else.
     generator = np.random.default_rng(5)
     radius, count, shift = 1.0, 12, np.zeros((4, 3))
+    radii = np.full(count, radius)
     t = np.linspace(0.0, 1.0, 2000)[:, None]
     weights = ((1.0 - t)**3, 3.0 * t * (1.0 - t)**2, 3.0 * t**2 * (1.0 - t), t**3)
     found, nearest, below, lowest = [], [], [], []
@@ -238,14 +239,15 @@ def test_what_may_pass_unseen_in_a_step_is_found_and_no_more(curve):
         course = Course(points, np.zeros(count))
         apart = np.linalg.norm(path[:, None] - look[1:], axis=2).min(axis=0)
         passing = first_passing(
-            course, look, np.zeros((0, 4)), shift, reach=0.5, radius=radius)
+            course, look, np.zeros((0, 4)), shift, reach=0.5, radius=radii)
         found.append(passing is not None)
         nearest.append(apart.min())
         if passing is not None:
             assert passing.first == 0 and (curve or apart[passing.second - 1] < 2.0 * radius)
         floor = np.array([[0.0, 0.0, 1.0, -20.0]])
         passing = first_passing(
-            Course(points[:, :1], np.zeros(1)), look[:1], floor, shift, reach=0.5, radius=radius)
+            Course(points[:, :1], np.zeros(1)), look[:1], floor, shift, reach=0.5,
+            radius=radii[:1])
         below.append(passing is not None and passing.second == -1)
         lowest.append(path[:, 2].min() - radius)
     found, nearest, below = np.array(found), np.array(nearest), np.array(below)

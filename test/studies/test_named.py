@@ -137,8 +137,8 @@ def test_the_share_of_a_vertex_is_that_of_the_contact_kernel():
     rotation = loose_bodies.standing(loose_bodies.VERTICES[0]).as_matrix()
     touching, out = np.zeros(1, bool), np.zeros((1, OUT_SIZE))
     touch_planes(
-        a, up, 0.0, ((tip - depth) * up)[None], np.ascontiguousarray(rotation)[None],
-        contact_scratch(), touching, out)
+        np.full((1, 2), a), up, 0.0, ((tip - depth) * up)[None],
+        np.ascontiguousarray(rotation)[None], contact_scratch(), touching, out)
     assert touching[0]
     assert out[0, 10] / depth == pytest.approx(restitution.VERTEX_SHARE, rel=1e-10)
 

@@ -22,7 +22,8 @@ one body and a vertex of the other, or to an edge of each; where several coincid
 portal refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of points of
 the sum's surface round the line is moved outwards until it lies in a facet.
 
-Frame: axes of the first body, lengths over a; q is the matrix from the second body's axes.
+Frame: axes of the first body, lengths over its a; q is the matrix from the second body's axes, and
+`ratio` the second's a over the first's.
 """
 
 import math
@@ -83,6 +84,8 @@ FACE_OF_FIRST, FACE_OF_SECOND = 1024, 2048
 # sum and the first body's part of it; the number of the facet that was found; numbers of the edge
 # directions that matter, of either body.
 MATRIX, PORTAL, FACET, OWN_NUMBERS, OTHER_NUMBERS = 0, 9, 488, 512, 528
+# And the ratio of both sizes.
+RATIO = 489
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
 OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
 FACET_ROOM = 544
@@ -107,8 +110,8 @@ def turn(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, flo
 
 @compiled
 def separation_on(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    ux: float, uy: float, uz: float
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, ux: float, uy: float, uz: float
 ) -> float:
     """
     Gap [m] along a unit vector of the world that leads from body A to B; negative: overlap.
@@ -119,7 +122,8 @@ def separation_on(
     ax, ay, az = turn_back(ra, ux, uy, uz)
     bx, by, bz = turn_back(rb, ux, uy, uz)
     between = ux * (xb[0] - xa[0]) + uy * (xb[1] - xa[1]) + uz * (xb[2] - xa[2])
-    return between - half_edge * (reach(ax, ay, az) + reach(bx, by, bz))
+    return between - half_edge * (
+        reach(ax, ay, az) + other_edge / half_edge * reach(bx, by, bz))
 
 
 @compiled
@@ -149,7 +153,8 @@ def put_farthest(room: np.ndarray, ux: float, uy: float, uz: float, row: int) ->
     bx, by, bz = turn_from(room, ux, uy, uz)
     bx, by, bz = farthest(bx, by, bz)
     bx, by, bz = turn_to(room, bx, by, bz)
-    x, y, z = ax + bx, ay + by, az + bz
+    ratio = room[RATIO]
+    x, y, z = ax + ratio * bx, ay + ratio * by, az + ratio * bz
     k = PORTAL + 6 * row
     room[k] = x
     room[k + 1] = y
@@ -208,7 +213,8 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
     # c in the second body's axes, where its normals are the same constants.
     bx, by, bz = (fma(q0, x, fma(q3, y, q6 * z)), fma(q1, x, fma(q4, y, q7 * z)),
                   fma(q2, x, fma(q5, y, q8 * z)))
-    own = splat(INNER)
+    own, ratio = splat(INNER), splat(room[RATIO])
+    other = ratio * own
     # As products, because a division takes as long as all of the rest.
     most, over, which = splat(0.0), splat(1.0), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
@@ -217,7 +223,7 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
         nz = load_at(AXES, 2 * AXIS_COUNT + k)
         number = load_at(NUMBERS, 0) + splat(float(k))
         far = fabs(fma(nx, x, fma(ny, y, nz * z)))
-        whole = own + reach_lanes(
+        whole = own + ratio * reach_lanes(
             fma(q0, nx, fma(q3, ny, q6 * nz)), fma(q1, nx, fma(q4, ny, q7 * nz)),
             fma(q2, nx, fma(q5, ny, q8 * nz)))
         farther = far * over > most * whole
@@ -225,7 +231,7 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
         most = where(farther, far, most)
         over = where(farther, whole, over)
         far = fabs(fma(nx, bx, fma(ny, by, nz * bz)))
-        whole = own + reach_lanes(
+        whole = other + reach_lanes(
             fma(q0, nx, fma(q1, ny, q2 * nz)), fma(q3, nx, fma(q4, ny, q5 * nz)),
             fma(q6, nx, fma(q7, ny, q8 * nz)))
         farther = far * over > most * whole
@@ -275,7 +281,7 @@ def find_facet(
     room[FACET] = 0.0
     square = cx * cx + cy * cy + cz * cz
     bx, by, bz = turn_from(room, cx, cy, cz)
-    between = square - reach(cx, cy, cz) - reach(bx, by, bz)
+    between = square - reach(cx, cy, cz) - room[RATIO] * reach(bx, by, bz)
     if between > 0.0:
         length = math.sqrt(square)
         gap = between / length
@@ -324,8 +330,11 @@ def facet_of_face(
     else:
         ux, uy, uz = turn_from(room, nx, ny, nz)
     x, y, z = farthest(ux, uy, uz)
-    between = nx * cx + ny * cy + nz * cz
-    far = INNER + (ux * x + uy * y + uz * z)
+    between, ratio = nx * cx + ny * cy + nz * cz, room[RATIO]
+    if second:
+        far = ratio * INNER + (ux * x + uy * y + uz * z)
+    else:
+        far = INNER + ratio * (ux * x + uy * y + uz * z)
     gap = between - far
     part, out = far / between, between / far
     if second:
@@ -333,7 +342,7 @@ def facet_of_face(
         bx, by, bz = turn_from(room, part * cx - x, part * cy - y, part * cz - z)
         inside = within(face, bx, by, bz, margin)
     else:
-        bx, by, bz = turn_to(room, x, y, z)
+        bx, by, bz = turn_to(room, ratio * x, ratio * y, ratio * z)
         ax, ay, az = part * cx - bx, part * cy - by, part * cz - bz
         inside = within(face, ax, ay, az, margin)
     if margin > 0.0:
@@ -355,7 +364,10 @@ def facet_of_edges(
     a = EDGE_MIDDLES[own, 0], EDGE_MIDDLES[own, 1], EDGE_MIDDLES[own, 2]
     f = turn_to(
         room, EDGE_WAYS[other >> 1, 0], EDGE_WAYS[other >> 1, 1], EDGE_WAYS[other >> 1, 2])
-    b = turn_to(room, EDGE_MIDDLES[other, 0], EDGE_MIDDLES[other, 1], EDGE_MIDDLES[other, 2])
+    ratio = room[RATIO]
+    b = turn_to(
+        room, ratio * EDGE_MIDDLES[other, 0], ratio * EDGE_MIDDLES[other, 1],
+        ratio * EDGE_MIDDLES[other, 2])
     n = cross(e, f)
     length = math.sqrt(dot(n, n))
     # Edges that are nearly parallel have a cross product of rounding only.
@@ -368,13 +380,13 @@ def facet_of_edges(
     between = nx * cx + ny * cy + nz * cz
     far = nx * (a[0] - b[0]) + ny * (a[1] - b[1]) + nz * (a[2] - b[2])
     gap = between - far
-    # The line leaves through the parallelogram of both where it is within 1 of its middle along
-    # either.
+    # The line leaves through the parallelogram of both where it is within half an edge of its
+    # middle along either.
     part, out = far / between, between / far
     r = part * cx - a[0] + b[0], part * cy - a[1] + b[1], part * cz - a[2] + b[2]
     own_part = scale * dot(cross(r, f), (nx, ny, nz))
     other_part = scale * dot(cross(e, r), (nx, ny, nz))
-    inside = abs(own_part) <= 1.0 - margin and abs(other_part) <= 1.0 - margin
+    inside = abs(own_part) <= 1.0 - margin and abs(other_part) <= ratio * (1.0 - margin)
     if margin > 0.0:
         m = turn_from(room, nx, ny, nz)
         sloping, rising = EDGE_SLOPES[own], nx * a[0] + ny * a[1] + nz * a[2]
@@ -382,7 +394,7 @@ def facet_of_edges(
             1.0 - SLOPING) * rising
         sloping = EDGE_SLOPES[other]
         rising = -(nx * b[0] + ny * b[1] + nz * b[2])
-        inside &= abs(m[0] * sloping[0] + m[1] * sloping[1] + m[2] * sloping[2]) < (
+        inside &= ratio * abs(m[0] * sloping[0] + m[1] * sloping[1] + m[2] * sloping[2]) < (
             1.0 - SLOPING) * rising
     return (inside, nx, ny, nz, gap, out * (a[0] + own_part * e[0]),
             out * (a[1] + own_part * e[1]), out * (a[2] + own_part * e[2]))
@@ -458,7 +470,8 @@ def beyond_edges(
     # As products, because a division takes as long as all of the rest.
     most, over, which = splat(out), splat(1.0), splat(-1.0)
     # Of edges that are nearly parallel the product is rounding only.
-    least, zero = splat(2.0 * INNER * SLANT), splat(0.0)
+    ratio, zero = splat(room[RATIO]), splat(0.0)
+    least = splat((1.0 + room[RATIO]) * INNER * SLANT)
     for k in range(0, other, LANES):
         px, py, pz = (load_at(room, OTHER + k), load_at(room, OTHER + AXIS_COUNT + k),
                       load_at(room, OTHER + 2 * AXIS_COUNT + k))
@@ -476,7 +489,7 @@ def beyond_edges(
             ex, ey, ez = (splat(room[OWN + 3 * AXIS_COUNT + way]),
                           splat(room[OWN + 4 * AXIS_COUNT + way]),
                           splat(room[OWN + 5 * AXIS_COUNT + way]))
-            whole = whole + reach_lanes(
+            whole = whole + ratio * reach_lanes(
                 ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px)
             far = where(whole > least, far, zero)
             farther = far * over > most * whole
@@ -494,10 +507,10 @@ def across_edges(
     The same where no face decides: by the edges of both, or by refinement where they do not.
 
     On the normals of faces c is `out` times as far out as the sum of both bodies. A normal n
-    across an edge e has n . c <= |c - (c . e) e|, and the sum reaches 2 rho along it at least:
+    across an edge e has n . c <= |c - (c . e) e|, and the sum reaches both rho along it at least:
     most edges need no look.
     """
-    least = 2.0 * INNER * out * (1.0 - ROUNDING)
+    least = (1.0 + room[RATIO]) * INNER * out * (1.0 - ROUNDING)
     limit = cx * cx + cy * cy + cz * cz - least * least
     bx, by, bz = turn_from(room, cx, cy, cz)
     own = put_ways(room, OWN, OWN_NUMBERS, cx, cy, cz, limit, (

@@ -17,7 +17,7 @@ How far two icosahedra are apart, or in each other: exactly, by looking at all o
 For users and checks; a simulation needs neither. Of convex bodies that overlap the shortest way
 out is along the normal of a face of either or across an edge of both (the facets of their
 Minkowski sum); of bodies apart the nearest points are those of a vertex and a face or of two
-edges. Lengths over a, axes of the first body.
+edges. Axes of the first body, lengths over its a; `ratio` is the second's a over that.
 """
 
 import math
@@ -46,16 +46,17 @@ _PARALLEL = 1e-12
 
 @compiled
 def gap_on(
-    q: np.ndarray, cx: float, cy: float, cz: float, ux: float, uy: float, uz: float
+    q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, ux: float, uy: float, uz: float
 ) -> float:
     """Gap along a unit vector or its opposite, whichever leads to the second body at c."""
     bx, by, bz = turn_back(q, ux, uy, uz)
-    return abs(ux * cx + uy * cy + uz * cz) - reach(ux, uy, uz) - reach(bx, by, bz)
+    return abs(ux * cx + uy * cy + uz * cz) - reach(ux, uy, uz) - (
+        ratio * reach(bx, by, bz))
 
 
 @compiled
 def widest_gap(
-    q: np.ndarray, cx: float, cy: float, cz: float, axis: np.ndarray
+    q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, axis: np.ndarray
 ) -> float:
     """
     Largest gap of all normals of the Minkowski sum: minus the depth of bodies that overlap.
@@ -65,11 +66,11 @@ def widest_gap(
     most, x, y, z = -math.inf, 0.0, 0.0, 0.0
     for face in range(20):
         ux, uy, uz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
-        gap = gap_on(q, cx, cy, cz, ux, uy, uz)
+        gap = gap_on(q, ratio, cx, cy, cz, ux, uy, uz)
         if gap > most:
             most, x, y, z = gap, ux, uy, uz
         ux, uy, uz = turn(q, ux, uy, uz)
-        gap = gap_on(q, cx, cy, cz, ux, uy, uz)
+        gap = gap_on(q, ratio, cx, cy, cz, ux, uy, uz)
         if gap > most:
             most, x, y, z = gap, ux, uy, uz
     for other in range(WAY_COUNT):
@@ -81,7 +82,7 @@ def widest_gap(
             if not length > _PARALLEL:
                 continue
             ux, uy, uz = ux / length, uy / length, uz / length
-            gap = gap_on(q, cx, cy, cz, ux, uy, uz)
+            gap = gap_on(q, ratio, cx, cy, cz, ux, uy, uz)
             if gap > most:
                 most, x, y, z = gap, ux, uy, uz
     if x * cx + y * cy + z * cz < 0.0:
@@ -92,26 +93,28 @@ def widest_gap(
 
 @compiled
 def nearest_of_vertices(
-    q: np.ndarray, cx: float, cy: float, cz: float, best: float, axis: np.ndarray
+    q: np.ndarray, own: float, other: float, cx: float, cy: float, cz: float, best: float,
+    axis: np.ndarray
 ) -> float:
     """
     The least distance of a vertex of the second body from a face of the first, or `best` if less.
 
-    Only of vertices that are above the face; then also writes the axis (3,).
+    Only of vertices that are above the face; then also writes the axis (3,). Half edges are `own`
+    and `other`.
     """
     for vertex in range(12):
         x, y, z = turn(q, VERTICES[vertex, 0], VERTICES[vertex, 1], VERTICES[vertex, 2])
-        x, y, z = x + cx, y + cy, z + cz
+        x, y, z = other * x + cx, other * y + cy, other * z + cz
         for face in range(20):
             height = (NORMALS[face, 0] * x + NORMALS[face, 1] * y
-                      + NORMALS[face, 2] * z - INNER)
+                      + NORMALS[face, 2] * z - own * INNER)
             if height < 0.0 or height >= best:
                 continue
             above = True
             for k in range(3):
-                above &= (SIDES[face, k, 0] * (x - CORNERS[face, k, 0])
-                          + SIDES[face, k, 1] * (y - CORNERS[face, k, 1])
-                          + SIDES[face, k, 2] * (z - CORNERS[face, k, 2])) >= 0.0
+                above &= (SIDES[face, k, 0] * (x - own * CORNERS[face, k, 0])
+                          + SIDES[face, k, 1] * (y - own * CORNERS[face, k, 1])
+                          + SIDES[face, k, 2] * (z - own * CORNERS[face, k, 2])) >= 0.0
             if above:
                 best = height
                 axis[0], axis[1], axis[2] = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
@@ -120,28 +123,30 @@ def nearest_of_vertices(
 
 @compiled
 def nearest_of_edges(
-    q: np.ndarray, cx: float, cy: float, cz: float, best: float, axis: np.ndarray
+    q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, best: float, axis: np.ndarray
 ) -> float:
     """The least distance of an edge of one body from one of the other, or `best` if less."""
+    whole = 4.0 * ratio * ratio
     for other in range(30):
         start, end = EDGE_ENDS[other, 0], EDGE_ENDS[other, 1]
         fx, fy, fz = turn(q, end[0] - start[0], end[1] - start[1], end[2] - start[2])
         bx, by, bz = turn(q, start[0], start[1], start[2])
-        bx, by, bz = bx + cx, by + cy, bz + cz
+        fx, fy, fz = ratio * fx, ratio * fy, ratio * fz
+        bx, by, bz = ratio * bx + cx, ratio * by + cy, ratio * bz + cz
         for own in range(30):
             ax, ay, az = EDGE_ENDS[own, 0, 0], EDGE_ENDS[own, 0, 1], EDGE_ENDS[own, 0, 2]
             ex, ey, ez = (EDGE_ENDS[own, 1, 0] - ax, EDGE_ENDS[own, 1, 1] - ay,
                           EDGE_ENDS[own, 1, 2] - az)
             dx, dy, dz = bx - ax, by - ay, bz - az
-            # Places s and t on the edges, from 0 to 1; both are 2 long.
+            # Places s and t on the edges, from 0 to 1; the first is 2 long.
             along = ex * fx + ey * fy + ez * fz
             own_part = ex * dx + ey * dy + ez * dz
             other_part = fx * dx + fy * dy + fz * dz
-            square = 16.0 - along * along
+            square = 4.0 * whole - along * along
             s = 0.0
             if square > 0.0:
-                s = min(1.0, max(0.0, (4.0 * own_part - along * other_part) / square))
-            t = min(1.0, max(0.0, (along * s - other_part) / 4.0))
+                s = min(1.0, max(0.0, (whole * own_part - along * other_part) / square))
+            t = min(1.0, max(0.0, (along * s - other_part) / whole))
             s = min(1.0, max(0.0, (along * t + own_part) / 4.0))
             dx, dy, dz = (dx + t * fx - s * ex, dy + t * fy - s * ey, dz + t * fz - s * ez)
             distance = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -154,26 +159,27 @@ def nearest_of_edges(
 
 @compiled
 def signed_distance(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    q: np.ndarray, axis: np.ndarray
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, q: np.ndarray, axis: np.ndarray
 ) -> float:
     """
-    Distance [m] of two shells of half edge a [m]; minus the depth where they overlap.
+    Distance [m] of two shells of these half edges [m]; minus the depth where they overlap.
 
     Centres [m] (3,), matrices from body to world axes (3, 3); q (3, 3) is room. Writes the unit
     axis (3,) of the world from the first body to the second: along it they are so far apart, or
     part soonest.
     """
+    ratio = other_edge / half_edge
     for r in range(3):
         for c in range(3):
             q[r, c] = ra[0, r] * rb[0, c] + ra[1, r] * rb[1, c] + ra[2, r] * rb[2, c]
     cx, cy, cz = turn_back(ra, (xb[0] - xa[0]) / half_edge, (xb[1] - xa[1]) / half_edge,
                            (xb[2] - xa[2]) / half_edge)
-    answer = widest_gap(q, cx, cy, cz, axis)
+    answer = widest_gap(q, ratio, cx, cy, cz, axis)
     # At less than what rounding does to a vertex above a face the gap is the distance.
     if answer > ROUNDING:
-        answer = nearest_of_edges(q, cx, cy, cz, math.inf, axis)
-        answer = nearest_of_vertices(q, cx, cy, cz, answer, axis)
+        answer = nearest_of_edges(q, ratio, cx, cy, cz, math.inf, axis)
+        answer = nearest_of_vertices(q, 1.0, ratio, cx, cy, cz, answer, axis)
         # The same seen from the second body.
         for r in range(3):
             for c in range(r):
@@ -181,7 +187,7 @@ def signed_distance(
         bx, by, bz = turn(q, -cx, -cy, -cz)
         before = answer
         x, y, z = axis[0], axis[1], axis[2]
-        answer = nearest_of_vertices(q, bx, by, bz, answer, axis)
+        answer = nearest_of_vertices(q, ratio, 1.0, bx, by, bz, answer, axis)
         if answer < before:
             x, y, z = turn_back(q, -axis[0], -axis[1], -axis[2])
     else:

@@ -34,7 +34,7 @@ from icofabric_sim.kernels.contact.apex import (
     vertices_in_faces,
 )
 from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
-from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
 from icofabric_sim.kernels.contact.pair import LINE, Scratch, touch_pair_again, touch_plane
 from icofabric_sim.kernels.contact.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.kernels.contact.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
@@ -128,7 +128,7 @@ def touch_some(
     own, other = borrowed(contacts.first)[member], borrowed(contacts.second)[member]
     axis = borrowed(contacts.sleep.axis)
     room, marks = borrowed(scratch.room), borrowed(scratch.marks)
-    half_edge = contacts.half_edge
+    half_edge, half_edges = contacts.half_edge, contacts.half_edges
     latest: int = np.int64(-1)  # type: ignore[assignment]
     number = take_part(flags, member, size, parts, -1)
     while number >= 0:
@@ -141,7 +141,9 @@ def touch_some(
             s, t = pairs[p, 0], pairs[p, 1]
             if until[p] > APART and t >= 0:
                 # It has slept: its row holds zeros, and need not come from memory.
-                left = room_along(half_edge, position, orientation, s, t, axis[p])
+                left = room_along(
+                    edge_of(half_edge, half_edges, s), ratio_of(half_edges, s, t), position,
+                    orientation, s, t, axis[p])
                 if left > 0.0:
                     until[p] = path + left
                     continue
@@ -150,24 +152,25 @@ def touch_some(
             out = result[p]
             if t < 0:
                 axes, plane = axes_of(orientation, s), planes[-1 - t]
+                edge = edge_of(half_edge, half_edges, s)
                 gap = plane_gap(
-                    plane, half_edge, position[0, s], position[1, s], position[2, s], axes)
-                if gap > _APART * half_edge and until[p] >= APART:
+                    plane, edge, position[0, s], position[1, s], position[2, s], axes)
+                if gap > _APART * edge and until[p] >= APART:
                     # What is known of it is zero already.
-                    until[p] = path + (gap - _APART * half_edge)
+                    until[p] = path + (gap - _APART * edge)
                     tested -= 1
                     continue
                 set_place(position, axes, s, own)
                 touches = touch_plane(
-                    half_edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+                    edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
                 until[p] = AWAKE if touches else APART
                 deepest = max(deepest, out[11])
                 continue
             code = int(out[19])
             if code < APEX_UNIT:
                 deepest = max(deepest, touch_alone(
-                    half_edge, position, orientation, s, t, own, other, scratch, out, until, axis,
-                    path, p))
+                    half_edge, half_edges, position, orientation, s, t, own, other, scratch, out,
+                    until, axis, path, p))
                 if until[p] > APART:
                     tested -= 1
             elif code % APEX_UNIT < FACE_OF_FIRST:
@@ -213,15 +216,16 @@ def touch_some(
 
 @compiled
 def touch_alone(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
-    own: np.ndarray, other: np.ndarray, scratch: Scratch, out: np.ndarray, until: np.ndarray,
-    axis: np.ndarray, path: float, p: int
+    half_edge: float, half_edges: np.ndarray | None, position: np.ndarray,
+    orientation: np.ndarray, s: int, t: int, own: np.ndarray, other: np.ndarray, scratch: Scratch,
+    out: np.ndarray, until: np.ndarray, axis: np.ndarray, path: float, p: int
 ) -> float:
     """Evaluate pair `p`, of shells; returns their overlap [m]."""
+    edge, ratio = edge_of(half_edge, half_edges, s), ratio_of(half_edges, s, t)
     # The axis that kept them apart last.
     for k in range(3):
         axis[p, k] = out[12 + k]
-    room = room_along(half_edge, position, orientation, s, t, axis[p])
+    room = room_along(edge, ratio, position, orientation, s, t, axis[p])
     if room > 0.0:
         if until[p] < APART:
             for k in range(12):
@@ -232,8 +236,13 @@ def touch_alone(
     axes, others = axes_of(orientation, s), axes_of(orientation, t)
     set_place(position, axes, s, own)
     set_place(position, others, t, other)
-    touches = touch_pair_again(half_edge, own[0], own[1:], other[0], other[1:], scratch, out)
+    touches = touch_pair_again(
+        edge, edge_of(half_edge, half_edges, t), own[0], own[1:], other[0], other[1:], scratch,
+        out)
     until[p] = AWAKE if touches else APART
+    if half_edges is not None and out[19] >= APEX_UNIT and edge != half_edge:
+        # Pairs side by side are of the size of all.
+        out[19] = 0.0
     if touches:
         # No axis shows less than the depth.
         out[11] = min(out[11], scratch.room[LINE])
@@ -285,14 +294,14 @@ def take_lanes(
     for k in range(left):
         p = marks[waiting + k] >> 1
         deepest = max(deepest, touch_alone(
-            contacts.half_edge, position, orientation, pairs[p, 0], pairs[p, 1], own, other,
-            scratch, result[p], until, contacts.sleep.axis, path, p))
+            contacts.half_edge, contacts.half_edges, position, orientation, pairs[p, 0],
+            pairs[p, 1], own, other, scratch, result[p], until, contacts.sleep.axis, path, p))
     return deepest
 
 
 @compiled
 def room_along(
-    half_edge: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
+    half_edge: float, ratio: float, position: np.ndarray, orientation: np.ndarray, s: int, t: int,
     axis: np.ndarray
 ) -> float:
     """
@@ -302,7 +311,7 @@ def room_along(
     nx, ny, nz = axis[0], axis[1], axis[2]
     gap = nx * (position[0, t] - position[0, s]) + ny * (position[1, t] - position[1, s])
     gap += nz * (position[2, t] - position[2, s])
-    gap -= half_edge * (support(axes, nx, ny, nz) + support(others, nx, ny, nz) + _APART)
+    gap -= half_edge * (support(axes, nx, ny, nz) + ratio * support(others, nx, ny, nz) + _APART)
     # As long as the axis was, by an orientation that was none.
     return 0.5 * gap / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1.0)
 

@@ -92,6 +92,24 @@ def axes_of(orientation: np.ndarray, s: int) -> Axes:
 
 
 @compiled
+def edge_of(half_edge: float, half_edges: np.ndarray | None, s: int) -> float:
+    """Half edge [m] of a body or slot: that of all, or its own."""
+    if half_edges is None:
+        return half_edge
+    else:
+        return float(half_edges[s])
+
+
+@compiled
+def ratio_of(half_edges: np.ndarray | None, s: int, t: int) -> float:
+    """Half edge of the second over that of the first."""
+    if half_edges is None:
+        return 1.0
+    else:
+        return float(half_edges[t] / half_edges[s])
+
+
+@compiled
 def support(axes: Axes, nx: float, ny: float, nz: float) -> float:
     """
     Half the width of a shell of half edge 1 along a unit vector: the largest n . v of a vertex.
@@ -103,30 +121,36 @@ def support(axes: Axes, nx: float, ny: float, nz: float) -> float:
 
 @compiled
 def gap_along(
-    code: int, half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes
+    code: int, half_edge: float, ratio: float, dx: float, dy: float, dz: float, first: Axes,
+    second: Axes
 ) -> float:
     """
     Gap [m] of two shells along an axis, less than 0 where they overlap along it.
 
-    (dx, dy, dz) [m] leads from the first centre to the second.
+    (dx, dy, dz) [m] leads from the first centre to the second. `half_edge` [m] of the first, and
+    that of the second over it.
     """
     if code == 0:
         size = math.sqrt(dx * dx + dy * dy + dz * dz)
         if not size > 0.0:
-            return -2.0 * half_edge * _RHO
+            return -(1.0 + ratio) * half_edge * _RHO
         nx, ny, nz = dx / size, dy / size, dz / size
-        return size - half_edge * (support(first, nx, ny, nz) + support(second, nx, ny, nz))
+        return size - half_edge * (
+            support(first, nx, ny, nz) + ratio * support(second, nx, ny, nz))
     if code < _FIRST_EDGE:
         number = code - 1
         own, other = first, second
+        own_size, other_size = 1.0, ratio
         if number >= _NORMALS.shape[0]:
             number -= _NORMALS.shape[0]
             own, other = second, first
+            own_size, other_size = ratio, 1.0
         x, y, z = _NORMALS[number, 0], _NORMALS[number, 1], _NORMALS[number, 2]
         nx = own[0] * x + own[3] * y + own[6] * z
         ny = own[1] * x + own[4] * y + own[7] * z
         nz = own[2] * x + own[5] * y + own[8] * z
-        return abs(nx * dx + ny * dy + nz * dz) - half_edge * (_RHO + support(other, nx, ny, nz))
+        return abs(nx * dx + ny * dy + nz * dz) - half_edge * (
+            own_size * _RHO + other_size * support(other, nx, ny, nz))
     number = code - _FIRST_EDGE
     i, j = number // _WAYS.shape[0], number % _WAYS.shape[0]
     x, y, z = _WAYS[i, 0], _WAYS[i, 1], _WAYS[i, 2]
@@ -140,27 +164,30 @@ def gap_along(
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     square = nx * nx + ny * ny + nz * nz
     if not square > _PARALLEL:
-        return -2.0 * half_edge * _RHO
+        return -(1.0 + ratio) * half_edge * _RHO
     size = math.sqrt(square)
     nx, ny, nz = nx / size, ny / size, nz / size
     return abs(nx * dx + ny * dy + nz * dz) - half_edge * (
-        support(first, nx, ny, nz) + support(second, nx, ny, nz))
+        support(first, nx, ny, nz) + ratio * support(second, nx, ny, nz))
 
 
 @compiled
 def widest_gap(
-    wanted: float, half_edge: float, dx: float, dy: float, dz: float, first: Axes, second: Axes
+    wanted: float, half_edge: float, ratio: float, dx: float, dy: float, dz: float, first: Axes,
+    second: Axes
 ) -> tuple[float, int]:
     """
     Largest gap [m] of two shells along any of the axes, and its number.
 
     The search ends early where a gap is at least `wanted` [m]. Axes are tried side by side.
     """
-    gap = gap_along(0, half_edge, dx, dy, dz, first, second)
+    gap = gap_along(0, half_edge, ratio, dx, dy, dz, first, second)
     if gap >= wanted:
         return gap, 0
     best, which = splat(gap), splat(0.0)
     a, rho, enough = splat(half_edge), splat(_RHO), splat(wanted)
+    size = splat(ratio)
+    other_rho = size * rho
     # The way between the centres in the axes of both; the second's axes in those of the first.
     ax, ay, az = (
         splat(first[0] * dx + first[1] * dy + first[2] * dz),
@@ -183,12 +210,12 @@ def widest_gap(
         x, y, z = (load_at(_NORMAL_ROWS, k), load_at(_NORMAL_ROWS, _ROOM + k),
                    load_at(_NORMAL_ROWS, 2 * _ROOM + k))
         number = load_at(_NORMAL_ROWS, 3 * _ROOM + k)
-        shown = fabs(fma(x, ax, fma(y, ay, z * az))) - a * (rho + reach_lanes(
+        shown = fabs(fma(x, ax, fma(y, ay, z * az))) - a * (rho + size * reach_lanes(
             fma(v0, x, fma(v1, y, v2 * z)), fma(v3, x, fma(v4, y, v5 * z)),
             fma(v6, x, fma(v7, y, v8 * z))))
         which = where(best < shown, number, which)
         best = maximum(shown, best)
-        shown = fabs(fma(x, bx, fma(y, by, z * bz))) - a * (rho + reach_lanes(
+        shown = fabs(fma(x, bx, fma(y, by, z * bz))) - a * (other_rho + reach_lanes(
             fma(v0, x, fma(v3, y, v6 * z)), fma(v1, x, fma(v4, y, v7 * z)),
             fma(v2, x, fma(v5, y, v8 * z))))
         which = where(best < shown, number + splat(float(_NORMALS.shape[0])), which)
@@ -211,7 +238,7 @@ def widest_gap(
             square = fma(nx, nx, fma(ny, ny, nz * nz))
             shown = rsqrt(square) * (fabs(fma(nx, ax, fma(ny, ay, nz * az))) - a * (
                 reach_lanes(nx, ny, nz)
-                + reach_lanes(fy * z - fz * y, fz * x - fx * z, fx * y - fy * x)))
+                + size * reach_lanes(fy * z - fz * y, fz * x - fx * z, fx * y - fy * x)))
             shown = where(splat(_PARALLEL) < square, shown, best)
             number = load_at(_WAY_ROWS, 3 * _ROOM + k) + splat(
                 float(_FIRST_EDGE + _WAYS.shape[0] * way))
@@ -225,7 +252,7 @@ def widest_gap(
         most = k if lane(best, k) > lane(best, most) else most
     code = int(lane(which, most))
     # As whoever kept that axis computes it.
-    return max(gap, gap_along(code, half_edge, dx, dy, dz, first, second)), code
+    return max(gap, gap_along(code, half_edge, ratio, dx, dy, dz, first, second)), code
 
 
 @compiled

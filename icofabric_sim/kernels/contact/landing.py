@@ -32,7 +32,7 @@ import math
 
 from icofabric_sim.kernels.contact.clearance import mean_velocity
 from icofabric_sim.kernels.contact.displacement import add_ways, FREE, LATE, MOST, shift_at
-from icofabric_sim.kernels.contact.gap import Axes, axes_of, plane_gap, support
+from icofabric_sim.kernels.contact.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
 from icofabric_sim.kernels.contact.shape import OUTER
 from icofabric_sim.kernels.records import Blocks, Contacts, State, Team, Trail, Watch
 from icofabric_sim.kernels.rotations import rows_of
@@ -212,6 +212,8 @@ def stays_apart(
         return False
     axis = contacts.result[p, 12:15]
     gap, square, turning = 0.0, 0.0, 0.0
+    half_edge = edge_of(contacts.half_edge, contacts.half_edges, s)
+    ratio = ratio_of(contacts.half_edges, s, other)
     row = row_of_accelerations(state)
     for k in range(3):
         gap += axis[k] * (state.position[k, other] - state.position[k, s])
@@ -224,11 +226,12 @@ def stays_apart(
         for k in range(3):
             u = t * (state.angular_velocity[k, body] + 0.5 * t * slope[row + 3 + k, body])
             spin += u * u
-        turning += math.sqrt(spin)
-    gap -= contacts.half_edge * (
+        spin = math.sqrt(spin)
+        turning += spin if body == s else ratio * spin
+    gap -= half_edge * (
         support(axes_of(state.orientation, s), axis[0], axis[1], axis[2])
-        + support(axes_of(state.orientation, other), axis[0], axis[1], axis[2]))
-    return gap > math.sqrt(square) + OUTER * contacts.half_edge * turning
+        + ratio * support(axes_of(state.orientation, other), axis[0], axis[1], axis[2]))
+    return gap > math.sqrt(square) + OUTER * half_edge * turning
 
 
 @compiled
@@ -276,13 +279,15 @@ def gap_at(
             own[1, 0], own[2, 0], own[3, 0], own[1, 1], own[2, 1], own[3, 1], own[1, 2],
             own[2, 2], own[3, 2])
         return plane_gap(
-            contacts.planes[-1 - other], contacts.half_edge, own[0, 0], own[0, 1], own[0, 2],
-            axes)
+            contacts.planes[-1 - other], edge_of(contacts.half_edge, contacts.half_edges, s),
+            own[0, 0], own[0, 1], own[0, 2], axes)
     second = contacts.second[0]
     foretell(state, slope, other, t, second)
     # `found_gap` of pair.py
     return call_float(contacts.gap_address, (
-        contacts.half_edge, own[0], own[1:], second[0], second[1:], contacts.scratch))
+        edge_of(contacts.half_edge, contacts.half_edges, s),
+        edge_of(contacts.half_edge, contacts.half_edges, other), own[0], own[1:], second[0],
+        second[1:], contacts.scratch))
 
 
 @compiled

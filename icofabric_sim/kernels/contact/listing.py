@@ -19,7 +19,7 @@ than can touch. So few axes are tried for each pair, the line of centres and the
 (gap.py), and the answer depends on where bodies are, not on the axes kept.
 """
 
-from icofabric_sim.kernels.contact.gap import gap_along
+from icofabric_sim.kernels.contact.gap import edge_of, gap_along, ratio_of
 from icofabric_sim.kernels.contact.search import axes_row, plane_gaps
 from icofabric_sim.kernels.records import Nearby
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -54,11 +54,13 @@ def list_pairs(
             continue
         first, second = axes_row(nearby.axes, b), axes_row(nearby.axes, c)
         kept, apart = codes[p], False
+        half_edge = edge_of(nearby.half_edge, nearby.half_edges, b)
+        ratio = ratio_of(nearby.half_edges, b, c)
         if kept < _FEW_AXES:
-            apart = gap_along(kept, nearby.half_edge, dx, dy, dz, first, second) >= wanted
+            apart = gap_along(kept, half_edge, ratio, dx, dy, dz, first, second) >= wanted
         code = 0
         while not apart and code < _FEW_AXES:
-            apart = gap_along(code, nearby.half_edge, dx, dy, dz, first, second) >= wanted
+            apart = gap_along(code, half_edge, ratio, dx, dy, dz, first, second) >= wanted
             if apart:
                 codes[p] = code
             code += 1

@@ -14,7 +14,8 @@
 """
 The functions of pairs for n of them.
 
-Places [m] (n, 3), matrices from body to world axes (n, 3, 3).
+Half edges [m] (n, 2) of the first and the second, places [m] (n, 3), matrices from body to world
+axes (n, 3, 3).
 """
 
 from icofabric_sim.kernels.contact.axis import separation_on
@@ -27,58 +28,61 @@ import numpy as np
 
 @compiled
 def touch_pairs(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     scratch: Scratch, touching: np.ndarray, out: np.ndarray
 ) -> None:
-    """
-    `touch_pair` of n pairs: places (n, 3), matrices (n, 3, 3), results (n,) and (n, OUT_SIZE).
-    """
+    """`touch_pair` of n pairs, results (n,) and (n, OUT_SIZE)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     out = borrowed(out)
     for k in range(touching.shape[0]):
-        touching[k] = touch_pair(half_edge, xa[k], ra[k], xb[k], rb[k], scratch, out[k])
+        touching[k] = touch_pair(
+            half_edge[k, 0], half_edge[k, 1], xa[k], ra[k], xb[k], rb[k], scratch, out[k])
 
 
 @compiled
 def touch_planes(
-    half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
+    half_edge: np.ndarray, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
     scratch: Scratch, touching: np.ndarray, out: np.ndarray
 ) -> None:
-    """`touch_plane` of n shells and one plane."""
+    """`touch_plane` of n shells, the first of (n, 2) half edges, and one plane."""
     for k in range(touching.shape[0]):
-        touching[k] = touch_plane(half_edge, normal, offset, xa[k], ra[k], scratch, out[k])
+        touching[k] = touch_plane(
+            half_edge[k, 0], normal, offset, xa[k], ra[k], scratch, out[k])
 
 
 @compiled
 def apart_pairs(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     scratch: Scratch, apart: np.ndarray
 ) -> None:
     """`are_apart` of n pairs, results (n,)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(apart.shape[0]):
-        apart[k] = are_apart(half_edge, xa[k], ra[k], xb[k], rb[k], scratch)
+        apart[k] = are_apart(
+            half_edge[k, 0], half_edge[k, 1], xa[k], ra[k], xb[k], rb[k], scratch)
 
 
 @compiled
 def separations_on(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     axis: np.ndarray, gap: np.ndarray
 ) -> None:
     """`separation_on` of n pairs along axes (n, 3), results [m] (n,)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(gap.shape[0]):
         gap[k] = separation_on(
-            half_edge, xa[k], ra[k], xb[k], rb[k], axis[k, 0], axis[k, 1], axis[k, 2])
+            half_edge[k, 0], half_edge[k, 1], xa[k], ra[k], xb[k], rb[k], axis[k, 0], axis[k, 1],
+            axis[k, 2])
 
 
 @compiled
 def signed_distances(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     distance: np.ndarray, axis: np.ndarray
 ) -> None:
     """`signed_distance` of n pairs, results (n,) and (n, 3)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     q = np.zeros((3, 3))
     for k in range(distance.shape[0]):
-        distance[k] = signed_distance(half_edge, xa[k], ra[k], xb[k], rb[k], q, axis[k])
+        distance[k] = signed_distance(
+            half_edge[k, 0], half_edge[k, 1], xa[k], ra[k], xb[k], rb[k], q, axis[k])

@@ -48,6 +48,7 @@ from icofabric_sim.kernels.contact.axis import (
     MATRIX,
     OVERLAP,
     put_farthest,
+    RATIO,
     ROUNDING,
     turn,
     turn_back,
@@ -63,6 +64,7 @@ from icofabric_sim.kernels.contact.shape import (
 )
 from icofabric_sim.kernels.contact.surface import (
     add_all,
+    add_inner,
     add_plane,
     add_surface,
     ALONE,
@@ -103,11 +105,11 @@ LINE = ALONE + LANES * ALONG_CENTRES
 
 @compiled
 def touch_pair(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    scratch: Scratch, out: np.ndarray
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, scratch: Scratch, out: np.ndarray
 ) -> bool:
     """
-    Whether two shells of half edge a [m] touch, and for a stiffness of 1 N/m how they push.
+    Whether two shells of these half edges [m] touch, and how they push for a stiffness of 1 N/m.
 
     Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (20,): force on A [N]
     (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
@@ -120,32 +122,34 @@ def touch_pair(
     0 but the axis, which has a gap.
 
     Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
-    equal orientations, and the overlap 2 rho.
+    equal orientations, and the overlap twice that; of two sizes that of the smaller.
     """
-    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), 0,
-                borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
+    return meet(
+        half_edge, other_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), 0,
+        borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
 
 
 @compiled
 def touch_pair_again(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    scratch: Scratch, out: np.ndarray
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, scratch: Scratch, out: np.ndarray
 ) -> bool:
     """The same where `out` holds what was found before: its facet may spare a search, no more."""
-    return meet(half_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb), int(out[19]),
-                borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
+    return meet(
+        half_edge, other_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb),
+        int(out[19]), borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
 
 
 @compiled
 def meet(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
     """The same, with the facet that is tried first, and arrays that are not counted."""
     for k in range(OUT_SIZE):
         out[k] = 0.0
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
-    reach_of_both = 2.0 * OUTER * half_edge
+    reach_of_both = OUTER * (half_edge + other_edge)
     square = dx * dx + dy * dy + dz * dz
     if not square < reach_of_both * reach_of_both:
         length = math.sqrt(square)
@@ -156,7 +160,8 @@ def meet(
     if swapped:
         ra, rb = rb, ra
         dx, dy, dz = -dx, -dy, -dz
-    found = press(half_edge, dx, dy, dz, ra, rb, number, room, marks, out)
+        half_edge, other_edge = other_edge, half_edge
+    found = press(half_edge, other_edge, dx, dy, dz, ra, rb, number, room, marks, out)
     if swapped:
         for k in range(3):
             out[k], out[12 + k] = -out[k], -out[12 + k]
@@ -166,15 +171,16 @@ def meet(
 
 @compiled
 def press(
-    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
-    number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
+    half_edge: float, other_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray,
+    rb: np.ndarray, number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
     """The same for a body at the origin and another at d, whose first number is not negative."""
-    cx, cy, cz = approach(half_edge, dx, dy, dz, ra, rb, room)
+    cx, cy, cz = approach(half_edge, other_edge, dx, dy, dz, ra, rb, room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
-        out[9] = 0.5 * (INNER * half_edge) ** 2
-        out[10] = INNER * half_edge
-        out[11] = 2.0 * INNER * half_edge
+        smaller = min(half_edge, other_edge)
+        out[9] = 0.5 * (INNER * smaller) ** 2
+        out[10] = INNER * smaller
+        out[11] = 2.0 * INNER * smaller
         out[12] = 1.0
         room[LINE] = out[11]
         return True
@@ -185,7 +191,7 @@ def press(
         return False
     number = int(room[FACET])
     out[19] = number
-    if number > 0 and gap < 0.0 and press_apex(
+    if number > 0 and gap < 0.0 and half_edge == other_edge and press_apex(
             half_edge, dx, dy, dz, ra, rb, number, ux, uy, uz, room, out):
         return True
     found, ux, uy, uz, gap = press_surface(
@@ -202,7 +208,7 @@ def press(
     length = math.sqrt(cx * cx + cy * cy + cz * cz)
     ux, uy, uz = cx / length, cy / length, cz / length
     vx, vy, vz = turn_from(room, ux, uy, uz)
-    room[LINE] = half_edge * (reach(ux, uy, uz) + reach(vx, vy, vz) - length)
+    room[LINE] = half_edge * (reach(ux, uy, uz) + room[RATIO] * reach(vx, vy, vz) - length)
     return True
 
 
@@ -255,8 +261,12 @@ def press_surface(
     turn_normals(room)
     for k in range(SUM_COUNT):
         room[SUMS + k] = 0.0
-    if verdict != OVERLAP or gap < -_DEEP or not add_surface(room, marks, cx, cy, cz, x, y, z):
+    # Bodies of two sizes do not have the deepest point of `find_facet` in common.
+    if verdict != OVERLAP or gap < -_DEEP or room[RATIO] != 1.0 or not add_surface(
+            room, marks, cx, cy, cz, x, y, z):
         add_all(room, cx, cy, cz)
+    if room[RATIO] != 1.0:
+        add_inner(room, cx, cy, cz)
     if verdict != OVERLAP:
         length = math.sqrt(cx * cx + cy * cy + cz * cz)
         ux, uy, uz = cx / length, cy / length, cz / length
@@ -289,12 +299,15 @@ def lean(
 
 @compiled
 def approach(
-    half_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray, rb: np.ndarray,
-    room: np.ndarray
+    half_edge: float, other_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray,
+    rb: np.ndarray, room: np.ndarray
 ) -> tuple[float, float, float]:
     """
-    The second centre as the first body sees it, over a; writes the matrix between their axes.
+    The second centre as the first body sees it, over its a.
+
+    Writes the matrix between their axes, and the ratio of their sizes.
     """
+    room[RATIO] = other_edge / half_edge
     room[MATRIX] = ra[0, 0] * rb[0, 0] + ra[1, 0] * rb[1, 0] + ra[2, 0] * rb[2, 0]
     room[MATRIX + 1] = ra[0, 0] * rb[0, 1] + ra[1, 0] * rb[1, 1] + ra[2, 0] * rb[2, 1]
     room[MATRIX + 2] = ra[0, 0] * rb[0, 2] + ra[1, 0] * rb[1, 2] + ra[2, 0] * rb[2, 2]
@@ -309,8 +322,8 @@ def approach(
 
 @compiled
 def are_apart(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    scratch: Scratch
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, scratch: Scratch
 ) -> bool:
     """
     Whether an axis with a gap was found: the first part of `touch_pair`, which then says no.
@@ -318,13 +331,13 @@ def are_apart(
     Bodies that are less than 1e-14 a apart may be said to touch; `touch_pair` then decides by the
     volume of their overlap.
     """
-    return found_gap(half_edge, xa, ra, xb, rb, scratch) > 0.0
+    return found_gap(half_edge, other_edge, xa, ra, xb, rb, scratch) > 0.0
 
 
 @compiled
 def found_gap(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
-    scratch: Scratch
+    half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
+    rb: np.ndarray, scratch: Scratch
 ) -> float:
     """
     The gap [m] along the axis that was found, above 0 where that keeps two bodies apart.
@@ -332,14 +345,14 @@ def found_gap(
     Else 0 or less: minus the overlap along the facet that the line of centres leaves through.
     """
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
-    reach_of_both = 2.0 * OUTER * half_edge
+    reach_of_both = OUTER * (half_edge + other_edge)
     square = dx * dx + dy * dy + dz * dz
     if not square < reach_of_both * reach_of_both:
         return max(math.sqrt(square) - reach_of_both, half_edge * ROUNDING)
     room = borrowed(scratch.room)
-    cx, cy, cz = approach(half_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
+    cx, cy, cz = approach(half_edge, other_edge, dx, dy, dz, borrowed(ra), borrowed(rb), room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
-        return -2.0 * INNER * half_edge
+        return -INNER * (half_edge + other_edge)
     found = find_facet(room, cx, cy, cz)
     return half_edge * (found[4] if found[0] == APART else min(found[4], 0.0))
 
@@ -365,7 +378,8 @@ def push(
         ra, factor * (room[SUMS + T1] - mean * room[SUMS + T0]),
         factor * (room[SUMS + T1 + 1] - mean * room[SUMS + T0 + 1]),
         factor * (room[SUMS + T1 + 2] - mean * room[SUMS + T0 + 2]))
-    factor = half_edge / room[SUMS + P1]
+    # Where one body is all within the other no surface is between them.
+    factor = half_edge / room[SUMS + P1] if room[SUMS + P1] > 0.0 else 0.0
     out[15], out[16], out[17] = turn(
         ra, factor * room[SUMS + X1], factor * room[SUMS + X1 + 1], factor * room[SUMS + X1 + 2])
     square = half_edge * half_edge

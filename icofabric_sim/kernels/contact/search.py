@@ -23,8 +23,17 @@ away (M. Teschner et al. 2003, Optimized Spatial Hashing).
 import math
 
 from icofabric_sim.kernels.contact.axis import FACET_ROOM, find_facet, OVERLAP
-from icofabric_sim.kernels.contact.gap import Axes, axes_of, gap_along, plane_gap, widest_gap
+from icofabric_sim.kernels.contact.gap import (
+    Axes,
+    axes_of,
+    edge_of,
+    gap_along,
+    plane_gap,
+    ratio_of,
+    widest_gap,
+)
 from icofabric_sim.kernels.contact.pair import approach, COINCIDE
+from icofabric_sim.kernels.contact.shape import OUTER
 from icofabric_sim.kernels.records import Nearby, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
@@ -64,14 +73,19 @@ def sort_cubes(
 @compiled
 def find_close(
     position: np.ndarray, slots: np.ndarray, width: float, cubes: np.ndarray, heads: np.ndarray,
-    following: np.ndarray, pairs: np.ndarray
+    following: np.ndarray, pairs: np.ndarray, half_edges: np.ndarray | None
 ) -> int:
     """
     Pairs of bodies whose centres are closer than `width` [m], the lower number first, sorted.
 
-    As many as fit go into `pairs` (p, 2); returns how many there are.
+    Of bodies of several `half_edges` (n,) [m] two of the largest may be so far apart, and others
+    less, as spheres around them are smaller. As many as fit go into `pairs` (p, 2); returns how
+    many there are.
     """
-    mask, square, count = heads.shape[0] - 1, width * width, 0
+    mask, square, count, largest = heads.shape[0] - 1, width * width, 0, 0.0
+    if half_edges is not None:
+        for b in range(slots.shape[0]):
+            largest = max(largest, half_edges[b])
     for b in range(slots.shape[0]):
         first, s = count, slots[b]
         x, y, z = position[0, s], position[1, s], position[2, s]
@@ -86,6 +100,9 @@ def find_close(
                     t = slots[c]
                     ux, uy = position[0, t] - x, position[1, t] - y
                     uz = position[2, t] - z
+                    if half_edges is not None:
+                        square = (width - OUTER * (
+                            2.0 * largest - half_edges[b] - half_edges[c])) ** 2
                     if ux * ux + uy * uy + uz * uz < square:
                         if count < pairs.shape[0]:
                             at = count
@@ -129,7 +146,7 @@ def refresh(nearby: Nearby, position: np.ndarray, skin: float) -> int:
         position, nearby.slots, width, nearby.cubes, nearby.heads, nearby.following)
     found = find_close(
         position, nearby.slots, width, nearby.cubes, nearby.heads, nearby.following,
-        nearby.pairs[new])
+        nearby.pairs[new], nearby.half_edges)
     if found > nearby.pairs.shape[1]:
         return found
     before = int(nearby.counts[0])
@@ -169,7 +186,9 @@ def first_gaps(nearby: Nearby, position: np.ndarray, far: float) -> int:
         gap = math.sqrt(dx * dx + dy * dy + dz * dz) - 2.0 * nearby.radius
         if gap < far:
             gap = gap_along(
-                codes[p], nearby.half_edge, dx, dy, dz, axes_row(axes, b), axes_row(axes, c))
+                codes[p], edge_of(nearby.half_edge, nearby.half_edges, b),
+                ratio_of(nearby.half_edges, b, c), dx, dy, dz, axes_row(axes, b),
+                axes_row(axes, c))
         gaps[p], known[p] = gap, False
         if gap < least:
             least, first = gap, p
@@ -185,7 +204,8 @@ def search_gap(nearby: Nearby, position: np.ndarray, p: int, wanted: float) -> f
     b, c = nearby.pairs[which, p, 0], nearby.pairs[which, p, 1]
     s, t = nearby.slots[b], nearby.slots[c]
     gap, code = widest_gap(
-        wanted, nearby.half_edge, position[0, t] - position[0, s],
+        wanted, edge_of(nearby.half_edge, nearby.half_edges, b),
+        ratio_of(nearby.half_edges, b, c), position[0, t] - position[0, s],
         position[1, t] - position[1, s], position[2, t] - position[2, s],
         axes_row(nearby.axes, b), axes_row(nearby.axes, c))
     nearby.gaps[p], nearby.codes[which, p], nearby.known[p] = gap, code, gap < wanted
@@ -200,8 +220,8 @@ def plane_gaps(nearby: Nearby, position: np.ndarray) -> float:
         for b in range(nearby.slots.shape[0]):
             s = nearby.slots[b]
             gap = plane_gap(
-                nearby.planes[k], nearby.half_edge, position[0, s], position[1, s],
-                position[2, s], axes_row(nearby.axes, b))
+                nearby.planes[k], edge_of(nearby.half_edge, nearby.half_edges, b),
+                position[0, s], position[1, s], position[2, s], axes_row(nearby.axes, b))
             nearby.to_planes[k, b] = gap
             closest = min(closest, gap)
     return closest
@@ -246,9 +266,12 @@ def overlap(
             places[side, 0, k] = position[k, nearby.slots[b]]
             for axis in range(3):
                 places[side, 1 + k, axis] = nearby.axes[b, 3 * axis + k]
+    b, c = nearby.pairs[nearby.counts[1], p, 0], nearby.pairs[nearby.counts[1], p, 1]
     cx, cy, cz = approach(
-        nearby.half_edge, places[1, 0, 0] - places[0, 0, 0], places[1, 0, 1] - places[0, 0, 1],
-        places[1, 0, 2] - places[0, 0, 2], places[0, 1:], places[1, 1:], room)
+        edge_of(nearby.half_edge, nearby.half_edges, b),
+        edge_of(nearby.half_edge, nearby.half_edges, c), places[1, 0, 0] - places[0, 0, 0],
+        places[1, 0, 1] - places[0, 0, 1], places[1, 0, 2] - places[0, 0, 2], places[0, 1:],
+        places[1, 1:], room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
         return True
     return find_facet(room, cx, cy, cz)[0] == OVERLAP

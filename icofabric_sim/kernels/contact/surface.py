@@ -33,10 +33,16 @@ the integral of g^-3 is T / (g1 g2 g3), so with the elementary symmetric functio
     integral of F_1 = T (rho^2 (e1^2 - e2) - rho (e1 e2 - e3) + e1 e3) / (12 g1 g2 g3)
 
 where nothing cancels. Frame: axes of A, its centre at the origin, lengths over a.
+
+Of two sizes each body has a rho and an F_k of its own, and each polygon adds, for both, the
+integral of F_k times its distance from the centre of the body: these add up to h. Where the centre
+of the smaller lies so deep in the other that it is the less deep below its own surface, its field
+is singular there, and the integral over all of it comes in addition.
 """
 
 import math
 
+from icofabric_sim.kernels.contact.axis import RATIO
 from icofabric_sim.kernels.contact.shape import (
     CORNERS,
     FACE_VERTICES,
@@ -61,6 +67,8 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
+# Volume of a body, over a^3.
+_VOLUME = float(sum(np.linalg.det(CORNERS[i]) for i in range(20))) / 6.0
 # A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
 _NEAR = 1e-12
 # There is a polygon; bits 0 to 5 of the same number are sides, the others pairs of them.
@@ -239,6 +247,47 @@ def add_integrals(
         x1, y1, z1, p1, ux, uy, uz = x2, y2, z2, p2, vx, vy, vz
     room[SUMS + M0] += h * zeroth / 3.0
     room[SUMS + M1] += h * first / 12.0
+    add_borders(room, nx, ny, nz, area, depth, ax, ay, az, bx, by, bz)
+
+
+@compiled
+def add_fields(
+    room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, rho: float, h: float
+) -> None:
+    """Add to M_k what a polygon adds by the field of a body of this `rho`, `h` from its centre."""
+    at = POLYGON + _NEXT * kept
+    x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
+    at += _CORNERS
+    p1 = room[at + 3]
+    ux, uy, uz = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0
+    zeroth, first = 0.0, 0.0
+    for _ in range(2, count):
+        at += _CORNERS
+        vx, vy, vz, p2 = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0, room[at + 3]
+        triangle = 0.5 * abs(
+            nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
+        e1 = p0 + p1 + p2
+        e2 = p0 * p1 + p1 * p2 + p2 * p0
+        e3 = p0 * p1 * p2
+        shared = triangle / ((rho - p0) * (rho - p1) * (rho - p2))
+        zeroth += shared * (rho * (rho * e1 - e2) + e3)
+        first += shared * (rho * (rho * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
+        p1, ux, uy, uz = p2, vx, vy, vz
+    room[SUMS + M0] += h * zeroth / 3.0
+    room[SUMS + M1] += h * first / 12.0
+
+
+@compiled
+def add_borders(
+    room: np.ndarray, nx: float, ny: float, nz: float, area: float, depth: float, ax: float,
+    ay: float, az: float, bx: float, by: float, bz: float
+) -> None:
+    """
+    Add the integrals of n, p n and their moments, of p x and p.
+
+    From the area, three times the integral of p, three times that of x and twelve times that of
+    p x.
+    """
     room[SUMS + S0] += nx * area
     room[SUMS + S0 + 1] += ny * area
     room[SUMS + S0 + 2] += nz * area
@@ -271,7 +320,8 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     """
     mx, my, mz = room[NORMAL + j], room[NORMAL + _FACES + j], room[NORMAL + 2 * _FACES + j]
     centre = mx * cx + my * cy + mz * cz
-    count, own_sides = put_section(room, i, mx, my, mz, INNER + centre)
+    ratio = room[RATIO]
+    count, own_sides = put_section(room, i, mx, my, mz, ratio * INNER + centre)
     if count == 0:
         return 0
     n0, n1, n2 = NEIGHBOURS[j, 0], NEIGHBOURS[j, 1], NEIGHBOURS[j, 2]
@@ -300,7 +350,14 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
         return 0
     scale = 1.0 / math.sqrt(square)
     nx, ny, nz = nx * scale, ny * scale, nz * scale
-    add_integrals(room, kept, count, nx, ny, nz, nx * cx + ny * cy + nz * cz)
+    between = nx * cx + ny * cy + nz * cz
+    if ratio == 1.0:
+        add_integrals(room, kept, count, nx, ny, nz, between)
+    else:
+        # Distances of the plane from both centres.
+        own = (INNER - (ratio * INNER + centre)) * scale
+        add_integrals(room, kept, count, nx, ny, nz, own)
+        add_fields(room, kept, count, nx, ny, nz, ratio * INNER, between - own)
     if not (at_u or at_v or at_w):
         # Within the pyramid of j.
         return FOUND | own_sides
@@ -419,6 +476,24 @@ def add_all(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
     for i in range(20):
         for j in range(20):
             add_polygon(room, i, j, cx, cy, cz)
+
+
+@compiled
+def add_inner(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
+    """Add the integrals over all of the smaller body where its centre is deep in the other."""
+    ratio, below = room[RATIO], 0.0
+    for k in range(20):
+        if ratio < 1.0:
+            height = NORMALS[k, 0] * cx + NORMALS[k, 1] * cy + NORMALS[k, 2] * cz
+        else:
+            height = -(room[NORMAL + k] * cx + room[NORMAL + _FACES + k] * cy
+                       + room[NORMAL + 2 * _FACES + k] * cz)
+        below = max(below, height)
+    size = min(ratio, 1.0)
+    if max(ratio, 1.0) * INNER - below > size * INNER:
+        # As of a pyramid: the mean depth is a quarter of its height.
+        room[SUMS + M0] += size * size * size * _VOLUME
+        room[SUMS + M1] += size * size * size * _VOLUME * 0.25 * size * INNER
 
 
 @compiled

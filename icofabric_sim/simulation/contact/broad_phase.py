@@ -124,14 +124,14 @@ class BroadPhase:
         """Watch the bodies of a `layout` for `threads` threads."""
         self.setup, self._layout, self._threads = setup, layout, threads
         self._lists = NeighbourList(setup, layout)
-        self._radius = circumscribed_radius(setup.half_edge)
+        self._radius = circumscribed_radius(setup.largest)
         # Contacts that may happen before the next search; None: there are none.
         self.contacts: Contacts | None = None
         # Bound of what they add to the squared frequency [1/s^2].
         self.rate = 0.0
-        self.passing = setup.half_edge
-        self.deepest = _DEEPEST * inscribed_radius(setup.half_edge)
-        self.reported = _REPORTED * setup.half_edge
+        self.passing = setup.smallest
+        self.deepest = _DEEPEST * inscribed_radius(setup.smallest)
+        self.reported = _REPORTED * setup.smallest
         self.found: Overlap | None = None
         self._announced = False
         self._bodies = np.zeros((0, 2), np.int32)
@@ -152,7 +152,7 @@ class BroadPhase:
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
         self.limits[[LEAST, MOST, SKIN]] = (
-            _LEAST * setup.half_edge, self._lists.most, self._lists.skin)
+            _LEAST * setup.smallest, self._lists.most, self._lists.skin)
         self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
         self._watch = Watch(
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
@@ -373,10 +373,11 @@ class BroadPhase:
                 bezier_points(first, last, length) - shift[:, None],
                 turned_at_most(looked.orientation, first, last, length))
             moved = np.linalg.norm(course.points - course.points[0], axis=2).max(initial=0.0)
-            long = long or not 2.0 * moved <= self.setup.half_edge
+            long = long or not 2.0 * moved <= self.setup.smallest
             found = first_passing(
                 course, looked.position, self.setup.planes, shift, reach=reach,
-                radius=self._radius, seen=None if long else self._bodies)
+                radius=circumscribed_radius(1.0) * self._edges(),
+                seen=None if long else self._bodies)
         if found is None:
             return ''
         other = (
@@ -468,7 +469,7 @@ class BroadPhase:
         name = self.setup.names[-1 - second] if second < 0 else ''
         return Overlap(
             time, first, second, float(depth[number]),
-            float(depth[number]) / self.setup.half_edge, name)
+            float(depth[number]) / self.setup.smallest, name)
 
     def forget(self) -> None:
         """Search as if nothing had come close yet."""
@@ -581,7 +582,8 @@ class BroadPhase:
         return (
             (touch_some, contacts, watch.reference, watch.turned, scratch, contacts.result,
              contacts.sleep.until, 0.0, contacts.earlier, 0, 1),
-            (found_gap, contacts.half_edge, place[0], place[1:], place[0], place[1:], scratch))
+            (found_gap, contacts.half_edge, contacts.half_edge, place[0], place[1:], place[0],
+             place[1:], scratch))
 
     def nothing(self) -> Contacts:
         """Empty contacts, of the type that others have; only while there are none."""
@@ -614,10 +616,24 @@ class BroadPhase:
                 pushes=np.zeros(len(layout.blocks.slot)),
                 first=np.zeros((self._threads, 8, 3)),
                 second=np.zeros((self._threads, 8, 3)), scratch=self._scratch, touch_address=0,
-                gap_address=0, **changed)
+                gap_address=0, half_edges=self._half_edges(), **changed)
         else:
             self._made = self._made._replace(**changed)
         return self._made
+
+    def _edges(self) -> np.ndarray:
+        """Half edges [m] of all bodies, (n,)."""
+        if self.setup.half_edges is None:
+            return np.full(self._layout.body_count, self.setup.half_edge)
+        return self.setup.half_edges
+
+    def _half_edges(self) -> np.ndarray | None:
+        """Half edges [m] of all slots, where they differ."""
+        if self.setup.half_edges is None:
+            return None
+        edges = np.full(self._layout.slot_count, self.setup.half_edge)
+        edges[self._layout.slot] = self.setup.half_edges
+        return edges
 
     def _turns(self) -> np.ndarray:
         """Places of the blocks among all, by their first slots over LANES."""

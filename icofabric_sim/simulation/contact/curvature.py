@@ -56,15 +56,15 @@ def curvature_room() -> np.ndarray:
 
 @compiled
 def pair_curvatures(
-    half_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
+    half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     point: np.ndarray, normal: np.ndarray, offset: float, room: np.ndarray, out: np.ndarray
 ) -> None:
     """
     Volumes and derivatives (n, COUNT) of n pairs that overlap, see above.
 
-    Places [m] (n, 3), matrices from body to world axes (n, 3, 3), and a `point` [m] (n, 3) within
-    each overlap. Of shells, or with a `normal` (3,) that is not 0 of shells A and the plane at
-    this `offset` [m].
+    Half edges [m] (n, 2), places [m] (n, 3), matrices from body to world axes (n, 3, 3), and a
+    `point` [m] (n, 3) within each overlap. Of shells, or with a `normal` (3,) that is not 0 of
+    shells A and the plane at this `offset` [m].
     """
     planes, order = np.zeros((_PLANES, 4)), np.zeros(_PLANES, np.int64)
     count = np.zeros(_PLANES, np.int64)
@@ -81,7 +81,7 @@ def pair_curvatures(
                 continue
             x, r = (xa, ra) if body == 0 else (xb, rb)
             for face in range(20):
-                height = INNER * half_edge
+                height = INNER * half_edge[p, body]
                 for k in range(3):
                     n = (r[p, k, 0] * _NORMALS[face, 0] + r[p, k, 1] * _NORMALS[face, 1]
                          + r[p, k, 2] * _NORMALS[face, 2])
@@ -89,7 +89,9 @@ def pair_curvatures(
                     height += n * (x[p, k] - point[p, k])
                 planes[own, 3] = height
                 own += 1
-        curvature(planes, own, order, count, half_edge, xa[p], xb[p], point[p], room, out[p])
+        # Wide enough for either: the overlap is within both.
+        curvature(
+            planes, own, order, count, half_edge[p, 0], xa[p], xb[p], point[p], room, out[p])
 
 
 @compiled

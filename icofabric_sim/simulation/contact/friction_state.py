@@ -45,7 +45,7 @@ def contact_losses(contacts: Contacts | None) -> ContactLosses | None:
 
 def lightest(model: Model, setup: ContactSetup) -> float:
     """The larger of 1 / M and a^2 / Lambda [1/kg] of bodies, see CURVATURE."""
-    return float(max(model.inverse_mass, setup.half_edge**2 * model.inverse_inertia))
+    return float(max(model.inverse_mass, setup.largest**2 * model.inverse_inertia))
 
 
 def frequency_of(model: Model, setup: ContactSetup) -> float:

@@ -57,7 +57,7 @@ class NeighbourList:
         self.nearby = Nearby(
             slots=layout.slot,
             half_edge=a,
-            radius=circumscribed_radius(a),
+            radius=circumscribed_radius(setup.largest),
             free=setup.free,
             planes=setup.planes,
             counts=np.zeros(2, np.int64),
@@ -72,6 +72,7 @@ class NeighbourList:
             heads=np.zeros(1 << max(count - 1, 1).bit_length() + 1, np.int32),
             cubes=np.zeros((3, count), np.int64),
             following=np.zeros(count, np.int32),
+            half_edges=setup.half_edges,
         )
         self._is_made, self._way = False, 0.0
         self._listed = np.zeros((0, 2), np.int32)

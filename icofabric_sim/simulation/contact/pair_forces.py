@@ -59,7 +59,7 @@ class PairForces:
         self._setup = setup
         self.stiffness = setup.stiffness  # K [N/m] in use
         self._scratch, self._room = contact_scratch(), curvature_room()
-        self._reach = 2.0 * circumscribed_radius(setup.half_edge)
+        self._reach = 2.0 * circumscribed_radius(setup.largest)
 
     def near(self, position: np.ndarray) -> np.ndarray:
         """Pairs (m, 2) of bodies at a `position` (n, 3) whose circumscribed spheres meet."""
@@ -67,6 +67,12 @@ class PairForces:
 
         return np.asarray(
             cKDTree(position).query_pairs(self._reach, output_type='ndarray'), np.int64)
+
+    def half_edges(self, bodies: np.ndarray) -> np.ndarray:
+        """Half edges [m] of bodies, in the shape of their numbers."""
+        if self._setup.half_edges is None:
+            return np.full(bodies.shape, self._setup.half_edge)
+        return self._setup.half_edges[bodies]
 
     def near_planes(self, position: np.ndarray) -> list[np.ndarray]:
         """Bodies whose circumscribed spheres meet each of the planes."""
@@ -97,13 +103,14 @@ class PairForces:
             (np.repeat(near[:, None], 2, axis=1), number) for number, near in enumerate(planes)]
         bodies, blocks = [np.zeros((0, 2), np.int64)], [np.zeros((0, 12, 12))]
         for pairs, which in groups:
-            touching, out = self.met(position[pairs], axes[pairs], which)
+            edges = self.half_edges(pairs)
+            touching, out = self.met(position[pairs], axes[pairs], which, edges)
             deep = touching & (out[:, 11] > FIRST_TOUCH * self._setup.half_edge)
-            pairs, out = pairs[deep], out[deep]
+            pairs, out, edges = pairs[deep], out[deep], edges[deep]
             if not len(pairs):
                 continue
             part = (self._smoothed if smoothed else self._curvatures)(
-                position[pairs], axes[pairs], which, out)
+                position[pairs], axes[pairs], which, edges, out)
             freedoms = 12 if which == PAIRS else 6
             # The plane feels the opposite, and stays where it is.
             part[:, freedoms:] = part[:, :, freedoms:] = 0.0
@@ -112,7 +119,8 @@ class PairForces:
         return np.concatenate(bodies), np.concatenate(blocks)
 
     def _curvatures(
-        self, places: np.ndarray, axes: np.ndarray, which: int, out: np.ndarray
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray,
+        out: np.ndarray
     ) -> np.ndarray:
         """
         Second derivatives (m, 12, 12) of the energy of pairs that touch, from `out` of `met`.
@@ -126,8 +134,8 @@ class PairForces:
         found = np.empty((len(places), COUNT))
         plane = np.zeros(4) if which == PAIRS else np.asarray(setup.planes[which], float)
         pair_curvatures(
-            setup.half_edge, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(turns[:, 0]),
-            second, np.ascontiguousarray(turns[:, 1]), point, np.ascontiguousarray(plane[:3]),
+            edges, np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(turns[:, 0]), second,
+            np.ascontiguousarray(turns[:, 1]), point, np.ascontiguousarray(plane[:3]),
             float(plane[3]), self._room, found)
         arm = second - places[:, 0]
         wrenches = np.hstack([
@@ -146,7 +154,8 @@ class PairForces:
         return _completed(self.stiffness * across, self.stiffness * wrenches, arm)
 
     def _smoothed(
-        self, places: np.ndarray, axes: np.ndarray, which: int, out: np.ndarray
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray,
+        out: np.ndarray
     ) -> np.ndarray:
         """The same by differences of forces on what the first body does."""
         part, a = np.zeros((len(places), 12, 12)), self._setup.half_edge
@@ -162,7 +171,7 @@ class PairForces:
                     rotation = np.zeros((len(places), 3))
                     rotation[:, k - 3] = sign * step[:, 0]
                     turned[:, 0] = turned_axes(rotation, turned[:, 0])
-                sides.append(self.wrenches(moved, turned, which)[0])
+                sides.append(self.wrenches(moved, turned, which, edges)[0])
             part[:, :, k] = (sides[1] - sides[0]) / (
                 2.0 * step * (a if k < 3 else 1.0))
         here = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
@@ -171,44 +180,45 @@ class PairForces:
         return _with_half_turns(part, here)
 
     def wrenches(
-        self, places: np.ndarray, axes: np.ndarray, which: int
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
         Wrenches on both (m, 12), energies [J], overlaps [m] and whether they touch, of pairs.
 
         `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
-        pushes the first.
+        pushes the first; half `edges` [m] (m, 2).
         """
-        touching, out = self.met(places, axes, which)
+        touching, out = self.met(places, axes, which, edges)
         out[~touching] = 0.0
         wrenches = self.stiffness * np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]])
         return wrenches, self.stiffness * out[:, 9], out[:, 11], touching
 
     def close(
-        self, places: np.ndarray, axes: np.ndarray, which: int, reach: float
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
         Find which pairs touch, or are closer than `reach` [m], and by how much.
 
-        `places` (m, 2, 3), `axes` (m, 2, 3, 3), `which` as in `wrenches`. Returns their numbers
-        (p,), depths delta [m], those of open ones below 0, first derivatives (p, 12), and whether
-        they touch. Open ones are as they would be where the first has been moved on to the second.
+        `places` (m, 2, 3), `axes` (m, 2, 3, 3), `which` and `edges` as in `wrenches`. Returns
+        their numbers (p,), depths delta [m], those of open ones below 0, first derivatives
+        (p, 12), and whether they touch. Open ones are as they would be where the first has been
+        moved on to the second.
         """
         a = self._setup.half_edge
-        touching, out = self.met(places, axes, which)
+        touching, out = self.met(places, axes, which, edges)
         shift = np.zeros((len(places), 3))
         if which == PAIRS:
-            gap, toward = self._distances(places, axes, ~touching, reach)
+            gap, toward = self._distances(places, axes, edges, ~touching, reach)
         else:
             plane = self._setup.planes[which]
-            corners = places[:, 0, None] + vertices(a) @ axes[:, 0]
+            corners = places[:, 0, None] + edges[:, :1, None] * (vertices(1.0) @ axes[:, 0])
             gap = (corners @ plane[:3]).min(axis=1) - plane[3]
             toward = np.broadcast_to(-plane[:3], shift.shape)
         open_yet = ~touching & (gap < reach)
         shift[open_yet] = (gap + _MEETS * a)[open_yet, None] * toward[open_yet]
         moved = places.copy()
         moved[:, 0] += shift
-        met, there = self.met(moved[open_yet], axes[open_yet], which)
+        met, there = self.met(moved[open_yet], axes[open_yet], which, edges[open_yet])
         out[open_yet] = there
         known = touching.copy()
         known[open_yet] = met
@@ -220,26 +230,27 @@ class PairForces:
         return np.flatnonzero(known), depth, slopes, touching[known]
 
     def _distances(
-        self, places: np.ndarray, axes: np.ndarray, chosen: np.ndarray, reach: float
+        self, places: np.ndarray, axes: np.ndarray, edges: np.ndarray, chosen: np.ndarray,
+        reach: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Distances [m] of `chosen` pairs, infinite above `reach`, and directions (m, 3)."""
-        a = self._setup.half_edge
         turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
         ends = [np.ascontiguousarray(part) for part in (
             places[:, 0], turns[:, 0], places[:, 1], turns[:, 1])]
         apart = places[:, 1] - places[:, 0]
         axis = apart / np.linalg.norm(apart, axis=1, keepdims=True)
         gap, distance = np.zeros(len(places)), np.full(len(places), np.inf)
-        separations_on(a, *ends, axis, gap)
+        separations_on(edges, *ends, axis, gap)
         # They are at least so far apart.
         few = np.flatnonzero(chosen & (gap < reach))
         found, toward = np.zeros(len(few)), np.zeros((len(few), 3))
-        signed_distances(a, *(np.ascontiguousarray(end[few]) for end in ends), found, toward)
+        signed_distances(
+            edges[few], *(np.ascontiguousarray(end[few]) for end in ends), found, toward)
         distance[few], axis[few] = found, toward
         return distance, axis
 
     def met(
-        self, places: np.ndarray, axes: np.ndarray, which: int
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Whether pairs touch, and what the kernels say of them for 1 N/m, (m, 20)."""
         setup, count = self._setup, len(places)
@@ -249,12 +260,12 @@ class PairForces:
         touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
         if which == PAIRS:
             touch_pairs(
-                setup.half_edge, first, np.ascontiguousarray(turns[:, 0]), second,
+                edges, first, np.ascontiguousarray(turns[:, 0]), second,
                 np.ascontiguousarray(turns[:, 1]), self._scratch, touching, out)
         else:
             plane = setup.planes[which]
             touch_planes(
-                setup.half_edge, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
+                edges, np.ascontiguousarray(plane[:3]), float(plane[3]), first,
                 np.ascontiguousarray(turns[:, 0]), self._scratch, touching, out)
         return touching, out
 

@@ -69,14 +69,14 @@ def turned_at_most(
 
 def first_passing(
     course: Course, look: np.ndarray, planes: np.ndarray, shift: np.ndarray, *, reach: float,
-    radius: float, seen: np.ndarray | None = None
+    radius: np.ndarray, seen: np.ndarray | None = None
 ) -> Passing | None:
     """
     Return the first bodies that may have met unseen since the search at `look` (n, 3); or None.
 
     Of a pair that was not listed then the gap was at least twice the `reach` [m], so it is closed
     only where the two move by more than that beside each other; and they touch only where the
-    spheres of `radius` [m] around them do. What is listed is computed, and seen. `planes` are
+    spheres of `radius` (n,) [m] around them do. What is listed is computed, and seen. `planes` are
     (k, 4) normals and offsets [m]; `shift` (4, 3) [m] is what was taken off the points. `seen`:
     pairs (m, 2) that are listed and meet in many steps, which evaluate their contact; a second one
     of -1 - k is plane k.
@@ -87,7 +87,8 @@ def first_passing(
     movers = np.flatnonzero(~(own <= reach))
     for plane, (*normal, offset) in enumerate(planes):
         fallers = np.setdiff1d(movers, seen[seen[:, 1] == -1 - plane, 0])
-        height = ((points[:, fallers] + shift[:, None]) @ np.array(normal)).min(axis=0) - radius
+        height = ((points[:, fallers] + shift[:, None]) @ np.array(normal)).min(axis=0)
+        height -= radius[fallers]
         if (height < offset).any():
             body = int(fallers[np.argmin(height)])
             return Passing(body, -1 - plane, float(own[body]))
@@ -97,7 +98,8 @@ def first_passing(
         apart = points[:, None, :] - points[:, some, None]
         way = np.linalg.norm(apart - (look - look[some, None]), axis=3).max(axis=0)
         way += turned + turned[some, None]
-        meet = (way > 2.0 * reach) & (_least_distance(apart) < 2.0 * radius)
+        meet = (way > 2.0 * reach) & (
+            _least_distance(apart) < radius + radius[some, None])
         meet[np.arange(len(some)), some] = False
         for one, other in ((0, 1), (1, 0)):
             listed = seen[(seen[:, 1] >= 0) & np.isin(seen[:, one], some)]

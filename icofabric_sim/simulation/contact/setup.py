@@ -42,6 +42,17 @@ class ContactSetup(NamedTuple):
     fall: np.ndarray  # (3,) acceleration that all have in common [m/s^2]
     expected: str  # why contacts are expected; '': they need not happen
     gap: float = 0.0  # between shells as woven [m], or less
+    half_edges: np.ndarray | None = None  # (n,) [m], of each body, where they differ
+
+    @property
+    def smallest(self) -> float:
+        """Half edge [m] of the smallest body."""
+        return self.half_edge if self.half_edges is None else float(self.half_edges.min())
+
+    @property
+    def largest(self) -> float:
+        """Half edge [m] of the largest body."""
+        return self.half_edge if self.half_edges is None else float(self.half_edges.max())
 
     @property
     def spends(self) -> bool:
@@ -76,6 +87,7 @@ def pack_contact(
         fall=fall,
         expected=_expected(scene),
         gap=_woven_gap(scene),
+        half_edges=scene.half_edges,
     )
 
 
@@ -113,15 +125,17 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
     body over the height of the scene; forces from weight, loads and strained connectors. Where
     nothing is `moving` only these count.
     """
-    parameters, a = scene.parameters, scene.geometry.half_edge
+    # Of several sizes the smallest overlaps by the largest part of itself.
+    parameters, a = scene.parameters, float(scene.body_half_edges.min(initial=math.inf))
+    largest = float(scene.body_half_edges.max(initial=0.0))
     # The heaviest presses hardest.
     mass = float(scene.masses.mass.max())
     initial, electric = scene.initial, scene.electric
     speed = float(np.sqrt((initial.linear_velocity**2).sum(axis=1).max(initial=0.0)))
-    speed += a * float(np.sqrt((initial.angular_velocity**2).sum(axis=1).max(initial=0.0)))
+    speed += largest * float(np.sqrt((initial.angular_velocity**2).sum(axis=1).max(initial=0.0)))
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
-        speed = max(speed, fastest + a * turning)
+        speed = max(speed, fastest + largest * turning)
     height = _height(initial.position, planes) + 2.0 * inscribed_radius(a)
     force = mass * math.hypot(*parameters['gravity']) + math.hypot(*electric.force)
     for name in parameters.names('loads'):

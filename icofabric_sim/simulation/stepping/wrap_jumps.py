@@ -103,7 +103,8 @@ def depths_of(
         np.ascontiguousarray(values[chosen]) for chosen in (first, second)
         for values in (snapshot.position, axes)]
     distance = np.zeros(len(first))
-    signed_distances(half_edge, *ends, distance, np.zeros((len(first), 3)))
+    signed_distances(
+        np.full((len(first), 2), half_edge), *ends, distance, np.zeros((len(first), 3)))
     return -distance
 
 
