@@ -15,6 +15,7 @@
 Indentation and impact: a shell pressed into a slab step by step, and a heavy one that hits it.
 
     .venv/bin/python examples/indent.py runs/indent.csv
+    .venv/bin/python examples/indent.py runs/indent.csv --size 2
 """
 
 import argparse
@@ -30,25 +31,30 @@ SLAB = {
     'contact.stiffness': 2e4, 'groups.low': 'z_min', 'supports.floor.group': 'low'}
 
 
-def ball_above(gap):
-    """Parameters of a ball over the middle of the slab, `gap` [m] above its first touch."""
+def ball_above(gap, size):
+    """
+    Parameters of a ball over the middle of the slab, `gap` [m] above its first touch.
+
+    `size`: its edge over that of the slab's shells.
+    """
     bare = ico.Scene.from_parameters(SLAB)
     place = bare.position
     middle = 0.5 * (place.min(axis=0) + place.max(axis=0))
     top = place[place[:, 2] > place[:, 2].max() - 1e-9]
     over = top[np.argmin(np.linalg.norm(top[:, :2] - middle[:2], axis=1))]
-    # Edge across edge: both are half a cube width high.
-    return {'bodies.ball.position': [
-        float(over[0]), float(over[1]), float(over[2] + bare.geometry.cube_width + gap)]}
+    # Edge across edge: each is half a cube width high.
+    height = 0.5 * (1.0 + size) * bare.geometry.cube_width + gap
+    return {'bodies.ball.position': [float(over[0]), float(over[1]), float(over[2] + height)],
+            'bodies.ball.edge_length': size * bare.shell.edge_length}
 
 
-def indent(depths):
+def indent(depths, size):
     """Force [N] on the ball, and of the floor, at each depth [m] below the first touch."""
     rows, last = [], None
     count = ico.Scene.from_parameters(SLAB).body_count
     for depth in depths:
         scene = ico.Scene.from_parameters({
-            **SLAB, **ball_above(-depth), 'groups.ball': f'ids {count}',
+            **SLAB, **ball_above(-depth, size), 'groups.ball': f'ids {count}',
             'supports.ball.group': 'ball'})
         found = ico.solve_equilibrium(scene, start=last)
         if not found.converged:
@@ -62,10 +68,10 @@ def indent(depths):
     return rows
 
 
-def strike(mass, speed, duration):
+def strike(mass, size, speed, duration):
     """What a ball of a `mass` [kg] keeps of its energy when it hits the slab, and its speed."""
     scene = ico.Scene.from_parameters({
-        **SLAB, **ball_above(1e-3), 'bodies.ball.mass': mass,
+        **SLAB, **ball_above(1e-3, size), 'bodies.ball.mass': mass,
         'bodies.ball.linear_velocity': [0.0, 0.0, -speed], 'solver.tolerance': 1e-3})
     simulation = ico.compile_scene(scene)
     simulation.advance_to(duration)
@@ -79,9 +85,10 @@ def main():
     parser.add_argument('output', help='CSV file of forces over depths')
     parser.add_argument('--depth', type=float, default=0.006, help='the deepest [m]')
     parser.add_argument('--steps', type=int, default=6)
+    parser.add_argument('--size', type=float, default=1.0, help='edge of the ball over theirs')
     parser.add_argument('--masses', type=float, nargs='*', default=[0.01, 0.1, 1.0], metavar='KG')
     given = parser.parse_args()
-    rows = indent(np.linspace(0.0, given.depth, given.steps + 1)[1:].tolist())
+    rows = indent(np.linspace(0.0, given.depth, given.steps + 1)[1:].tolist(), given.size)
     path = Path(given.output)
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, 'w', newline='', encoding='utf-8') as stream:
@@ -92,7 +99,7 @@ def main():
         print(f'pressed {depth * 1e3:5.2f} mm: {force:8.4f} N, the floor bears {floor:8.4f} N; '
               f'{pairs} pairs touch')
     for mass in given.masses:
-        kept, velocity = strike(mass, 0.5, 0.1)
+        kept, velocity = strike(mass, given.size, 0.5, 0.1)
         print(f'a ball of {mass:g} kg hits at 0.5 m/s: after 0.1 s it moves at {velocity:+.3f} '
               f'm/s and has {100.0 * kept:.1f} % of its energy')
 

@@ -118,18 +118,41 @@ def clips_lanes(
     x = fma(ux, ax, fma(uy, ay, uz * az))
     y = fma(ux, bx, fma(uy, by, uz * bz))
     z = fma(ux, cx, fma(uy, cy, uz * cz))
-    begin, end = zero, one
+    begin, end, least = zero, one, one
     for face in range(20):
         out = fma(splat(shells.normals[face, 0]), x, fma(
             splat(shells.normals[face, 1]), y, splat(shells.normals[face, 2]) * z))
-        depth = splat(shells.depth[edge, face])
+        depth = lanes_deeper(shells.deeper, splat(shells.depth[edge, face]), shells.on_face, s)
+        least = where(depth < least, depth, least)
         crossing = depth / where(out < zero, out, where(out > zero, out, one))
         begin = where(out < zero, maximum(crossing, begin), begin)
         # Beside a face, or outwards from it, there is no way below it.
         last = where(depth > zero, crossing, zero)
         last = where(out > zero, last, where(depth > zero, one, zero))
         end = where(out < zero, end, where(last < end, last, end))
+    # What lies inside has its connector inside from the start.
+    begin = where(zero < least, end, begin)
     return begin < end
+
+
+@compiled
+def lanes_deeper(deeper: np.ndarray | None, depth: Vector, on_face: float, s: int) -> Vector:
+    """Depths [m] of a point below a face, in shells of a size of their own if there are any."""
+    if deeper is None:
+        return depth
+    else:
+        own = depth + load_at(deeper, s)
+        return where(fabs(own) < splat(on_face), splat(0.0), own)
+
+
+@compiled
+def body_deeper(deeper: np.ndarray | None, depth: float, on_face: float, b: int) -> float:
+    """The same of body `b`."""
+    if deeper is None:
+        return depth
+    else:
+        own = depth + deeper[b]
+        return 0.0 if abs(own) < on_face else own
 
 
 @compiled
@@ -194,7 +217,7 @@ def enters(
     by = dy + w * ty + (tz * x - tx * z)
     bz = dz + w * tz + (tx * y - ty * x)
     if shells is not None:
-        return clips(shells, edge, bx, by, bz)
+        return clips(shells, b, edge, bx, by, bz)
     pair = edge >> 1
     if pair == 0:
         out, beside = bz, bx
@@ -207,23 +230,25 @@ def enters(
 
 
 @compiled
-def clips(shells: Shells, edge: int, x: float, y: float, z: float) -> bool:
+def clips(shells: Shells, b: int, edge: int, x: float, y: float, z: float) -> bool:
     """
     Whether the open segment from an attachment point by (x, y, z) [m] meets the interior.
 
-    Body axes.
+    Axes of body `b`.
     """
-    begin, end = 0.0, 1.0
+    begin, end, least = 0.0, 1.0, 1.0
     below = -ALONG * (abs(x) + abs(y) + abs(z))
     for face in range(20):
         out = (
             shells.normals[face, 0] * x + shells.normals[face, 1] * y
             + shells.normals[face, 2] * z)
-        depth = shells.depth[edge, face]
+        depth = body_deeper(
+            shells.deeper_of_bodies, shells.depth[edge, face], shells.on_face, b)
+        least = min(least, depth)
         if out < below:
             begin = max(begin, depth / out)
         elif not depth > 0.0:
             return False
         elif out > 0.0:
             end = min(end, depth / out)
-    return begin < end
+    return begin < end and not least > 0.0

@@ -96,8 +96,12 @@ class Shells(Record):
     """
 
     normals: np.ndarray  # (20, 3) outward unit normals, body axes
-    # (6, 20) [m] of each point below each face; exactly 0 on it, -inf for all where it lies inside
-    depth: np.ndarray
+    depth: np.ndarray  # (6, 20) [m] of each point below each face; exactly 0 on it
+    # How much deeper points lie in shells of a size of their own [m], by slots (s,) and by bodies
+    # (n,).
+    deeper: np.ndarray | None = None
+    deeper_of_bodies: np.ndarray | None = None
+    on_face: float = 0.0  # [m] a point this close to a face lies on it
 
 
 class Wrapping(Record):

@@ -10,13 +10,15 @@
 # distributed under the License is distributed on an "AS IS" BASIS,
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
-# limitations under the License.
 """
-Shells of loose bodies that have a size of their own, as a ball that is dropped on a fabric.
+Shells of bodies that have a size of their own: a ball that falls on a fabric, or larger shells.
 
-The shells of a weave are alike, as its geometry has one half edge (eqs 50 to 54); bodies that no
-connector holds may be larger or smaller.
+The geometry of a weave has one half edge (eqs 50 to 54). Where shells of some of its bodies are
+larger or smaller than that, connectors stay attached to the bodies where they are: the shell is
+what others touch, what is seen, and what weighs.
 """
+
+from collections.abc import Mapping
 
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
@@ -26,51 +28,65 @@ import numpy as np
 _SMALLEST, _LARGEST = 0.01, 100.0
 
 
-def own_half_edge(parameters: Parameters, name: str, shell: Shell) -> float:
-    """Half edge [m] of the loose body `bodies.NAME`: its own, or that of the shell."""
-    edge = float(parameters[f'bodies.{name}.edge_length'])
+def own_half_edge(parameters: Parameters, prefix: str, shell: Shell) -> float:
+    """Half edge [m] of a `masses.NAME` or `bodies.NAME`: its own, or that of the shell."""
+    edge = float(parameters[f'{prefix}.edge_length'])
     return 0.5 * edge if edge else shell.half_edge
 
 
-def make_half_edges(parameters: Parameters, shell: Shell, bodies: int) -> np.ndarray | None:
-    """Half edges [m] of so many bodies, (n,), loose ones last; None where they are alike."""
-    loose = parameters.names('bodies')
-    own = [own_half_edge(parameters, name, shell) for name in loose]
-    if all(each == shell.half_edge for each in own):
-        return None
-    return np.concatenate([np.full(bodies - len(loose), shell.half_edge), own])
+def names_of_sizes(
+    parameters: Parameters, shell: Shell, families: tuple[str, ...] = ('masses', 'bodies')
+) -> list[str]:
+    """Names of the parameters that give shells another size than that of the fabric."""
+    return [
+        f'{family}.{name}.edge_length' for family in families for name in parameters.names(family)
+        if own_half_edge(parameters, f'{family}.{name}', shell) != shell.half_edge]
 
 
 def check_sizes(parameters: Parameters, shell: Shell) -> None:
-    """Refuse bodies that are larger or smaller than the shell by so much that nothing is right."""
-    for name in parameters.names('bodies'):
-        key = f'bodies.{name}.edge_length'
-        ratio = own_half_edge(parameters, name, shell) / shell.half_edge
+    """Refuse shells that are so much larger or smaller that nothing is right, or cannot be."""
+    names = names_of_sizes(parameters, shell)
+    for name in names:
+        ratio = parameters[name] / shell.edge_length
         if not _SMALLEST <= ratio <= _LARGEST:
             nearest = (_SMALLEST if ratio < 1.0 else _LARGEST) * shell.edge_length
             raise ParameterError(
-                key, f'{key} {parameters[key]!r} m must be {_SMALLEST:g} to {_LARGEST:g} times '
+                name, f'{name} {parameters[name]!r} m must be {_SMALLEST:g} to {_LARGEST:g} times '
                 f'shell.edge_length {shell.edge_length!r} m; the nearest is {nearest:.6g} m')
+    woven = [name for name in names if name.startswith('masses.')]
+    if woven and parameters['connector.obstruction'] == 'wrap':
+        raise ParameterError(
+            woven[0], f'{woven[0]} {parameters[woven[0]]!r} m: connectors lie around shells of '
+            f'shell.edge_length {shell.edge_length!r} m only; take that, or connector.obstruction '
+            'warn')
 
 
-def sized_bodies(parameters: Parameters, shell: Shell) -> list[str]:
-    """Names of the `bodies.NAME.edge_length` that give another size than the shell's."""
-    return [
-        f'bodies.{name}.edge_length' for name in parameters.names('bodies')
-        if own_half_edge(parameters, name, shell) != shell.half_edge]
+def make_half_edges(
+    parameters: Parameters, shell: Shell, members: Mapping[str, np.ndarray], bodies: int
+) -> np.ndarray | None:
+    """
+    Half edges [m] of so many bodies, (n,); None where all are that of the shell.
+
+    `members`: the bodies of each `masses.NAME` and `bodies.NAME`; of several the last counts.
+    """
+    if not names_of_sizes(parameters, shell):
+        return None
+    found = np.full(bodies, shell.half_edge)
+    for prefix, chosen in members.items():
+        if parameters[f'{prefix}.edge_length']:
+            found[chosen] = own_half_edge(parameters, prefix, shell)
+    return found
 
 
 def require_alike(
-    parameters: Parameters, half_edges: np.ndarray | None, bodies: np.ndarray, what: str
+    half_edges: np.ndarray | None, bodies: np.ndarray, shell: Shell, what: str
 ) -> None:
     """Refuse a group `what` that has some of the `bodies` whose size is their own."""
     if half_edges is None:
         return
-    names = parameters.names('bodies')
-    for body in bodies.tolist():
-        loose = body - (len(half_edges) - len(names))
-        if loose >= 0 and half_edges[body] != 0.5 * parameters['shell.edge_length']:
-            raise ParameterError(
-                what, f'{what}: surface forces are those of shells of shell.edge_length, and '
-                f'bodies.{names[loose]} has an edge_length of its own; take it out of the group, '
-                'or push it by a load')
+    other = bodies[half_edges[bodies] != shell.half_edge]
+    if len(other):
+        raise ParameterError(
+            what, f'{what}: surface forces are those of shells of shell.edge_length, and body '
+            f'{other[0]} has an edge_length of its own; take it out of the group, or push it by a '
+            'load')

@@ -14,9 +14,9 @@
 """
 Masses and inertias of bodies: those of the shell, or their own.
 
-Woven bodies are icosahedra of one size, loose ones may have another (body_sizes.py), and what
-fills or braces them may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic
-term vanishes; with principal moments that differ it is back (kernels/gyration.py).
+Bodies are icosahedra of one size, or of their own (body_sizes.py), and what fills or braces them
+may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic term vanishes; with
+principal moments that differ it is back (kernels/gyration.py).
 """
 
 from collections.abc import Mapping
@@ -85,8 +85,7 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
         for name in parameters.names(family):
             prefix = f'{family}.{name}'
             mass, inertia = (parameters[f'{prefix}.{field}'] for field in ('mass', 'inertia'))
-            half_edge = own_half_edge(parameters, name, shell) if family == 'bodies' else (
-                shell.half_edge)
+            half_edge = own_half_edge(parameters, prefix, shell)
             size = half_edge / shell.half_edge
             heavy = mass or common.mass * size**3
             moments = _principal(parameters, prefix, heavy, half_edge)
@@ -185,6 +184,15 @@ def require_isotropic(parameters: Parameters, moments: np.ndarray | None, what: 
         raise ParameterError(
             name, f'{name} {parameters[name]}: {what} of bodies whose inertia is not isotropic '
             f'are not computed yet; leave it out, and give {name.rpartition(".")[0]}.inertia')
+
+
+def all_members(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int
+) -> dict[str, np.ndarray]:
+    """The bodies of each `masses.NAME` and `bodies.NAME`, the latter last."""
+    return {
+        f'{family}.{name}': _members(parameters, groups, f'{family}.{name}', bodies)
+        for family in ('masses', 'bodies') for name in parameters.names(family)}
 
 
 def _members(

@@ -53,6 +53,7 @@ from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.masses import (
+    all_members,
     BodyMasses,
     make_masses,
     make_moments,
@@ -216,10 +217,11 @@ class Scene:
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = make_supports(checked, groups, len(position))
         masses = make_masses(checked, shell, groups, len(position))
-        half_edges = make_half_edges(checked, shell, len(position))
+        half_edges = make_half_edges(
+            checked, shell, all_members(checked, groups, len(position)), len(position))
         for name in checked.names('tractions'):
             group = f'tractions.{name}.group'
-            require_alike(checked, half_edges, groups[checked[group]], group)
+            require_alike(half_edges, groups[checked[group]], shell, group)
         members = grouped_connectors(
             checked, groups, weave.connector_bodies, weave.connector_edges)
         own = members, len(weave.connector_bodies)

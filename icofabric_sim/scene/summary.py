@@ -191,9 +191,16 @@ def _load(scene: Scene, name: str) -> str:
 
 def _own_masses(scene: Scene) -> str:
     own = own_masses(scene.parameters, scene.shell)
-    parts = [f'{prefix}: {mass:.6g} kg, {_inertia(scene.parameters, prefix, inertia)}'
-             for prefix, (mass, inertia) in own.items()]
+    parts = [
+        f'{prefix}: {_edge(scene.parameters, prefix)}{mass:.6g} kg, '
+        f'{_inertia(scene.parameters, prefix, inertia)}'
+        for prefix, (mass, inertia) in own.items()]
     return f' ({"; ".join(parts)})' if parts else ''
+
+
+def _edge(parameters: Parameters, prefix: str) -> str:
+    edge = parameters[f'{prefix}.edge_length']
+    return f'edge 2a = {edge:.6g} m, ' if edge else ''
 
 
 def _inertia(parameters: Parameters, prefix: str, inertia: float) -> str:

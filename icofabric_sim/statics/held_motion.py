@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
+from icofabric_sim.scene.body_sizes import names_of_sizes
 from icofabric_sim.scene.initial import rotate_by_vector
 from icofabric_sim.scene.scene import Scene
 import numpy as np
@@ -179,7 +180,11 @@ def _bare(scene: Scene) -> dict[str, object]:
         # Without a field charges do nothing but this.
         sections = (*sections, 'charge')
     charged = scene.electric.mutual and scene.parameters.names('charges')
-    if charged or scene.parameters.names('connector_groups'):
+    sized = names_of_sizes(scene.parameters, scene.shell, ('masses',))
+    if sized:
+        # At rest masses matter to nothing else.
+        sections = tuple(name for name in sections if name != 'masses.')
+    if charged or sized or scene.parameters.names('connector_groups'):
         sections = tuple(name for name in sections if name != 'groups.')
     return {name: value for name, value in scene.parameters.items()
             if not name.startswith(sections) and value != ''}

@@ -28,6 +28,7 @@ from typing import Any
 
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.body_sizes import names_of_sizes
 from icofabric_sim.scene.connector_groups import alike_everywhere
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
@@ -111,6 +112,11 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
             'charge.mutual', 'charge.mutual: the sum over all charges of an endless fabric has no '
             'end; set it to false for the endless fabric, or take curves and modes of a slab')
     touches = relaxed and parameters['contact.mode'] != 'never'
+    sized = names_of_sizes(parameters, scene.shell, ('masses',))
+    if touches and sized:
+        raise ParameterError(
+            sized[0], f'{sized[0]} {parameters[sized[0]]!r} m: shells of the endless fabric are '
+            f'alike; take shell.edge_length {scene.shell.edge_length!r} m, or contact.mode never')
     refuse_in_statics(scene, contact=touches, on_path=True)
     kept = {
         name: value for name, value in parameters.items()

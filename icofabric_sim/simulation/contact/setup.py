@@ -95,8 +95,9 @@ def _woven_gap(scene: Scene) -> float:
     """Gap [m] between the spheres around neighbours in the weave, 0 where there are none."""
     if not scene.connector_count:
         return 0.0
-    a = scene.geometry.half_edge
-    return max(math.sqrt(2.0) * scene.geometry.pitch - 2.0 * circumscribed_radius(a), 0.0)
+    woven = scene.body_half_edges[:len(scene.weave.position)]
+    largest = 2.0 * circumscribed_radius(float(woven.max()))
+    return max(math.sqrt(2.0) * scene.geometry.pitch - largest, 0.0)
 
 
 def _expected(scene: Scene) -> str:

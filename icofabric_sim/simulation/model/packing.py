@@ -55,7 +55,7 @@ from icofabric_sim.simulation.model.damping import pack_damping
 from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, pack_magnet
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces, pack_breakage
-from icofabric_sim.simulation.model.shells import pack_shells
+from icofabric_sim.simulation.model.shells import pack_own_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
@@ -219,7 +219,7 @@ def pack_scene(
         magnet=pack_magnet(electric, masses, layout),
         dipole=pack_dipole(electric),
         coulomb=pack_coulomb(electric, layout),
-        shells=pack_shells(scene.parameters, scene.geometry.half_edge),
+        shells=pack_own_shells(scene, layout),
         wrapping=None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
         masses=None if masses.alike else Masses(

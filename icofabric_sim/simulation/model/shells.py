@@ -17,6 +17,8 @@ from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
 from icofabric_sim.kernels.records import Shells
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.attachments import are_given, attachment_points
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
 # A point this close to a face, in parts of the inscribed radius, lies on it.
@@ -29,8 +31,32 @@ def pack_shells(parameters: Parameters, half_edge: float) -> Shells | None:
     """
     if not are_given(parameters) and parameters['connector.attachment_scale'] == 1.0:
         return None
-    normals, height = face_geometry(half_edge).normals, inscribed_radius(half_edge)
-    depth = height - attachment_points(parameters, half_edge) @ normals.T
-    depth[np.abs(depth) <= _ON_FACE * height] = 0.0
-    depth[(depth > 0.0).all(axis=1)] = -np.inf
-    return Shells(np.ascontiguousarray(normals), depth)
+    depth = _depths(parameters, half_edge)
+    depth[np.abs(depth) <= _ON_FACE * inscribed_radius(half_edge)] = 0.0
+    return Shells(_normals(), depth)
+
+
+def pack_own_shells(scene: Scene, layout: Layout) -> Shells | None:
+    """The same of a scene, whose woven shells may have sizes of their own."""
+    half_edge = scene.geometry.half_edge
+    woven = scene.body_half_edges[:len(scene.weave.position)]
+    if (woven == half_edge).all():
+        return pack_shells(scene.parameters, half_edge)
+    deeper = inscribed_radius(1.0) * (scene.body_half_edges - half_edge)
+    by_slot = aligned_empty((layout.slot_count,))
+    by_slot[:] = 0.0
+    by_slot[layout.slot] = deeper
+    return Shells(
+        _normals(), _depths(scene.parameters, half_edge), by_slot, deeper,
+        _ON_FACE * inscribed_radius(float(woven.min())))
+
+
+def _depths(parameters: Parameters, half_edge: float) -> np.ndarray:
+    """Depth [m] of each attachment point below each face, (6, 20)."""
+    return np.asarray(
+        inscribed_radius(half_edge) - attachment_points(parameters, half_edge) @ _normals().T)
+
+
+def _normals() -> np.ndarray:
+    """Outward normals of the faces, (20, 3)."""
+    return np.ascontiguousarray(face_geometry(1.0).normals)

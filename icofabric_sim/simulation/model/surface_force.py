@@ -64,7 +64,7 @@ def surface_force(
         known = ', '.join(['all', *parameters.names('groups')])
         raise ParameterError('group', f'group: there is no group {group!r}; known: {known}')
     bodies, half_edge = scene.groups[group], scene.geometry.half_edge
-    require_alike(parameters, scene.half_edges, bodies, 'group')
+    require_alike(scene.half_edges, bodies, scene.shell, 'group')
     mask = select_faces('faces', faces, Shells(
         scene.position, scene.orientation, bodies, half_edge, scene.geometry.pitch))
     return BodyForce(
