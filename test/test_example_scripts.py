@@ -56,17 +56,18 @@ def test_statics_and_motion_bend_a_beam_alike():
     assert solved > 1e-4 and ran == pytest.approx(solved, rel=1e-3) and apart < 1e-3 * solved
 
 
-def test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces():
+@pytest.mark.parametrize('size', [1.0, 2.5])
+def test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces(size):
     example = load('indent')
     depths = np.array([0.001, 0.00101, 0.003])
-    rows = np.array(example['indent'](depths.tolist()))
+    rows = np.array(example['indent'](depths.tolist(), size))
     depth, force, floor, pairs, energy = rows.T
     assert depth == pytest.approx(depths) and (pairs > 0).all()
     assert force == pytest.approx(floor, rel=1e-8) and (np.diff(force) > 0.0).all()
     # Its work: the force is the derivative of the energy.
     assert energy[1] - energy[0] == pytest.approx(
         0.5 * (force[0] + force[1]) * (depth[1] - depth[0]), rel=1e-4)
-    kept, velocity = example['strike'](0.1, 0.5, 0.1)
+    kept, velocity = example['strike'](0.1, size, 0.5, 0.1)
     assert 0.2 < kept < 0.98 and velocity > 0.1
 
 

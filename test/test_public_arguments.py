@@ -432,10 +432,12 @@ def table(t):
         'sample_zone': (periodic.sample_zone, {
             'scene': scene, 'count': integer(2, np.int64(3), bad=[0, -1])}),
         'contact.separation': (contact.separation, {
-            'half_edge': positive(0.01, 1), 'first': pose, 'second': pose}),
+            'half_edge': positive(0.01, 1), 'first': pose, 'second': pose,
+            'other_edge': number(0.02, 1, bad=[0.0, -1.0], optional=True)}),
         'contact.push': (contact.push, {
             'half_edge': positive(0.01, 1), 'first': pose, 'second': pose,
-            'stiffness': positive(1e3, 100)}),
+            'stiffness': positive(1e3, 100),
+            'other_edge': number(0.02, 1, bad=[0.0, -1.0], optional=True)}),
         'contact.push_of_plane': (contact.push_of_plane, {
             'half_edge': positive(0.01, 1), 'normal': array(
                 (0.0, 0.0, 2.0), [0, 0, 1], (1e308, 0, 1e308), bad=[(0, 0, 0), (1e-320, 0, NAN)]),

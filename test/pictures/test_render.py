@@ -205,10 +205,10 @@ def test_light_comes_from_above_and_neighbours_cast_shadows() -> None:
     lighting = Lighting.of(View().axes)
     up, down = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
     body, alone = np.zeros(1, int), np.zeros((1, 3))
-    bright, dark = (light_on(lighting, 0.01 * n, n, body, alone, 0.01) for n in (up, down))
+    bright, dark = (light_on(lighting, 0.01 * n, n, body, alone, np.full(1, 0.01)) for n in (up, down))
     assert (bright > 1.5 * dark).all()
     roofed = np.array([[0.0, 0.0, 0.0], 0.05 * lighting.lamp])
-    shaded = light_on(lighting, 0.01 * up, up, body, roofed, 0.01)
+    shaded = light_on(lighting, 0.01 * up, up, body, roofed, np.full(2, 0.01))
     assert (shaded < 0.7 * bright).all()
 
 
