@@ -171,10 +171,12 @@ class ShellMarkers:
                 bodies = start + np.flatnonzero((held[here] == kind) & alike[here])
                 if len(bodies):
                     add(number, entry.color, bodies, scene.shell.half_edge)
-        # Those of a size of their own, one by one.
-        for body in np.flatnonzero(~alike).tolist():
-            number += 1
-            add(number, SHELL_CLASSES[int(held[body])].color, np.array([body]), float(edges[body]))
+        for half_edge in np.unique(edges[~alike]).tolist():
+            for kind, entry in enumerate(SHELL_CLASSES):
+                bodies = np.flatnonzero((edges == half_edge) & (held == kind))
+                if len(bodies):
+                    number += 1
+                    add(number, entry.color, bodies, half_edge)
 
     def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """One list for each run of bodies and colour."""

@@ -198,6 +198,26 @@ def test_shells_stand_where_the_bodies_are():
         assert (np.einsum('nfi,nfi->nf', outward, arms.mean(axis=2)) > 0.0).all()
 
 
+def test_shells_of_a_size_of_their_own_are_shown_in_it():
+    scene = make_scene((3, 3, 2), {
+        'groups.low': 'z_min', 'masses.low.group': 'low', 'masses.low.edge_length': 0.012,
+        'groups.side': 'x_min', 'supports.side.group': 'side',
+        'bodies.ball.position': [0.0, 0.0, 0.3], 'bodies.ball.edge_length': 0.05})
+    snapshot = scattered(scene, 0.1)
+    places, numbers = [], []
+    for data in Outputs(scene).icosahedra(snapshot, NOW):
+        marker = decode_marker_points(data)
+        numbers.append(marker.marker_id)
+        for shell in marker.points.reshape(-1, 60, 3):
+            places.append((shell.mean(axis=0), np.linalg.norm(shell[0] - shell[1])))
+    assert len(numbers) == len(set(numbers)) == 5 and len(places) == scene.body_count
+    for place, edge in places:
+        body = int(np.argmin(np.linalg.norm(snapshot.position - place, axis=1)))
+        assert np.linalg.norm(snapshot.position[body] - place) < 1e-12
+        assert edge == pytest.approx(2.0 * scene.body_half_edges[body])
+    assert set(scene.body_half_edges.tolist()) == {0.01, 0.006, 0.025}
+
+
 def test_shells_of_many_bodies_come_in_a_few_lists():
     scene = make_scene((46, 46, 47), connector={'stiffness': 1.0}, weave={
         'size': [46, 46, 47], 'connected': False}, groups={'top': 'z_max'},
