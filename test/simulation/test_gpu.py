@@ -221,7 +221,8 @@ def test_forces_are_the_slopes_of_the_energy():
     assert terms.moments and terms.dipole and not terms.midpoints and not terms.one_law
     warp.launch(
         kernels.step_kernel(terms), dim=LANES * len(layout.blocks.slot), device='cpu', inputs=[
-            arrays.fabric_of(model, layout, device), records.Acting(), clock, stage,
+            arrays.fabric_of(model, layout, device), records.Acting(), records.Nearness(), clock,
+            stage,
             *rooms.poses, rooms.motion, rooms.acceleration])
     rooms.take(0, state, work, whole=True)
     found = layout.gather(work.acceleration)
@@ -317,7 +318,15 @@ def test_sines_are_those_of_the_library():
 
 
 @pytest.mark.parametrize('changes, names', [
-    ({'contact.mode': 'auto'}, ['contact.mode', 'never']),
+    ({'contact.mode': 'auto'}, ['solver.method auto', 'contact.mode never', 'leapfrog']),
+    ({'contact.mode': 'auto', 'solver.method': 'leapfrog', 'contact.friction': 0.2},
+     ['contact.friction 0.2', 'take 0']),
+    ({'contact.mode': 'auto', 'solver.method': 'leapfrog', 'contact.damping': 0.2},
+     ['contact.damping 0.2', 'take 0']),
+    ({'contact.mode': 'auto', 'solver.method': 'srkn6', 'connector.stiffness_compression': 0.0},
+     ['solver.method srkn6', 'k_e', 'take leapfrog']),
+    ({'contact.mode': 'auto', 'solver.method': 'leapfrog', 'bodies.ball.position': [0.0, 0.0, 1.0],
+      'bodies.ball.edge_length': 0.05}, ['bodies.ball.edge_length']),
     ({'charge': {'per_body': 1e-9, 'mutual': True}}, ['charge.mutual']),
     ({'connector': {'maxwell_stiffness': 100.0, 'maxwell_time': 0.01}}, ['dop8', 'Maxwell']),
     ({'charge.per_body': 1e-9, 'field.magnetic': [0.0, 0.0, 1.0]}, ['dop8', 'field.magnetic']),

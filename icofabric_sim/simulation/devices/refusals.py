@@ -21,9 +21,12 @@ from icofabric_sim.scene.body_sizes import names_of_sizes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import beyond_losses, required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
+import numpy as np
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
 _SHARED = 'is not shared by ranks'
+# Methods whose steps a device takes through contacts.
+_THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8')
 
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
@@ -112,12 +115,29 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
         yield name, f'{parameters[name]!r} m', 'take 0, or contact.mode never'
 
 
+def _lacking_with_contact(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    """The same of scenes whose shells may touch."""
+    parameters, never = scene.parameters, 'or contact.mode never'
+    for name in ('contact.damping', 'contact.friction'):
+        if parameters[name]:
+            yield name, f'{parameters[name]!r}', f'take 0, {never}'
+    method = str(parameters['solver.method'])
+    if method not in _THROUGH_CONTACTS:
+        yield ('solver.method', f'{method} with shells that may touch',
+               f'take {", ".join(_THROUGH_CONTACTS)}, {never}')
+    laws = scene.connectors.laws if scene.connector_count else None
+    if laws is not None and METHODS[method].mends_kinks and np.any(
+            np.asarray(laws.extension) != np.asarray(laws.compression)):
+        yield ('solver.method', f'{method} with k_e that is not k_c and shells that may touch',
+               f'take leapfrog, {never}')
+
+
 def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     """The same of what ranks can."""
     parameters = scene.parameters
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
-        yield 'contact.mode', str(parameters['contact.mode']), 'take never'
+        yield from _lacking_with_contact(scene)
     if scene.connector_count and scene.connectors.tables.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
     for section, what in (('drives', 'with a drive'), ('tractions', 'with a surface force')):

@@ -40,7 +40,13 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     turn_of,
     wrench_of,
 )
-from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Fabric, Stage
+from icofabric_sim.simulation.devices.gpu.records import (
+    Acting,
+    Clock,
+    Fabric,
+    Nearness,
+    Stage,
+)
 from icofabric_sim.simulation.devices.gpu.rotations import rotated, to_world
 
 wp: Any = import_module('warp')
@@ -65,6 +71,8 @@ class Terms(NamedTuple):
     dipole: bool
     held: bool
     loaded: bool
+    # Whether shells may touch, see contact.py.
+    touching: bool = False
     # Whether connectors keep the slope with which a step began, see crossings.py.
     kept: bool = False
 
@@ -133,12 +141,13 @@ def step_kernel(terms: Terms) -> Any:
         pulls = springs(kept_law if terms.kept else law, arm_to)
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole, kept = terms.held, terms.loaded, terms.dipole, terms.kept
+    touching = terms.touching
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
         cuda_max_registers=MOST_REGISTERS)
     def push_and_drift(
-        fabric: Fabric, acting: Acting, clock: Clock, stage: Stage,
+        fabric: Fabric, acting: Acting, near: Nearness, clock: Clock, stage: Stage,
         pose: wp.array(dtype=wp.float64), moved: wp.array(dtype=wp.float64),
         motion: wp.array(dtype=wp.float64), acceleration: wp.array(dtype=wp.float64)
     ):
@@ -178,6 +187,10 @@ def step_kernel(terms: Terms) -> Any:
                 moment = torque + moment
                 if wp.static(dipole):
                     moment = moment + wp.cross(to_world(turn, fabric.dipole), fabric.field)
+                if wp.static(touching):
+                    more = more + wp.vec3d(near.rows[s], near.rows[n + s], near.rows[2 * n + s])
+                    moment = moment + wp.vec3d(
+                        near.rows[3 * n + s], near.rows[4 * n + s], near.rows[5 * n + s])
                 linear = wp.cw_mul(force + more, mass) + weight
                 angular = moment * inertia
             if stage.keep == 1:

@@ -91,6 +91,34 @@ class Acting:
 
 
 @wp.struct
+class Nearness:
+    """Pairs that may touch, room for what they do, and how far bodies have moved."""
+
+    half_edge: wp.float64  # a [m]
+    stiffness: wp.float64  # K [N/m]
+    radius: wp.float64  # of the sphere around a body [m]
+    # Of a shell of half edge 1: normals of its faces, their corners, the faces beside each, one
+    # of each pair of opposite vertices, and half of the edges.
+    normals: wp.array(dtype=wp.vec3d)  # (20,)
+    corners: wp.array(dtype=wp.vec3d)  # (60,)
+    neighbours: wp.array(dtype=wp.int32)  # (60,)
+    vertices: wp.array(dtype=wp.vec3d)  # (6,)
+    edges: wp.array(dtype=wp.vec3d)  # (15,) directions
+    planes: wp.array(dtype=wp.float64)  # (4 k,) unit normals and offsets [m]
+    count: wp.array(dtype=wp.int32)  # (1,) pairs; there is room for more
+    pairs: wp.array(dtype=wp.int32)  # (2 p,) slots; -1 - k: plane k
+    pushes: wp.array(dtype=wp.float64)  # (10 p,), see contact.py
+    # (2 p,) [m] overlap in the last evaluation, and the largest since it was asked for
+    depths: wp.array(dtype=wp.float64)
+    start: wp.array(dtype=wp.int32)  # (s + 1,) entries start[s] to start[s + 1] act on slot s
+    entry: wp.array(dtype=wp.int32)  # (e,) twice the number of the pair, 1 more: on its second
+    rows: wp.array(dtype=wp.float64)  # (6 s,) forces [N] and torques [N m]
+    reference: wp.array(dtype=wp.float64)  # (7 s,) poses at the last search
+    frame: wp.array(dtype=wp.float64)  # (7,) when [s], velocity and acceleration of all since
+    ways: wp.array(dtype=wp.float64)  # (s,) [m^2] largest squares of ways since the last look
+
+
+@wp.struct
 class Clock:
     """When a step is: not known when a sequence of launches is recorded, so read on the device."""
 

@@ -24,18 +24,28 @@ from contextlib import AbstractContextManager
 from importlib import import_module
 from typing import Any
 
+from icofabric_sim.kernels.contact.displacement import farthest, SOON
+from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.contact.stiffness import swing_of
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    DEEPEST_LIMIT,
     examine,
     judge_roughness,
+    least_scale,
     ROUGHER,
     roughness,
     save,
+    SWING,
+    SWING_LIMIT,
+    SWINGS,
+    TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.arrays import (
     bytes_of,
@@ -56,7 +66,8 @@ from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
 from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.pair import DevicePair
-from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Stage
+from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness, Stage
+from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.devices.refusals import require_method_on_device
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
@@ -70,6 +81,7 @@ wp: Any = import_module('warp')
 # Evaluations of the forces in the longest graph.
 _LONGEST = 64
 _KEPT, _EVALUATED = 1, 2
+_NOTHING_NEAR = Nearness()
 
 
 class DeviceSteps:
@@ -106,12 +118,17 @@ class DeviceSteps:
         self._now = 0
         self._acting: Any = None
         self._difference: Any = None
-        # Graphs of launches of so many steps, by what acts and by the pose that they begin with.
-        self._graphs: dict[tuple[int, bool, int], Any] = {}
+        # Graphs of launches of so many steps, by what acts, by the pose that they begin with, by
+        # whether ways are noted, and by the room for pairs.
+        self._graphs: dict[tuple[int, bool, int, tuple[bool, int]], Any] = {}
         # Whether the state of the run is on the device, and whether only there.
         self._is_out = self._is_stale = False
         self._run: tuple[Loads, State, Work] | None = None
         self._health = HealthCheck(packed.model, self._fabric, device)
+        # What may touch, once something is watched for it.
+        self._near: DeviceContacts | None = None
+        self._contacts: Contacts | None = None
+        self._is_watching = False
         # Where the saved state belongs here, while it is on the device alone.
         self._saved_for: tuple[State, Loads] | None = None
 
@@ -133,13 +150,13 @@ class DeviceSteps:
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: None, ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
         with TURN, self._named_failure():
             return self._advance(
                 model, loads, state, saved, work, origin, index, h, count, since_check,
-                check_interval, ledger)
+                check_interval, watch, ledger)
 
     def take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
@@ -188,20 +205,29 @@ class DeviceSteps:
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
         index: int, h: float, count: int, since_check: int, check_interval: int,
-        ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         of_run = check_interval < NEVER
         if not of_run:
             self.take_over()
         if not (of_run and self._is_out):
             self._put(model, loads, state, work)
+        contacts = self._contacts = model.contacts
+        guarded = is_guarded(contacts, ledger) and of_run
+        if watch is not None:
+            self._watch(contacts, watch)
+        # What trials note is not used.
+        self._is_watching = watch is not None and of_run
         self._clock.start.assign(np.array([origin, h]))
         if of_run:
             self._run = loads, state, work
             self._is_out = self._is_stale = True
-        blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
+        blocks, done, status, book = len(model.blocks.slot), 0, 0, Ledger.over(ledger)
         while done < count:
             ahead, sampled = min(count - done, check_interval - since_check), -1
+            # Read anew: a look on the way may change it.
+            stride = stride_of(watch, check_interval)
+            ahead = min(ahead, stride - since_check % stride, 1 if guarded else count)
             if of_run and self._differences:
                 # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
                 # last before a health check.
@@ -219,24 +245,35 @@ class DeviceSteps:
                 if number == self._differences:
                     copy_back(work.difference, self._difference)
                     book.roughest = max(book.roughest, roughness(work, ledger))
-            if not of_run:
-                continue
-            book.regular += ahead
+            watched = watch is not None and since_check % stride == 0
+            status = 0
+            if guarded:
+                status |= self._swing(contacts, h, ledger)
+            if of_run:
+                book.regular += ahead
             if since_check < check_interval:
+                if watched:
+                    status |= self._look(
+                        model, loads, state, work, watch, origin + (index + done) * h, h, ledger)
+                if status:
+                    break
                 continue
             since_check = 0
             is_there = self._health.can_examine(model, loads, ledger)
             if is_there:
-                status = self._health.examine(
+                status |= self._health.examine(
                     self._state, self._now, loads, self._acting, ledger)
             else:
                 self._take(loads, state, work, whole=False)
                 place_all(model, state, work, 0, blocks)
-                status = examine(
+                status |= examine(
                     model, loads, state, work, origin + (index + done) * h, ledger)
             status |= judge_roughness(
                 work, ledger, self._differences if self._method.stages < 4 else check_interval)
-            if not status & (UNSOUND | ROUGHER):
+            if watched:
+                status |= self._look(
+                    model, loads, state, work, watch, origin + (index + done) * h, h, ledger)
+            if not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
                 book.saved_at = done
                 if is_there:
                     self._state.save(
@@ -247,10 +284,46 @@ class DeviceSteps:
                     keep_work(loads, 0, blocks)
                     self._saved_for = None
             if status:
-                return int(status), done, since_check
+                break
+        if self._near is not None:
+            if watch is not None and of_run:
+                self._near.note_ways(watch)
+            self._near.note_depths(contacts)
         if not of_run:
             self._take(loads, state, work, whole=True)
-        return 0, done, since_check
+        return int(status), done, since_check
+
+    def _watch(self, contacts: Contacts | None, watch: Watch) -> None:
+        """Have on the device what may touch, and where bodies were at the last search."""
+        if self._near is None:
+            self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
+        self._near.put(contacts, watch)
+
+    def _swing(self, contacts: Contacts | None, h: float, ledger: np.ndarray) -> int:
+        """Judge the energy that contacts make swing in a step of `h` [s], as `splitting` does."""
+        assert self._near is not None and contacts is not None
+        self._near.note_pushes(contacts)
+        ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
+        return SWINGS if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger) else 0
+
+    def _look(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None,
+        time: float, step: float, ledger: np.ndarray
+    ) -> int:
+        """Judge how far bodies have come, and how deep shells are in each other."""
+        near = self._near
+        assert near is not None and watch is not None
+        near.note_ways(watch)
+        most, status = farthest(watch, 1), 0
+        if most > watch.limits[SOON]:
+            # A look from here needs the state.
+            self._take(loads, state, work, whole=False)
+            status = int(judge_ways(watch, most, state, time, step))
+            near.put(model.contacts, watch)
+        near.note_depths(model.contacts)
+        if deepest_overlap(model.contacts, 1) > ledger[DEEPEST_LIMIT]:
+            status |= TOO_DEEP
+        return status
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
         """Have state and loads on the device."""
@@ -281,16 +354,21 @@ class DeviceSteps:
 
     def _steps(self, index: int, count: int) -> None:
         """Take `count` steps from the number `index` on, by graphs of launches."""
-        loaded = self._acting is not None
+        loaded, contacts, room = self._acting is not None, self._contacts, 0
+        if contacts is not None and self._near is not None and len(contacts.pairs):
+            set_tests(contacts, 0, tests_of(contacts, 0) + (
+                count * self._method.stages * len(contacts.pairs)))
+            room = self._near.room
+        seen_by = self._is_watching, room
         longest = max(_LONGEST // self._method.stages, 1)
         while count:
             # Powers of two: few graphs do for any count.
             length = min(1 << count.bit_length() - 1, longest)
             self._clock.index.assign(np.array([index], np.int64))
-            key = length, loaded, self._now
+            key = length, loaded, self._now, seen_by
             graph = self._graphs.get(key)
             if graph is None:
-                graph = self._graphs[key] = self._record(length, loaded)
+                graph = self._graphs[key] = self._record(length, loaded, room > 0)
             wp.capture_launch(graph)
             self._now ^= self._flips(length) & 1
             index += length
@@ -302,22 +380,31 @@ class DeviceSteps:
             return count * len(self._method.drifts)
         return sum(stage.drift != 0.0 for stage in stages_of(self._method, count))
 
-    def _record(self, count: int, loaded: bool) -> Any:
+    def _record(self, count: int, loaded: bool, touching: bool) -> Any:
         """Record the launches of `count` steps as one graph."""
         now, acting = self._now, self._acting if loaded else Acting()
         if self._follows_kinks:
             return self._record_kinked(count, loaded, acting)
-        kernel = step_kernel(terms_of(self._packed.model, loaded=loaded))
+        kernel = step_kernel(
+            terms_of(self._packed.model, loaded=loaded)._replace(touching=touching))
+        near = self._near if touching or self._is_watching else None
         # Nothing can be loaded while launches are recorded.
         wp.load_module(kernel.module, device=self._device.handle)
+        if near is not None:
+            near.load()
         with wp.ScopedCapture(device=self._device.handle) as capture:
             for stage in stages_of(self._method, count):
+                if near is not None and stage.source == _EVALUATED:
+                    near.evaluate(
+                        self._clock, stage.push_step, stage.push_drifts,
+                        self._state.poses[now], touching=touching,
+                        watching=self._is_watching)
                 wp.launch(
                     kernel, dim=LANES * len(self._packed.layout.blocks.slot),
                     inputs=[
-                        self._fabric, acting, self._clock, stage, self._state.poses[now],
-                        self._state.poses[1 - now], self._state.motion,
-                        self._state.acceleration],
+                        self._fabric, acting, _NOTHING_NEAR if near is None else near.near,
+                        self._clock, stage, self._state.poses[now], self._state.poses[1 - now],
+                        self._state.motion, self._state.acceleration],
                     device=self._device.handle)
                 if stage.drift != 0.0:
                     now = 1 - now
@@ -338,7 +425,8 @@ class DeviceSteps:
 
         def take(stage: Any, moved: Any) -> None:
             launch(
-                kernel, acting, self._clock, stage, state.poses[now], moved, state.motion,
+                kernel, acting, _NOTHING_NEAR, self._clock, stage, state.poses[now], moved,
+                state.motion,
                 state.acceleration)
 
         with wp.ScopedCapture(device=handle) as capture:

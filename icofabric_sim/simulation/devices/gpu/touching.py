@@ -1,0 +1,166 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What may touch, on a device: pairs from the searches in this process, and how far bodies move.
+
+The searches, what they reach, and all that judges contacts stay here (simulation/contact/). The
+device keeps the pairs that were found, evaluates them wherever forces are asked for, and notes the
+ways of all bodies there, as kernels do that run on the processor.
+"""
+
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.geometry.icosahedron import vertices
+from icofabric_sim.kernels.contact.shape import CORNERS, EDGE_WAYS, NEIGHBOURS, NORMALS
+from icofabric_sim.kernels.records import Contacts, Watch
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.gpu.arrays import doubles, seen
+from icofabric_sim.simulation.devices.gpu.contact import (
+    add_up,
+    fold_pushes,
+    fold_ways,
+    note_ways,
+    one_of_each,
+    PUSH_SIZE,
+    SHARE,
+    touch,
+)
+from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.devices.gpu.records import Nearness
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+wp: Any = import_module('warp')
+
+# Room for pairs at least.
+_FEWEST = 64
+
+
+class DeviceContacts:
+    """Pairs that may touch on a device, and the ways of bodies there."""
+
+    def __init__(self, layout: Layout, fabric: Any, device: Device) -> None:
+        """Make room for the bodies of this `fabric`, which is on the device."""
+        self._layout, self._fabric, self._device = layout, fabric, device
+        self._blocks = len(layout.blocks.slot)
+        slots = layout.slot_count
+        near = self.near = Nearness()
+        near.normals, near.corners, near.vertices, near.edges = (
+            wp.array(np.ascontiguousarray(rows).reshape(-1, 3), dtype=wp.vec3d,
+                     device=device.handle)
+            for rows in (NORMALS, CORNERS, one_of_each(vertices(1.0)), EDGE_WAYS))
+        near.neighbours = self._integers(NEIGHBOURS)
+        near.reference, near.rows = self._zeros(7 * slots), self._zeros(6 * slots)
+        near.frame, near.ways = self._zeros(7), self._zeros(slots)
+        near.count = self._integers(np.zeros(1))
+        self._shares = self._zeros(-(-slots // SHARE))
+        self._squares: Any = None
+        self._contacts: Contacts | None = None
+        self._frame = np.full(7, np.nan)
+        self.room = 0  # for pairs
+
+    def put(self, contacts: Contacts | None, watch: Watch) -> None:
+        """Have there what was found last; nothing where it is."""
+        if not np.array_equal(self._frame, watch.frame):
+            self._frame = watch.frame.copy()
+            self.near.radius = float(watch.radius)
+            self.near.frame.assign(watch.frame)
+            slots = self._layout.slot_count
+            for first, values in ((0, watch.reference), (3, watch.turned)):
+                wp.copy(self.near.reference, seen(values), first * slots, 0, values.size)
+        if contacts is not None and contacts is not self._contacts:
+            self._put_pairs(contacts)
+        self._contacts = contacts
+
+    def _put_pairs(self, contacts: Contacts) -> None:
+        near, count = self.near, len(contacts.pairs)
+        near.half_edge, near.stiffness = contacts.half_edge, contacts.stiffness
+        if count > self.room or not self.room:
+            self.room = max(_FEWEST, 1 << max(count - 1, 1).bit_length())
+            near.pairs = self._integers(np.zeros(2 * self.room))
+            near.pushes = self._zeros(PUSH_SIZE * self.room)
+            near.depths = self._zeros(2 * self.room)
+            near.entry = self._integers(np.zeros(2 * self.room))
+            near.start = self._integers(np.zeros(self._layout.slot_count + 1))
+            near.planes = doubles(contacts.planes, self._device)
+        near.depths.zero_()
+        entry = np.zeros(2 * self.room, np.int32)
+        entry[:len(contacts.entry)] = contacts.entry
+        pairs = np.zeros(2 * self.room, np.int32)
+        pairs[:2 * count] = contacts.pairs.ravel()
+        acting = np.bincount(contacts.slot, minlength=self._layout.slot_count)
+        near.count.assign(np.array([count], np.int32))
+        near.pairs.assign(pairs)
+        near.entry.assign(entry)
+        near.start.assign(np.concatenate([[0], np.cumsum(acting)]).astype(np.int32))
+
+    def evaluate(
+        self, clock: Any, step: int, drifts: int, pose: Any, *, touching: bool, watching: bool
+    ) -> None:
+        """
+        Launch what comes before forces are evaluated at a `pose`, after so many drifts.
+
+        `touching`: there are pairs; `watching`: ways count.
+        """
+        handle = self._device.handle
+        if watching:
+            wp.launch(
+                note_ways, dim=LANES * self._blocks,
+                inputs=[self._fabric, self.near, clock, step, drifts, pose], device=handle)
+        if touching:
+            wp.launch(
+                touch, dim=self.room, inputs=[self._fabric, self.near, pose], device=handle)
+            wp.launch(
+                add_up, dim=self._layout.slot_count, inputs=[self._fabric, self.near],
+                device=handle)
+
+    def load(self) -> None:
+        """Load the kernels: nothing can be loaded while launches are recorded."""
+        for kernel in (note_ways, touch, add_up):
+            wp.load_module(kernel.module, device=self._device.handle)
+
+    def note_ways(self, watch: Watch) -> None:
+        """Add the largest square of a way [m^2] to what was noted; forgets it on the device."""
+        count = self._layout.slot_count
+        wp.launch(
+            fold_ways, dim=len(self._shares), inputs=[self.near.ways, count, self._shares],
+            device=self._device.handle)
+        watch.far[0] = max(watch.far[0], self._shares.numpy().max(initial=0.0))
+
+    def note_depths(self, contacts: Contacts | None) -> None:
+        """Write the deepest overlaps, of the last evaluation and of all since, as kernels do."""
+        if contacts is None or not len(contacts.pairs):
+            return
+        last, largest = self.near.depths.numpy().reshape(-1, 2)[:len(contacts.pairs)].max(axis=0)
+        contacts.deepest[0] = last
+        contacts.deepest[1] = max(contacts.deepest[1], largest)
+        self.near.depths.zero_()
+
+    def note_pushes(self, contacts: Contacts) -> None:
+        """Write what contacts do to each block, for the energy that swings in a step."""
+        if self._squares is None:
+            self._squares = self._zeros(self._blocks)
+        wp.launch(
+            fold_pushes, dim=self._blocks, inputs=[self._fabric, self.near, self._squares],
+            device=self._device.handle)
+        contacts.pushes[:] = self._squares.numpy()
+
+    def _zeros(self, count: int) -> Any:
+        return wp.zeros(count, dtype=wp.float64, device=self._device.handle)
+
+    def _integers(self, values: np.ndarray) -> Any:
+        return wp.array(
+            np.ascontiguousarray(values, np.int32).ravel(), dtype=wp.int32,
+            device=self._device.handle)

@@ -1,0 +1,176 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Shells that touch on a device, by Warp on the processor, beside the processor's own loops."""
+
+from types import SimpleNamespace
+
+from contact_poses import (
+    facing,
+    first_touch,
+    KINDS,
+    NORMALS,
+    pose,
+    touch,
+    touch_floor,
+    VERTICES,
+)
+from contact_scenes import crowd
+from fabrics import changed, same_state
+import icofabric_sim as ico
+from icofabric_sim.commands.main import main
+from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.errors import SimulationError
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+warp = pytest.importorskip('warp', reason='Warp (extra `gpu`) is not installed')
+
+A = 0.01
+DOWN = np.array([0.0, 0.0, -1.0])
+# What rounding does to a force at an overlap of 1e-6 a, relative.
+ROUNDING = 1e-8
+
+
+def pushes(poses, pairs, planes=()):
+    """What the device's law says of pairs of slots, for 1 N/m, and overlaps [m]."""
+    from icofabric_sim.simulation.devices.gpu import contact, opening, records, touching
+
+    count, slots = len(pairs), len(poses)
+    fabric = records.Fabric()
+    fabric.stride, fabric.lanes = slots, 8
+    device = opening.open_device('warp_cpu')
+    fabric.slot = warp.zeros(1, dtype=warp.int32, device='cpu')
+    fabric.alive = warp.zeros(1, dtype=warp.uint8, device='cpu')
+    found = touching.DeviceContacts(
+        SimpleNamespace(blocks=SimpleNamespace(slot=np.zeros(1)), slot_count=slots), fabric,
+        device)
+    found._put_pairs(SimpleNamespace(
+        pairs=np.array(pairs, np.int32), half_edge=A, stiffness=1.0,
+        planes=np.array(planes, float).reshape(-1, 4), entry=np.zeros(0, np.int32),
+        slot=np.zeros(0, np.int64)))
+    warp.launch(contact.touch, dim=found.room, device='cpu', inputs=[
+        fabric, found.near,
+        warp.array(np.array(poses).T.ravel(), dtype=warp.float64, device='cpu')])
+    return (found.near.pushes.numpy().reshape(-1, contact.PUSH_SIZE)[:count],
+            found.near.depths.numpy()[:2 * count:2])
+
+
+def same_push(found, overlap, touching, out):
+    """Hold one pair beside what the processor says of it."""
+    assert bool(found[9]) == touching
+    if touching:
+        force = np.linalg.norm(out[:3])
+        np.testing.assert_allclose(found[:3], out[:3], atol=ROUNDING * force)
+        np.testing.assert_allclose(found[3:9], out[3:9], atol=ROUNDING * force * A)
+        # Of facets of edges it is larger, or the least of all, but never 0.
+        assert 0.0 < overlap < out[11] + 0.021 * A
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_pairs_push_each_other_as_on_the_processor(kind):
+    rng, poses, pairs, wanted = np.random.default_rng(2), [], [], []
+    for number in range(60):
+        ra, rb, way = pose(kind, rng)
+        way = A * (first_touch(ra, rb, way) - rng.choice([1.0, 1.0, -1.0]) * 10.0**rng.uniform(
+            -6.0, -0.5)) * way
+        place = 0.1 * rng.standard_normal(3)
+        turns = [Rotation.from_matrix(turn).as_quat() for turn in (ra, rb)]
+        poses += [[*place, *turns[0]], [*(place + way), *turns[1]]]
+        pairs.append([2 * number, 2 * number + 1])
+        wanted.append(touch(
+            place, Rotation.from_quat(turns[0]).as_matrix(), place + way,
+            Rotation.from_quat(turns[1]).as_matrix(), A))
+    assert 20 < sum(touching for touching, _ in wanted) < 60
+    for found, overlap, one in zip(*pushes(poses, pairs), wanted):
+        same_push(found, overlap, *one)
+
+
+def test_planes_push_as_on_the_processor():
+    rng, poses, wanted = np.random.default_rng(3), [], []
+    plane = np.array([0.6, 0.0, 0.8, -0.02])
+    onto = Rotation.align_vectors([plane[:3]], [-DOWN])[0]
+    for number in range(120):
+        stood = (
+            Rotation.random(random_state=rng),
+            Rotation.from_matrix(facing(np.eye(3), VERTICES[number % 12], DOWN)),
+            Rotation.from_matrix(facing(np.eye(3), NORMALS[number % 20], DOWN)))[number % 3]
+        low = (VERTICES @ stood.as_matrix().T)[:, 2].min()
+        depth = rng.choice([1.0, 1.0, -1.0]) * 10.0**rng.uniform(-6.0, -0.3)
+        place = (plane[3] - A * (low + depth)) * plane[:3] + 0.1 * np.cross(
+            plane[:3], rng.standard_normal(3))
+        turn = (onto * stood).as_quat()
+        poses.append([*place, *turn])
+        wanted.append(touch_floor(
+            plane[:3], plane[3], place, Rotation.from_quat(turn).as_matrix(), A))
+    assert 40 < sum(touching for touching, _ in wanted) < 120
+    found, overlaps = pushes(poses, [[k, -1] for k in range(120)], [plane])
+    for one, overlap, (touching, out) in zip(found, overlaps, wanted):
+        same_push(one, overlap, touching, out)
+        assert overlap == pytest.approx(out[11], abs=1e-14) and not one[6:9].any()
+
+
+BOX = {
+    'planes__floor__normal': [0.0, 0.0, 1.0], 'planes__floor__offset': -0.062,
+    'gravity': [0.0, 0.0, -9.81], 'contact__stiffness': 2e4}
+
+
+@pytest.mark.parametrize('solver', [
+    {'solver.method': 'leapfrog', 'solver.step': 2e-5},
+    {'solver.method': 'leapfrog', 'solver.tolerance': 1e-2},
+    {'solver.method': 'srkn6', 'solver.step': 4e-5}], ids=['given', 'chosen', 'srkn6'])
+def test_a_crowd_moves_on_a_device_as_on_the_processor(solver):
+    scene, ends = changed(crowd(**BOX), solver), []
+    for device in ('cpu', 'warp_cpu', 'warp_cpu'):
+        simulation = ico.compile_scene(changed(scene, {'solver.device': device}))
+        if len(ends) == 2:
+            # In pieces, and from a checkpoint.
+            simulation.advance_to(0.017)
+            checkpoint = simulation.checkpoint().to_bytes()
+            simulation = ico.compile_scene(changed(scene, {'solver.device': device}))
+            simulation.restore(Checkpoint.from_bytes(checkpoint))
+        simulation.advance_to(0.03)
+        ends.append((simulation.snapshot(), simulation.status))
+    (one, run), (other, there), (again, _) = ends
+    assert run.contact_tests == there.contact_tests > 1000
+    assert run.step_count == there.step_count
+    assert np.abs(one.position - other.position).max() < 1e-9 * A
+    assert other.energy['total'] == pytest.approx(one.energy['total'], rel=1e-9)
+    assert abs(other.energy['balance_error']) < 1e-3 * other.energy['total']
+    # Something has been hit hard.
+    start = scene.initial.linear_velocity
+    assert np.abs(one.linear_velocity - start).max() > 0.1
+    if 'solver.step' in solver:
+        assert same_state(other, again)
+
+
+def test_shells_that_overlap_too_deeply_end_a_run_on_a_device():
+    scene = crowd(**{
+        **BOX, 'contact__stiffness': 20.0, 'solver__method': 'leapfrog', 'solver__step': 2e-5})
+    said = []
+    for device in ('cpu', 'warp_cpu'):
+        simulation = ico.compile_scene(changed(scene, {'solver.device': device}))
+        with pytest.raises(SimulationError, match='overlap by .* might pass through') as caught:
+            simulation.advance_to(0.1)
+        said.append(str(caught.value))
+    assert said[0].split(' overlap')[0] == said[1].split(' overlap')[0]
+
+
+def test_a_fabric_that_folds_is_verified(tmp_path):
+    bag = tmp_path / 'bag'
+    assert main([
+        'run', 'folded_slab', '--duration', '0.12', '-p', 'solver.device:=warp_cpu', '-p',
+        'solver.method:=leapfrog', '-p', 'solver.step:=1e-5', '-p', 'contact.damping:=0.0', '-p',
+        'contact.friction:=0.0', '-p', 'connector.damping:=0.0', '--record', str(bag)]) == 0
+    assert main(['verify', str(bag)]) == 0
