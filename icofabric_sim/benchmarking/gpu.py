@@ -41,6 +41,8 @@ PLAIN = 'springs'
 ALL = 'springs with own laws, moments, supports, loads'
 # Of slopes, for the embedded pair.
 DAMPED = 'damped springs, by dop8'
+# Of pairs, for all scenes.
+TOUCHING = 'shells that may touch'
 
 
 class DeviceSize(NamedTuple):
@@ -79,7 +81,7 @@ def measure(
     *, rounds: int = 5, largest: int = 101_000, choice: str = 'auto',
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL, DAMPED)
+    sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL, DAMPED, TOUCHING)
 ) -> Gpu:
     """Compare the motions, then time steps in rounds; `choice`: of solver.device, or auto."""
     try:
@@ -87,7 +89,8 @@ def measure(
     except ParameterError as problem:
         return Gpu('', False, [], {}, 0, rounds, str(problem))
     from icofabric_sim.simulation.devices.gpu.arrays import bytes_moved, bytes_of
-    from icofabric_sim.simulation.devices.gpu.compiled import compiled_kernel
+    from icofabric_sim.simulation.devices.gpu.compiled import compiled_as, compiled_kernel
+    from icofabric_sim.simulation.devices.gpu.contact import touch
     from icofabric_sim.simulation.devices.gpu.kernels import Terms
     from icofabric_sim.simulation.devices.gpu.slopes import Losses
     say('kernels for a GPU')
@@ -97,7 +100,8 @@ def measure(
     losses = Losses(damped=True, dragged=False)
     full = plain._replace(one_law=False, moments=True, held=True, loaded=True)
     compiled = {
-        name: compiled_kernel(full if name == ALL else plain, losses if name == DAMPED else None)
+        name: compiled_as(touch) if name == TOUCHING else compiled_kernel(
+            full if name == ALL else plain, losses if name == DAMPED else None)
         for name in kernels}
     rows, held = [], 0
     chosen = [size for size in sizes if size[0] * size[1] * size[2] / 2 <= 1.01 * largest]

@@ -43,6 +43,8 @@ POSE, MOTION = 7, 6
 _SLOPES = 13
 # And for steps that follow where slopes jump.
 _START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
+# And where shells may touch: pose at the last search, what contacts do, way since.
+_NEAR = POSE + MOTION + 1
 
 
 def terms_of(model: Model, *, loaded: bool) -> Terms:
@@ -58,16 +60,20 @@ def terms_of(model: Model, *, loaded: bool) -> Terms:
         loaded=loaded)
 
 
-def bytes_of(model: Model, layout: Layout, *, kinked: bool = False) -> int:
+def bytes_of(
+    model: Model, layout: Layout, *, kinked: bool = False, touching: bool = False
+) -> int:
     """
     Bytes that a run takes on a device, about; loads come beside them.
 
-    `kinked`: by a method that follows where slopes jump, if some do.
+    `kinked`: by a method that follows where slopes jump, if some do. `touching`: shells may touch;
+    pairs that are near come beside it.
     """
     terms, slots = terms_of(model, loaded=False), layout.slot_count
     each = 8 * _EACH + 4 * terms.held * 8 + 2 * (model.masses is not None) * 8
     if kinked and has_jumps(model.links):
         each += 8 * (_START + _FORCES + 3 * MOTION) + LINK_COUNT
+    each += touching * (8 * _NEAR + 4)
     blocks = len(layout.blocks.slot) * (4 + 1 + 4)
     if terms.linked:
         blocks += len(layout.blocks.slot) * 12 * (4 + 1)

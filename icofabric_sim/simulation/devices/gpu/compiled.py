@@ -67,7 +67,12 @@ def compiled_kernel(
 
     `losses`: the one of slopes, of scenes that lose this; None: that of splitting methods.
     """
-    kernel = step_kernel(terms) if losses is None else slope_kernel(terms, losses)
+    return compiled_as(
+        step_kernel(terms) if losses is None else slope_kernel(terms, losses), architecture)
+
+
+def compiled_as(kernel: Any, architecture: int = HOPPER) -> CompiledKernel:
+    """The same of any kernel that is alone in its module."""
     with TemporaryDirectory() as folder:
         texts, programs = (
             [Path(path) for path in wp.compile_aot_module(

@@ -56,6 +56,25 @@ OPTIONS = {'fuse_fp': False, 'fast_math': False, 'max_unroll': 0}
 
 
 @wp.func
+def turned(m: wp.mat33d, v: wp.vec3d):
+    """A matrix times a vector, rounded one by one: Warp's own product may be contracted."""
+    return wp.vec3d(
+        m[0, 0] * v[0] + (m[0, 1] * v[1] + m[0, 2] * v[2]),
+        m[1, 0] * v[0] + (m[1, 1] * v[1] + m[1, 2] * v[2]),
+        m[2, 0] * v[0] + (m[2, 1] * v[1] + m[2, 2] * v[2]))
+
+
+@wp.func
+def between_axes(own: wp.mat33d, other: wp.mat33d):
+    """The matrix from the second body's axes to the first's, whose rows are the axes."""
+    q = wp.mat33d()
+    for i in range(3):
+        for j in range(3):
+            q[i, j] = own[i, 0] * other[j, 0] + (own[i, 1] * other[j, 1] + own[i, 2] * other[j, 2])
+    return q
+
+
+@wp.func
 def across(near: Nearness, n: wp.vec3d):
     """Half the width of a shell of half edge 1 along a vector: vertices come in opposite pairs."""
     most = wp.float64(0.0)
@@ -172,12 +191,12 @@ def with_polygon(
 @wp.func
 def with_faces(near: Nearness, sums: _Sums, i: int, j: int, c: wp.vec3d, q: wp.mat33d):
     """Add the polygon between face i of one body and j of another one at c, see `add_polygon`."""
-    m = q * near.normals[j]
+    m = turned(q, near.normals[j])
     centre = wp.dot(m, c)
     polygon, count = section(near, i, m, _RHO + centre)
     side = int(0)
     while count > 0 and side < 3:
-        r = q * near.normals[near.neighbours[3 * j + side]] - m
+        r = turned(q, near.normals[near.neighbours[3 * j + side]]) - m
         polygon, count = clipped(polygon, count, r, wp.dot(r, c))
         side = side + 1
     n = near.normals[i] - m
@@ -222,15 +241,15 @@ def gap_of(near: Nearness, c: wp.vec3d, q: wp.mat33d):
 
     Above 0 it proves that two shells are apart; below 0 it is at most minus their depth.
     """
-    length = wp.length(c)
+    length = wp.sqrt(wp.dot(c, c))
     u = c / length
     back = wp.transpose(q)
-    gap = length - across(near, u) - across(near, back * u)
-    far = back * c
+    gap = length - across(near, u) - across(near, turned(back, u))
+    far = turned(back, c)
     for face in range(20):
         n = near.normals[face]
-        gap = wp.max(gap, wp.dot(n, c) - _RHO - across(near, back * n))
-        gap = wp.max(gap, wp.dot(n, far) - _RHO - across(near, q * n))
+        gap = wp.max(gap, wp.dot(n, c) - _RHO - across(near, turned(back, n)))
+        gap = wp.max(gap, wp.dot(n, far) - _RHO - across(near, turned(q, n)))
     return gap
 
 
@@ -241,11 +260,12 @@ def gap_across_edges(near: Nearness, c: wp.vec3d, q: wp.mat33d, least: wp.float6
     back = wp.transpose(q)
     for own in range(15):
         for other in range(15):
-            n = wp.cross(near.edges[own], q * near.edges[other])
+            n = wp.cross(near.edges[own], turned(q, near.edges[other]))
             square = wp.dot(n, n)
             if square > _PARALLEL:
                 u = n / wp.sqrt(square)
-                gap = wp.max(gap, wp.abs(wp.dot(u, c)) - across(near, u) - across(near, back * u))
+                far = across(near, u) + across(near, turned(back, u))
+                gap = wp.max(gap, wp.abs(wp.dot(u, c)) - far)
     return gap
 
 
@@ -265,7 +285,7 @@ def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
         k = 4 * (-1 - t)
         normal = wp.vec3d(near.planes[k], near.planes[k + 1], near.planes[k + 2])
         height = (wp.dot(normal, place) - near.planes[k + 3]) / a
-        m = own * normal
+        m = turned(own, normal)
         depth = across(near, m) - height
         if height < _OUTER and depth > _ZERO:
             for i in range(20):
@@ -276,8 +296,8 @@ def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
     else:
         d = place_of(pose, n, t) - place
         if wp.dot(d, d) < _FOUR * _OUTER * _OUTER * a * a:
-            c = own * (d / a)
-            q = own * wp.transpose(axes_of(turn_of(pose, n, t)))
+            c = turned(own, d / a)
+            q = between_axes(own, axes_of(turn_of(pose, n, t)))
             if wp.max(wp.abs(c[0]), wp.max(wp.abs(c[1]), wp.abs(c[2]))) > _COINCIDE:
                 gap = gap_of(near, c, q)
                 if gap <= _ROUNDING:

@@ -96,13 +96,12 @@ class DeviceSteps:
         Raises ValueError where it lacks memory.
         """
         self._device, self._packed, self._method = device, packed, method
-        require_room(device, packed.layout.body_count, bytes_of(
-            packed.model, packed.layout, kinked=method.mends_kinks))
+        self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
+        require_room(device, packed.layout.body_count, self.device_bytes)
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
             method, given=given, linked=packed.model.links is not None)
-        self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
         if self._follows_kinks:
             slots = packed.layout.slot_count
             put_crossings(self._fabric, slots, device)
@@ -169,7 +168,9 @@ class DeviceSteps:
     def device_bytes(self) -> int:
         """Bytes that the run takes there, about, but for its loads."""
         packed = self._packed
-        return bytes_of(packed.model, packed.layout, kinked=self._follows_kinks)
+        return bytes_of(
+            packed.model, packed.layout, kinked=self._follows_kinks,
+            touching=packed.contact is not None)
 
     @property
     def has_saved(self) -> bool:
