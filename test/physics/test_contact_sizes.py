@@ -21,6 +21,8 @@ from icofabric_sim import contact
 from icofabric_sim.kernels.contact.gap import axes_of, widest_gap
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.contact.pair_forces import PairForces
+from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.stepping.thread_team import teams_of
 import numpy as np
 import pytest
@@ -81,6 +83,27 @@ def test_forces_are_the_gradient_of_the_energy(kind, size):
         # Angular momentum is kept.
         about = out[3:6] + out[6:9] + np.cross(xa - xb, out[:3])
         np.testing.assert_allclose(about, 0.0, atol=1e-12 * largest * (1.0 + size))
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_second_derivatives_are_those_of_the_forces(size):
+    rng, seen = np.random.default_rng(9), 0
+    forces = PairForces(ContactSetup(
+        1.0, 1.0, 0.0, 0.0, np.zeros((0, 4)), (), False, False, np.zeros(3), '',
+        half_edges=np.array([1.0, size])))
+    for kind in KINDS:
+        xa, ra, xb, rb = overlapping(kind, rng, size, 0.02)
+        pair, place = np.array([[0, 1]]), np.array([xa, xb])
+        exact, smoothed = (
+            forces.blocks(pair, [], place, np.array([ra.T, rb.T]), smoothed=smoothed)[1][0]
+            for smoothed in (False, True))
+        # Differences see what lies beyond where a corner comes or goes.
+        if kind in ('random', 'tilted face', 'edge on edge', 'vertex on face'):
+            largest = np.abs(exact).max()
+            np.testing.assert_allclose(exact, smoothed, atol=1e-3 * largest)
+            seen += 1
+        np.testing.assert_allclose(exact, exact.T, atol=1e-12 * np.abs(exact).max())
+    assert seen == 4
 
 
 @pytest.mark.parametrize('size', SIZES)

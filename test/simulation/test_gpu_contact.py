@@ -155,6 +155,28 @@ def test_a_crowd_moves_on_a_device_as_on_the_processor(solver):
         assert same_state(other, again)
 
 
+def test_a_state_that_was_here_is_followed_from_where_it_is():
+    # At the same time and with the same mean velocity: nothing else tells two searches apart.
+    from icofabric_sim.simulation.devices.gpu import opening, records, touching
+
+    slots, rng = 16, np.random.default_rng(1)
+    found = touching.DeviceContacts(
+        SimpleNamespace(blocks=SimpleNamespace(slot=np.zeros(2)), slot_count=slots),
+        records.Fabric(), opening.open_device('warp_cpu'))
+    watch = SimpleNamespace(
+        frame=np.zeros(7), radius=1.0, reference=rng.standard_normal((3, slots)),
+        turned=rng.standard_normal((4, slots)))
+    for _ in range(2):
+        found.put(None, watch, anew=True)
+        np.testing.assert_array_equal(
+            found.near.reference.numpy().reshape(7, slots),
+            np.vstack([watch.reference, watch.turned]))
+        watch.reference[:] = rng.standard_normal((3, slots))
+        before = found.near.reference.numpy()
+        found.put(None, watch, anew=False)
+        np.testing.assert_array_equal(found.near.reference.numpy(), before)
+
+
 def test_shells_that_overlap_too_deeply_end_a_run_on_a_device():
     scene = crowd(**{
         **BOX, 'contact__stiffness': 20.0, 'solver__method': 'leapfrog', 'solver__step': 2e-5})

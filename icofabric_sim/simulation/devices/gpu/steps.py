@@ -211,12 +211,13 @@ class DeviceSteps:
         of_run = check_interval < NEVER
         if not of_run:
             self.take_over()
-        if not (of_run and self._is_out):
+        anew = not (of_run and self._is_out)
+        if anew:
             self._put(model, loads, state, work)
         contacts = self._contacts = model.contacts
         guarded = is_guarded(contacts, ledger) and of_run
         if watch is not None:
-            self._watch(contacts, watch)
+            self._watch(contacts, watch, anew=anew)
         # What trials note is not used.
         self._is_watching = watch is not None and of_run
         self._clock.start.assign(np.array([origin, h]))
@@ -294,11 +295,15 @@ class DeviceSteps:
             self._take(loads, state, work, whole=True)
         return int(status), done, since_check
 
-    def _watch(self, contacts: Contacts | None, watch: Watch) -> None:
-        """Have on the device what may touch, and where bodies were at the last search."""
+    def _watch(self, contacts: Contacts | None, watch: Watch, *, anew: bool) -> None:
+        """
+        Have on the device what may touch, and where bodies were at the last search.
+
+        `anew`: the state was here, so there may have been one.
+        """
         if self._near is None:
             self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
-        self._near.put(contacts, watch)
+        self._near.put(contacts, watch, anew=anew)
 
     def _swing(self, contacts: Contacts | None, h: float, ledger: np.ndarray) -> int:
         """Judge the energy that contacts make swing in a step of `h` [s], as `splitting` does."""
@@ -320,7 +325,7 @@ class DeviceSteps:
             # A look from here needs the state.
             self._take(loads, state, work, whole=False)
             status = int(judge_ways(watch, most, state, time, step))
-            near.put(model.contacts, watch)
+            near.put(model.contacts, watch, anew=False)
         near.note_depths(model.contacts)
         if deepest_overlap(model.contacts, 1) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP

@@ -71,9 +71,13 @@ class DeviceContacts:
         self._frame = np.full(7, np.nan)
         self.room = 0  # for pairs
 
-    def put(self, contacts: Contacts | None, watch: Watch) -> None:
-        """Have there what was found last; nothing where it is."""
-        if not np.array_equal(self._frame, watch.frame):
+    def put(self, contacts: Contacts | None, watch: Watch, *, anew: bool) -> None:
+        """
+        Have there what was found last.
+
+        Where it is `anew` at any rate; else where a look from here has moved its frame.
+        """
+        if anew or not np.array_equal(self._frame, watch.frame):
             self._frame = watch.frame.copy()
             self.near.radius = float(watch.radius)
             self.near.frame.assign(watch.frame)
