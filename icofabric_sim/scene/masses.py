@@ -80,6 +80,7 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
         raise ParameterError(
             'shell.principal_inertia', 'shell.principal_inertia and shell.inertia say the same '
             'twice: set one of them to zero')
+    _refuse_inertia('shell', parameters['shell.inertia'], common.mass, shell.half_edge)
     found = {}
     for family in ('bodies', 'masses'):
         for name in parameters.names(family):
@@ -96,19 +97,23 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
                     f'{prefix}.principal_inertia',
                     f'{prefix}.principal_inertia and {prefix}.inertia say the same twice: set one '
                     'of them to zero')
-            # All of the mass at the vertices.
-            most = heavy * half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
-            if inertia > most * _ROUNDING:
-                raise ParameterError(
-                    f'{prefix}.inertia',
-                    f'{prefix}.inertia {inertia!r} kg m^2 is more than {most:.6g} kg m^2, '
-                    f'that of {heavy:.6g} kg at the vertices of the icosahedron: no body in it '
-                    'has so much; give a smaller one, or more mass')
+            _refuse_inertia(prefix, inertia, heavy, half_edge)
             if moments is None:
                 moments = np.full(3, inertia) if inertia else common.moments * (
                     heavy / common.mass * size**2)
             found[prefix] = _Own(heavy, moments)
     return common, found
+
+
+def _refuse_inertia(prefix: str, inertia: float, mass: float, half_edge: float) -> None:
+    """Refuse more [kg m^2] than all of a `mass` [kg] at the vertices has."""
+    most = mass * half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
+    if inertia > most * _ROUNDING:
+        raise ParameterError(
+            f'{prefix}.inertia',
+            f'{prefix}.inertia {inertia!r} kg m^2 is more than {most:.6g} kg m^2, '
+            f'that of {mass:.6g} kg at the vertices of the icosahedron: no body in it '
+            'has so much; give a smaller one, or more mass')
 
 
 def _principal(

@@ -107,7 +107,7 @@ def test_they_are_symmetric_as_only_exact_ones_are(overlap, most):
         found, a, places, axes = touching(overlap, which)
         met, out = found.met(places, axes, which)
         assert met.all()
-        part = found._curvatures(places, axes, which, out)
+        part = found._curvatures(places, axes, which, np.full((len(places), 2), a), out)
         scales = np.tile(np.repeat([1.0, 1.0 / a], 3), 2)
         part *= scales[:, None] * scales
         size = np.abs(part).max(axis=(1, 2))
@@ -128,7 +128,8 @@ def test_stiff_contacts_have_them_to_rounding():
     met, out = found.met(state.position[pairs], axes[pairs], PAIRS)
     pairs, out = pairs[met], out[met]
     assert len(pairs) > 30 and out[:, 11].min() < 1e-4 * 0.01
-    part = found._curvatures(state.position[pairs], axes[pairs], PAIRS, out)
+    part = found._curvatures(
+        state.position[pairs], axes[pairs], PAIRS, found.half_edges(pairs), out)
     scales = np.tile(np.repeat([1.0, 100.0], 3), 2)
     part *= scales[:, None] * scales
     unequal = np.abs(part - np.swapaxes(part, 1, 2)).max(axis=(1, 2))

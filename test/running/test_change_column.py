@@ -125,6 +125,7 @@ OTHERS = {
     'bodies.it.orientation': [0.0, 0.0, 1.0, 0.0],
     'bodies.it.inertia': 1e-6,
     'masses.it.inertia': 1e-6,
+    'shell.inertia': 1e-6,
     'masses.it.edge_length': 0.018,
     'bodies.it.edge_length': 0.018,
     'shell.principal_inertia': [1e-6, 1.1e-6, 1.2e-6],

@@ -180,13 +180,13 @@ class PairForces:
         return _with_half_turns(part, here)
 
     def wrenches(
-        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
         Wrenches on both (m, 12), energies [J], overlaps [m] and whether they touch, of pairs.
 
         `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
-        pushes the first; half `edges` [m] (m, 2).
+        pushes the first; half `edges` [m] (m, 2), None: that of the scene.
         """
         touching, out = self.met(places, axes, which, edges)
         out[~touching] = 0.0
@@ -250,10 +250,12 @@ class PairForces:
         return distance, axis
 
     def met(
-        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray
+        self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Whether pairs touch, and what the kernels say of them for 1 N/m, (m, 20)."""
         setup, count = self._setup, len(places)
+        if edges is None:
+            edges = np.full((count, 2), setup.half_edge)
         # From body to world.
         turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
         first, second = (np.ascontiguousarray(places[:, end]) for end in range(2))

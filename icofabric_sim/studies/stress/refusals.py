@@ -50,6 +50,7 @@ REFUSED_BY_CHANCE: Final = (
     ('anchors.tie.break_length_', 'would break at once'),
     ('bodies.ball.', 'which a support holds'),
     ('bodies.ball.inertia', 'no body in it has so much'),
+    ('shell.inertia', 'no body in it has so much'),
     ('masses.others.inertia', 'no body in it has so much'),
     # Of lighter shells, once the density has changed.
     ('shell.principal_inertia', 'no body in an icosahedron has so much'),

@@ -38,7 +38,7 @@ import numpy as np
 # Seeds below each number draw among so many kinds, the first of the list. Where the list grows
 # another version follows: no seed means another scene.
 VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-                   (2**38, 92), (2**39, 97))
+                   (2**38, 92), (2**39, 97), (2**40, 97))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
 # Share of scenes with a value that must be refused.
 _SPOILED = 0.06
@@ -116,7 +116,7 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^39 - 1."""
+    """The scene of a seed, 0 to 2^40 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
     generator, kind = _begun(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
@@ -183,6 +183,8 @@ class _Draw:
             self._refine_more()
         if version_of(seed) >= 5:
             self._refine_shell_and_anchors()
+        if version_of(seed) >= 9:
+            self._refine_sizes()
         change: dict[str, Any] = {}
         if version_of(seed) >= 4 and self.chance(_CHANGED):
             change = self._reweave()
@@ -624,6 +626,18 @@ class _Draw:
             values['shell.layers'] = self._file(
                 'layers.csv', distances,
                 values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
+
+    def _refine_sizes(self) -> None:
+        """What seeds draw since their ninth version: shells of sizes that some body can have."""
+        values = self.values
+        if 'shell.inertia' in values:
+            # The vertices are 1.9 a from the centre; some of the mass is nearer.
+            values['shell.inertia'] = min(values['shell.inertia'], self.mass * self.a**2)
+        if 'loose' in self.kind.terms and self.chance(0.7):
+            values['bodies.ball.edge_length'] = 2.0 * self.a * self.log(-0.5, 0.3)
+        if ('masses.others.group' in values and 'tractions.wind.group' not in values
+                and values.get('connector.obstruction') != 'wrap' and self.chance(0.7)):
+            values['masses.others.edge_length'] = 2.0 * self.a * self.log(-0.3, 0.1)
 
     def _frequency(self) -> float:
         return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
