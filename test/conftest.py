@@ -77,6 +77,8 @@ _LONG = re.compile(
     r'|test_statics_and_motion_bend_a_beam_alike'
     r'|test_the_depth_is_four_times_the_mean_depth_of_the_overlap\[.*(0\.7|4\.0)\]'
     r'|test_collisions_of_bodies_of_several_sizes_keep_what_is_conserved\[(?!dop8).*\]'
+    r'|test_forces_are_the_gradient_of_the_energy\[.*(0\.7|4\.0)\]'
+    r'|test_a_change_does_what_its_column_says\[masses\.it\.edge_length\]'
     r'|test_what_is_known_of_contacts_changes_no_bit\[losses1\]'
     r'|test_from_any_points_the_open_segment_meets_the_interior\[(both-.*|sizes-dir.*)\]'
     r'|test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces\[.*')

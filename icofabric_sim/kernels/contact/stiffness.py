@@ -14,12 +14,14 @@
 """
 How stiff what touches is, and how much energy swings in a step of the leapfrog because of it.
 
-The energy of a pair is U = K delta^2 / 2. In mass-scaled coordinates its second derivatives are at
-most _CURVED K |grad delta|^2, which what the pair was evaluated for has; K |grad delta|^2 is the
-squared frequency of the pair by itself where delta is linear, as below an apex. Of 1,350 poses of
-all kinds the largest ratio was 1.65, of a tilted face; a face that rocks on a face has most of its
-stiffness in grad delta, as its torques have long arms. The form of a pair is at most its largest
-eigenvalue times the kinetic form of its two bodies: so the sum for a body bounds its frequency.
+The energy of a pair is U = K delta^2 / 2. In mass-scaled coordinates its second derivatives are
+about _CURVED K |grad delta|^2 at most, which what the pair was evaluated for has; K |grad delta|^2
+is the squared frequency of the pair by itself where delta is linear, as below an apex. Of 1,350
+poses of all kinds two tilted faces were above, at 1.78 and 2.49; steps through contacts, at most
+1.4 over the bound where 2 is the limit, have room for twice as much. A face that rocks on a face
+has most of its stiffness in grad delta, as its torques have long arms. The form of a pair is
+at most its largest eigenvalue times the kinetic form of its two bodies: so the sum for a body
+bounds its frequency.
 
 A leapfrog with steps h keeps, where forces are smooth, not H but H + h^2 (v . V'' v / 12 -
 F . F / 24), all mass-scaled (Hairer, Lubich and Wanner 2006, IX.8): so H swings by h^2 |F|^2 / 24
