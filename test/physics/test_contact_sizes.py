@@ -240,8 +240,10 @@ def test_what_is_known_of_contacts_changes_no_bit(losses):
         simulation.restore(Checkpoint.from_bytes(checkpoint))
         simulation.advance_to(0.03)
         ends.append(simulation.snapshot())
-    touched = ends[0].energy['dissipated'] if losses else simulation.status.contact_tests
-    assert touched > 0.02 * ends[0].energy['total']
+    # Whatever they lose, they have hit each other.
+    changed = ends[0].linear_velocity - scene.initial.linear_velocity
+    assert (np.abs(changed).max(axis=1) > 0.05).sum() > 3
+    assert (ends[0].energy['dissipated'] > 0.02 * ends[0].energy['total']) == bool(losses)
     for other in ends[1:]:
         assert same_state(ends[0], other) and ends[0].energy == other.energy
 

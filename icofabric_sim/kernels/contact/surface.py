@@ -212,6 +212,24 @@ def clip(
 
 
 @compiled
+def field_over(
+    triangle: float, p0: float, p1: float, p2: float, rho: float
+) -> tuple[float, float]:
+    """
+    Three times the integral of F_0 and twelve times that of F_1 over a `triangle` of this area.
+
+    With these depths at its corners, of a body of this `rho`.
+    """
+    e1 = p0 + p1 + p2
+    e2 = p0 * p1 + p1 * p2 + p2 * p0
+    e3 = p0 * p1 * p2
+    shared = triangle / ((rho - p0) * (rho - p1) * (rho - p2))
+    return (
+        shared * (rho * (rho * e1 - e2) + e3),
+        shared * (rho * (rho * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3))
+
+
+@compiled
 def add_integrals(
     room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, h: float
 ) -> None:
@@ -230,11 +248,9 @@ def add_integrals(
         triangle = 0.5 * abs(
             nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
         e1 = p0 + p1 + p2
-        e2 = p0 * p1 + p1 * p2 + p2 * p0
-        e3 = p0 * p1 * p2
-        shared = triangle / ((INNER - p0) * (INNER - p1) * (INNER - p2))
-        zeroth += shared * (INNER * (INNER * e1 - e2) + e3)
-        first += shared * (INNER * (INNER * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
+        part_0, part_1 = field_over(triangle, p0, p1, p2, INNER)
+        zeroth += part_0
+        first += part_1
         area += triangle
         depth += triangle * e1
         sx, sy, sz = x0 + x1 + x2, y0 + y1 + y2, z0 + z1 + z2
@@ -247,47 +263,6 @@ def add_integrals(
         x1, y1, z1, p1, ux, uy, uz = x2, y2, z2, p2, vx, vy, vz
     room[SUMS + M0] += h * zeroth / 3.0
     room[SUMS + M1] += h * first / 12.0
-    add_borders(room, nx, ny, nz, area, depth, ax, ay, az, bx, by, bz)
-
-
-@compiled
-def add_fields(
-    room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, rho: float, h: float
-) -> None:
-    """Add to M_k what a polygon adds by the field of a body of this `rho`, `h` from its centre."""
-    at = POLYGON + _NEXT * kept
-    x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
-    at += _CORNERS
-    p1 = room[at + 3]
-    ux, uy, uz = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0
-    zeroth, first = 0.0, 0.0
-    for _ in range(2, count):
-        at += _CORNERS
-        vx, vy, vz, p2 = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0, room[at + 3]
-        triangle = 0.5 * abs(
-            nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
-        e1 = p0 + p1 + p2
-        e2 = p0 * p1 + p1 * p2 + p2 * p0
-        e3 = p0 * p1 * p2
-        shared = triangle / ((rho - p0) * (rho - p1) * (rho - p2))
-        zeroth += shared * (rho * (rho * e1 - e2) + e3)
-        first += shared * (rho * (rho * (e1 * e1 - e2) - (e1 * e2 - e3)) + e1 * e3)
-        p1, ux, uy, uz = p2, vx, vy, vz
-    room[SUMS + M0] += h * zeroth / 3.0
-    room[SUMS + M1] += h * first / 12.0
-
-
-@compiled
-def add_borders(
-    room: np.ndarray, nx: float, ny: float, nz: float, area: float, depth: float, ax: float,
-    ay: float, az: float, bx: float, by: float, bz: float
-) -> None:
-    """
-    Add the integrals of n, p n and their moments, of p x and p.
-
-    From the area, three times the integral of p, three times that of x and twelve times that of
-    p x.
-    """
     room[SUMS + S0] += nx * area
     room[SUMS + S0 + 1] += ny * area
     room[SUMS + S0 + 2] += nz * area
@@ -307,6 +282,30 @@ def add_borders(
     room[SUMS + T1] += by * nz - bz * ny
     room[SUMS + T1 + 1] += bz * nx - bx * nz
     room[SUMS + T1 + 2] += bx * ny - by * nx
+
+
+@compiled
+def add_fields(
+    room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, rho: float, h: float
+) -> None:
+    """Add to M_k what a polygon adds by the field of a body of this `rho`, `h` from its centre."""
+    at = POLYGON + _NEXT * kept
+    x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
+    at += _CORNERS
+    p1 = room[at + 3]
+    ux, uy, uz = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0
+    zeroth, first = 0.0, 0.0
+    for _ in range(2, count):
+        at += _CORNERS
+        vx, vy, vz, p2 = room[at] - x0, room[at + 1] - y0, room[at + 2] - z0, room[at + 3]
+        triangle = 0.5 * abs(
+            nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx))
+        part_0, part_1 = field_over(triangle, p0, p1, p2, rho)
+        zeroth += part_0
+        first += part_1
+        p1, ux, uy, uz = p2, vx, vy, vz
+    room[SUMS + M0] += h * zeroth / 3.0
+    room[SUMS + M1] += h * first / 12.0
 
 
 @compiled

@@ -376,7 +376,8 @@ class BroadPhase:
             long = long or not 2.0 * moved <= self.setup.smallest
             found = first_passing(
                 course, looked.position, self.setup.planes, shift, reach=reach,
-                radius=circumscribed_radius(1.0) * self._edges(),
+                radius=circumscribed_radius(1.0) * self.setup.edges(
+                    np.arange(self._layout.body_count)),
                 seen=None if long else self._bodies)
         if found is None:
             return ''
@@ -620,12 +621,6 @@ class BroadPhase:
         else:
             self._made = self._made._replace(**changed)
         return self._made
-
-    def _edges(self) -> np.ndarray:
-        """Half edges [m] of all bodies, (n,)."""
-        if self.setup.half_edges is None:
-            return np.full(self._layout.body_count, self.setup.half_edge)
-        return self.setup.half_edges
 
     def _half_edges(self) -> np.ndarray | None:
         """Half edges [m] of all slots, where they differ."""

@@ -70,9 +70,7 @@ class PairForces:
 
     def half_edges(self, bodies: np.ndarray) -> np.ndarray:
         """Half edges [m] of bodies, in the shape of their numbers."""
-        if self._setup.half_edges is None:
-            return np.full(bodies.shape, self._setup.half_edge)
-        return self._setup.half_edges[bodies]
+        return self._setup.edges(bodies)
 
     def near_planes(self, position: np.ndarray) -> list[np.ndarray]:
         """Bodies whose circumscribed spheres meet each of the planes."""

@@ -44,6 +44,12 @@ class ContactSetup(NamedTuple):
     gap: float = 0.0  # between shells as woven [m], or less
     half_edges: np.ndarray | None = None  # (n,) [m], of each body, where they differ
 
+    def edges(self, bodies: np.ndarray) -> np.ndarray:
+        """Half edges [m] of bodies, in the shape of their numbers."""
+        if self.half_edges is None:
+            return np.full(bodies.shape, self.half_edge)
+        return self.half_edges[bodies]
+
     @property
     def smallest(self) -> float:
         """Half edge [m] of the smallest body."""

@@ -24,6 +24,7 @@ from typing import Any
 
 from icofabric_sim.kernels.contact.shape import INNER, OUTER
 from icofabric_sim.simulation.devices.gpu.forces import place_of, turn_of
+from icofabric_sim.simulation.devices.gpu.kernels import time_at
 from icofabric_sim.simulation.devices.gpu.records import Clock, Fabric, Nearness
 from icofabric_sim.simulation.devices.gpu.rotations import axes_of, on_axes
 import numpy as np
@@ -243,12 +244,11 @@ def gap_of(near: Nearness, c: wp.vec3d, q: wp.mat33d):
     """
     length = wp.sqrt(wp.dot(c, c))
     u = c / length
-    back = wp.transpose(q)
-    gap = length - across(near, u) - across(near, turned(back, u))
-    far = turned(back, c)
+    gap = length - across(near, u) - across(near, on_axes(q, u))
+    far = on_axes(q, c)
     for face in range(20):
         n = near.normals[face]
-        gap = wp.max(gap, wp.dot(n, c) - _RHO - across(near, turned(back, n)))
+        gap = wp.max(gap, wp.dot(n, c) - _RHO - across(near, on_axes(q, n)))
         gap = wp.max(gap, wp.dot(n, far) - _RHO - across(near, turned(q, n)))
     return gap
 
@@ -257,14 +257,13 @@ def gap_of(near: Nearness, c: wp.vec3d, q: wp.mat33d):
 def gap_across_edges(near: Nearness, c: wp.vec3d, q: wp.mat33d, least: wp.float64):
     """The widest gap of all, given that of `gap_of`: along the products of edges, too."""
     gap = least + wp.float64(0.0)
-    back = wp.transpose(q)
     for own in range(15):
         for other in range(15):
             n = wp.cross(near.edges[own], turned(q, near.edges[other]))
             square = wp.dot(n, n)
             if square > _PARALLEL:
                 u = n / wp.sqrt(square)
-                far = across(near, u) + across(near, turned(back, u))
+                far = across(near, u) + across(near, on_axes(q, u))
                 gap = wp.max(gap, wp.abs(wp.dot(u, c)) - far)
     return gap
 
@@ -354,15 +353,7 @@ def note_ways(
     if (int(fabric.alive[block]) >> lane) & 1 == 0:
         return
     s, n = fabric.slot[block] + lane, fabric.stride
-    # As `time_at` of kernels.py.
-    number = clock.index[0] + wp.int64(step)
-    t = clock.start[0] + wp.float64(number) * clock.start[1]
-    if clock.kick_first == 1 and drifts == clock.drifts.shape[0]:
-        t = clock.start[0] + wp.float64(number + wp.int64(1)) * clock.start[1]
-    else:
-        for i in range(drifts):
-            t = t + clock.drifts[i] * clock.start[1]
-    t = t - near.frame[0]
+    t = time_at(clock, step, drifts) - near.frame[0]
     way, turn = wp.float64(0.0), wp.float64(0.0)
     for k in range(3):
         shift = t * (near.frame[1 + k] + t * near.frame[4 + k])
