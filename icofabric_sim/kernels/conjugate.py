@@ -18,9 +18,9 @@ Vectors are (6, s) arrays, slots last, zero where there is no body. Sums are alw
 order, and no library of linear algebra divides them among threads.
 """
 
-from icofabric_sim.kernels.monitor import sum_of_lanes
 from icofabric_sim.kernels.records import SecondDerivatives
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, splat, store
 import numpy as np
 

@@ -345,13 +345,17 @@ def keep_turning(
 
 
 @compiled
-def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: State) -> float:
-    """Kinetic energy [J] of all driven freedoms, which their paths alone have given."""
+def moving_energy(
+    drives: Drives | None, model: Model, loads: Loads, state: State, first: int, last: int
+) -> float:
+    """
+    Kinetic energy [J] of driven freedoms in blocks first to last, which paths alone have given.
+    """
     total = 0.0
     if drives is None:
         return total
     else:
-        for block in range(model.blocks.slot.shape[0]):
+        for block in range(first, last):
             s = model.blocks.slot[block]
             for m in range(loads.start[block], loads.start[block + 1]):
                 p = path_of(drives, loads.wrench[m])
@@ -373,8 +377,8 @@ def moving_energy(drives: Drives | None, model: Model, loads: Loads, state: Stat
 
 @compiled
 def energy_of_drives(model: Model, loads: Loads, state: State) -> float:
-    """The same, of the drives among the loads."""
-    return moving_energy(loads.drives, model, loads, state)
+    """The same, of the drives among the loads on all blocks."""
+    return moving_energy(loads.drives, model, loads, state, 0, model.blocks.slot.shape[0])
 
 
 @compiled

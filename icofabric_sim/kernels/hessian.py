@@ -25,7 +25,6 @@ from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
 from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.law_tables import tabled_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
-from icofabric_sim.kernels.monitor import sum_of_lanes
 from icofabric_sim.kernels.records import (
     Coulomb,
     Links,
@@ -36,6 +35,7 @@ from icofabric_sim.kernels.records import (
     Variety,
 )
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,

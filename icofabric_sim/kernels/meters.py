@@ -17,7 +17,7 @@ Energies that flow into or out of the bodies, summed up from their powers at Run
 
 from icofabric_sim.kernels.records import Meter
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store, Vector
+from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, splat, store, Vector
 import numpy as np
 
 
@@ -58,6 +58,18 @@ def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) ->
     for block in range(first, last):
         s = slot[block]
         store(meter.power, 0, s, load(meter.power, 12, s))
+
+
+@compiled
+def flowed_in(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> float:
+    """What flowed so far [J] at the bodies of blocks first to last."""
+    total = 0.0
+    if meter is None:
+        return total
+    for block in range(first, last):
+        for s in range(slot[block], slot[block] + LANES):
+            total += meter.done[0, s]
+    return total
 
 
 @compiled

@@ -51,10 +51,10 @@ ALONG = 1e-12
 @compiled
 def obstructed_lanes(
     links: Links | None, shells: Shells | None, blocks: Blocks, orientation: np.ndarray,
-    points: np.ndarray, stride: int
+    points: np.ndarray, stride: int, first: int, last: int
 ) -> Vector:
     """
-    How many connectors enter the shells of the bodies in each lane, of all blocks together.
+    How many connectors enter the shells of bodies in each lane, of blocks first to last together.
 
     A connector that does so at both of its ends counts twice.
     """
@@ -62,7 +62,7 @@ def obstructed_lanes(
     if links is None:
         return total
     else:
-        for block in range(blocks.slot.shape[0]):
+        for block in range(first, last):
             total = total + obstructed_in(
                 shells, links, orientation, points, stride, block, blocks.slot[block])
         return total

@@ -528,6 +528,9 @@ class Work(Record):
     # blocks spread over the fabric, and the weights that make it, see monitor.sample.
     difference: np.ndarray
     weights: np.ndarray
+    # What a health check adds up, of each group of so many blocks and of all (kernels/figures.py).
+    figures: np.ndarray  # (g + 1, FIGURE_COUNT)
+    group: int
     # Velocities of the attachment points [m/s], laid out like them; nothing without damping.
     speeds: np.ndarray
     spent: Meter | None  # by forces that take energy from the motion

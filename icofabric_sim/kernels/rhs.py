@@ -27,11 +27,10 @@ from icofabric_sim.kernels.gyration import turn_by_moments
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
 from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.meters import note_flow
-from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.profiles import factor_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
-from icofabric_sim.kernels.rotations import orthonormalise
+from icofabric_sim.kernels.rotations import orthonormalise, rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,

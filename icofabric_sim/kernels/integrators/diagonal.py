@@ -28,9 +28,9 @@ from icofabric_sim.kernels.connectors import slope_of
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.law_tables import tabled_pull, tabled_slope
-from icofabric_sim.kernels.monitor import rows_of
 from icofabric_sim.kernels.records import Damping, Links, Loads, Model, State, Variety
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,

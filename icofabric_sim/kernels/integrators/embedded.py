@@ -41,7 +41,15 @@ from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.integrators import dop853
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
-from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, save, SAVED_AT, TOO_DEEP, UNSOUND
+from icofabric_sim.kernels.monitor import (
+    conclude,
+    DEEPEST_LIMIT,
+    note_own,
+    save,
+    SAVED_AT,
+    TOO_DEEP,
+    UNSOUND,
+)
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import (
@@ -232,9 +240,11 @@ def look(
     """
     examined = since_check >= check_interval
     status = 0
+    if examined:
+        note_own(model, loads, state, work, team, time, ledger)
     if team.member == 0:
         if examined:
-            status = examine(model, loads, state, work, time, ledger)
+            status = conclude(model, state, work.figures, ledger)
         status |= judge_ways(watch, farthest(watch, team.size), state, time, step)
         if deepest_overlap(model.contacts, team.size) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP

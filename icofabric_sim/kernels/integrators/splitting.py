@@ -35,10 +35,11 @@ from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.integrators.kinked import kinked_steps
 from icofabric_sim.kernels.loads import has_rows, keep_work
 from icofabric_sim.kernels.monitor import (
+    conclude,
     DEEPEST_LIMIT,
-    examine,
     judge_roughness,
     least_scale,
+    note_own,
     REGULAR,
     ROUGHER,
     ROUGHEST,
@@ -284,9 +285,9 @@ def splitting(
                 status |= SWINGS
         if examined:
             since_check = 0
+            note_own(model, loads, state, work, team, origin + (index + done) * h, ledger)
             if team.member == 0:
-                status |= examine(
-                    model, loads, state, work, origin + (index + done) * h, ledger)
+                status |= conclude(model, state, work.figures, ledger)
                 status |= judge_roughness(
                     work, ledger, differences if stages < 4 else check_interval)
         if watched and team.member == 0:

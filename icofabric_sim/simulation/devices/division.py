@@ -22,6 +22,7 @@ that its bodies may touch, once in each evaluation of the forces.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from icofabric_sim.kernels.figures import group_size
 from icofabric_sim.kernels.records import Links
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
@@ -60,8 +61,15 @@ class HaloBytes(NamedTuple):
 
 
 def bounds_of(block_count: int, rank_count: int) -> np.ndarray:
-    """First block of each rank, and the number of blocks at the end, (r + 1,)."""
-    return np.array([block_count * rank // rank_count for rank in range(rank_count + 1)])
+    """
+    First block of each rank, and the number of blocks at the end, (r + 1,).
+
+    A rank has whole groups of blocks, over which sums are formed (kernels/figures.py).
+    """
+    size = group_size(block_count)
+    count = -(-block_count // size)
+    return np.array([
+        min(size * (count * rank // rank_count), block_count) for rank in range(rank_count + 1)])
 
 
 def divide(
@@ -71,14 +79,15 @@ def divide(
     """
     Give each rank its part; `near`: blocks that its bodies may touch, of each.
 
-    Raises ValueError where there are fewer blocks than ranks.
+    Raises ValueError where there are fewer groups of blocks than ranks.
     """
     block_count = len(layout.blocks.slot)
-    if rank_count > block_count:
+    size = group_size(block_count)
+    most = -(-block_count // size)
+    if rank_count > most:
         raise ValueError(
-            f'{rank_count} ranks are too many for {layout.body_count} bodies in {block_count} '
-            f'blocks of {LANES}: at most one rank a block; start mpiexec with -n {block_count} '
-            'or less')
+            f'{rank_count} ranks are too many for {layout.body_count} bodies in {most} blocks of '
+            f'{size * LANES}: at most one rank a block; start mpiexec with -n {most} or less')
     bounds = bounds_of(block_count, rank_count)
     halos = [
         _halo(layout, links, bounds[rank], bounds[rank + 1]) for rank in range(rank_count)]

@@ -20,6 +20,7 @@ from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.pair_steps import done_by, END, PairArrays, PairPart
+from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
@@ -46,6 +47,7 @@ class HeldPair:
         self._states: dict[bool, tuple[State, Work]] = {}
         self._acting: dict[bool, Loads] = {}
         self._around = Surroundings(window)
+        self._saved = SavedPart(self._rows)
 
     def contacts(self, near: NearPairs | None) -> None:
         """Have these pairs from now on."""
@@ -82,6 +84,21 @@ class HeldPair:
         if answer is not None:
             self._transport.wait([self._transport.send(answer, 0)])
 
+    def examine(self, time: float, inside: bool) -> None:
+        """Send the first rank what it needs to know for a health check."""
+        figures = self._steps.examine(self._arrays(True), time, inside=inside)
+        self._transport.wait([self._transport.send(figures, 0)])
+
+    def save(self) -> None:
+        """Save the state, and what loads had done."""
+        now = self._arrays(True)
+        self._saved.save(now.state, now.work, now.loads.work)
+
+    def give_saved(self) -> None:
+        """Send them to the first rank."""
+        self._transport.wait([
+            self._transport.send(row, 0) for row in self._saved.rows])
+
     def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
         """Send the state to the first rank, with some slopes."""
         now, slopes = self._arrays(of_run), range(*which)
@@ -116,4 +133,5 @@ class HeldPair:
         # The points are placed anew in each evaluation, so both states share them.
         return state, Work(
             self._points, aligned_empty((6, 0)), Trail(slopes, stage, start, *np.zeros((4, 1))),
-            None, aligned_empty((7, 0)), np.ones(1), speeds, spent, None, None)
+            None, aligned_empty((7, 0)), np.ones(1), window.figures_room(), window.group, speeds,
+            spent, None, None)

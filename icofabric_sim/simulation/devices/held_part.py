@@ -19,6 +19,7 @@ from icofabric_sim.kernels.records import Loads, Meter, State, Work
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
+from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
@@ -40,6 +41,7 @@ class HeldPart:
         self._loads: Loads | None = None
         self._works: dict[bool, np.ndarray] = {}
         self._around = Surroundings(window)
+        self._saved = SavedPart(self._rows)
 
     def contacts(self, near: NearPairs | None) -> None:
         """Have these pairs from now on."""
@@ -83,6 +85,21 @@ class HeldPart:
                 own = self._steps.blocks
                 requests.append(self._transport.send(arrays.contacts.pushes[own], 0))
             self._transport.wait(requests)
+
+    def examine(self, time: float, inside: bool) -> None:
+        """Send the first rank what it needs to know for a health check."""
+        figures = self._steps.examine(self._arrays(True), time, inside=inside)
+        self._transport.wait([self._transport.send(figures, 0)])
+
+    def save(self) -> None:
+        """Save the state, and what loads had done."""
+        loads, state, work, *_ = self._arrays(True)
+        self._saved.save(state, work, None if loads is None else loads.work)
+
+    def give_saved(self) -> None:
+        """Send them to the first rank."""
+        self._transport.wait([
+            self._transport.send(row, 0) for row in self._saved.rows])
 
     def gather(self, of_run: bool, whole: bool) -> None:
         """Send the state to the first rank."""
@@ -129,5 +146,5 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
         # The points are placed anew in each evaluation, so both states share them.
         states[of_run] = resting(window.slot_count), Work(
             points, acceleration, None, None, aligned_empty((7, 0)), changes,
-            aligned_empty((0,)), spent, None, None, kinks)
+            window.figures_room(), window.group, aligned_empty((0,)), spent, None, None, kinks)
     return states

@@ -33,10 +33,12 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    conclude,
     DEEPEST_LIMIT,
     examine,
     judge_roughness,
     least_scale,
+    looks_inside,
     ROUGHER,
     save,
     SWING,
@@ -118,6 +120,7 @@ class SharedSteps:
                     check_interval, watch, ledger)
             except BaseException as error:
                 self._is_out = self._is_stale = False
+                self._sharing.forget_saved()
                 # Others wait for poses from here.
                 self._transport.fail(error)
                 raise
@@ -179,6 +182,8 @@ class SharedSteps:
             if looks:
                 self._look(arrays, contacts, watch, is_guarded=is_guarded_here)
             examined, status = since_check >= check_interval, 0
+            # What contacts add up to is known here alone.
+            in_parts = examined and contacts is None
             watched, since_check = looks and since_check % stride == 0, (
                 0 if examined else since_check)
             if is_guarded_here:
@@ -189,28 +194,49 @@ class SharedSteps:
                 if ledger[SWING] > limit:
                     status |= SWINGS
             now = origin + (index + done) * h
-            if examined:
+            if in_parts:
+                status |= self._examine(arrays, now, book)
+            elif examined:
                 self._gather(arrays, contacts, of_run=True, whole=False)
                 place_all(model, state, work, 0, blocks)
                 status |= examine(model, loads, state, work, now, ledger)
+            if examined:
                 status |= judge_roughness(
                     work, ledger,
                     self._weights.differences if self._weights.stages < 4 else check_interval)
             if watched and watch is not None:
-                status |= self._judge_ways(arrays, contacts, watch, now, h, gathered=examined)
+                status |= self._judge_ways(
+                    arrays, contacts, watch, now, h, gathered=examined and not in_parts)
                 if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
                     status |= TOO_DEEP
             if examined and not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
                 book.saved_at = done
-                save(model, state, saved, 0, blocks)
-                if contacts is not None:
-                    save_stretches(contacts.losses, team_of_one())
-                keep_work(loads, 0, blocks)
+                if in_parts:
+                    self._sharing.save(state, work, loads, saved, keeps_work=True)
+                else:
+                    self._sharing.forget_saved()
+                    save(model, state, saved, 0, blocks)
+                    if contacts is not None:
+                        save_stretches(contacts.losses, team_of_one())
+                    keep_work(loads, 0, blocks)
             if status:
                 return int(status), done, since_check
         if not of_run:
             self._gather(arrays, contacts, of_run=False, whole=True)
         return 0, done, since_check
+
+    def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
+        """Status bits of the state at `now` [s], as `examine` finds them; ranks keep theirs."""
+        assert self._own is not None
+        inside = bool(looks_inside(book.numbers))
+        self._sharing.order('examine', now, inside)
+        own = self._own.examine(arrays, now, inside=inside)
+        roughest = self._sharing.gather_figures(own, arrays.work.figures)
+        book.roughest = max(book.roughest, roughest)
+        # Any number that is too large is none.
+        with np.errstate(all='ignore'):
+            return int(conclude(
+                self._packed.model, arrays.state, arrays.work.figures, book.numbers))
 
     def _look(
         self, arrays: Arrays, contacts: Contacts | None, watch: Watch | None, *,

@@ -40,8 +40,10 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import (
+    conclude,
     DEEPEST_LIMIT,
     examine,
+    looks_inside,
     save,
     SAVED_AT,
     TOO_DEEP,
@@ -164,6 +166,7 @@ class SharedPair:
                 return int(status), int(done), int(since_check)
             except BaseException as error:
                 self._is_out = self._is_stale = False
+                self._sharing.forget_saved()
                 # Others wait for poses from here.
                 self._transport.fail(error)
                 raise
@@ -368,7 +371,11 @@ class SharedPair:
                 contacts.deepest[0] = 0.0
             for found in self._asked('look'):
                 note_look(contacts, watch, found)
-        if examined:
+        # What contacts add up to is known here alone.
+        in_parts = examined and contacts is None and self._of_run
+        if in_parts:
+            status = self._examine(time, ledger)
+        elif examined:
             self._have_state()
             place_all(model, state, work, 0, last)
             status = examine(model, loads, state, work, time, ledger)
@@ -386,10 +393,23 @@ class SharedPair:
             since_check = 0
             if not status & (UNSOUND | TOO_DEEP | MISSED):
                 ledger[SAVED_AT] = done
+                if in_parts:
+                    self._sharing.save(state, work, loads, saved, keeps_work=False)
+                    return int(status), since_check
+                self._sharing.forget_saved()
                 save(model, state, saved, 0, last)
                 if contacts is not None:
                     save_stretches(contacts.losses, team_of_one())
         return int(status), since_check
+
+    def _examine(self, time: float, ledger: np.ndarray) -> int:
+        """Status bits of the state at `time` [s], as `examine` finds them; ranks keep theirs."""
+        assert self._own is not None and self._now is not None
+        work, inside = self._now.work, bool(looks_inside(ledger))
+        self._sharing.order('examine', time, inside)
+        own = self._own.examine(self._now, time, inside=inside)
+        self._sharing.gather_figures(own, work.figures)
+        return int(conclude(self._packed.model, self._now.state, work.figures, ledger))
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""

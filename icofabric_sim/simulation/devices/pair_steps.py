@@ -29,6 +29,8 @@ from icofabric_sim.kernels.contact.losses import (
     repeat_stretches,
     touch_moving,
 )
+from icofabric_sim.kernels.figures import note_figures
+from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.embedded import DENSE, LAST, Pair, repeat_slope
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
@@ -139,6 +141,22 @@ class PairPart:
         """Do a piece of a step by its name; returns what the first rank has to know of it."""
         found: np.ndarray | None = getattr(self, f'_{what}')(arrays, *words)
         return found
+
+    def examine(self, arrays: PairArrays, time: float, *, inside: bool) -> np.ndarray:
+        """
+        Add up what a health check at `time` [s] has to know of this part.
+
+        As `note_figures`; the last row is not of this part.
+        """
+        loads, state, work, contacts, _ = arrays
+        first, last = self._exchange.first, self._exchange.last
+        place_all(self._model, state, work, first, last)
+        self._put(self._send(state, contacts), state, work, contacts)
+        figures = work.figures[:-(-(last - first) // work.group) + 1]
+        note_figures(
+            self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
+        figures[-1] = 0.0
+        return figures
 
     def _model_with(self, contacts: Contacts | None) -> Model:
         if contacts is None:
@@ -258,6 +276,8 @@ class PairPart:
         loads, state, work, contacts, watch = arrays
         model, trail, none = self._model_with(contacts), arrays.trail, np.zeros(0, np.int32)
         slot, pair, number = model.blocks.slot, self._pair, np.int64(0)
+        place_all(self._model, state, work, 0, 0)
+        note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
         place_blocks(self._model, loads, state, work, 0.0, 0, 0)
         find_slopes(model, loads, state, work, 0.0, trail.slopes[0], number, 0, 0)
         for take, put, rows in ((take_poses, put_poses, POSE), (take_stage, put_stage, STAGE)):

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 from icofabric_sim.kernels.contact.displacement import ways_of
 from icofabric_sim.kernels.contact.losses import touch_ahead
 from icofabric_sim.kernels.contact.stiffness import note_pushes
+from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
@@ -174,6 +175,23 @@ class PartSteps:
             note_pushes(
                 arrays.contacts, self._model, self._exchange.first, self._exchange.last)
 
+    def examine(self, arrays: Arrays, time: float, *, inside: bool) -> np.ndarray:
+        """
+        Add up what a health check at `time` [s] has to know of this part.
+
+        As `note_figures`, but that the last row begins with how rough the motion was at most.
+        """
+        exchange, (loads, state, work, _, _) = self._exchange, arrays
+        first, last = exchange.first, exchange.last
+        # Of others the last that was heard may be before the end of the step.
+        self._put_poses(self._send_poses(state), arrays)
+        place_all(self._model, state, work, first, last)
+        figures = work.figures[:-(-(last - first) // work.group) + 1]
+        note_figures(
+            self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
+        figures[-1, 0] = self.take_roughest()
+        return figures
+
     @property
     def blocks(self) -> slice:
         """Its own blocks, by their numbers in the arrays of the model."""
@@ -212,6 +230,8 @@ class PartSteps:
                 lead = contacts.losses.lead
                 take_motions(state, lead, no_slots, _room(0, MOTION))
                 put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
+        place_all(self._model, state, work, 0, 0)
+        note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
         push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(

@@ -23,11 +23,13 @@ import socket
 from typing import Any
 import weakref
 
-from icofabric_sim.kernels.records import Contacts, Loads, Model, Watch
+from icofabric_sim.kernels.figures import group_size
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
 from icofabric_sim.simulation.devices.near_pairs import watch_stub
+from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
@@ -73,6 +75,11 @@ class Sharing:
         self._acting: tuple[Any, ...] = ()
         self._written: list[np.ndarray] = []
         self.acts = False  # whether anything acts on any body
+        self._has_loads = False  # whether ranks have loads, if only empty ones
+        self._saved = SavedPart(self.rows[0])
+        # Where what ranks have saved belongs here; what had flowed, once it has been brought.
+        self._saved_for: tuple[State, Loads, np.ndarray | None, bool, bool] | None = None
+        self._flows: dict[str, np.ndarray] = {}
         self._require_room()
         transport.holders.add(self)
         # At the end of the interpreter there is no further order that it could go with.
@@ -100,11 +107,76 @@ class Sharing:
 
     @property
     def has_saved(self) -> bool:
-        """The saved state is on this rank."""
-        return False
+        """Whether each rank has the part of the state that was saved last."""
+        return self._saved_for is not None
 
-    def take_saved(self) -> None:
-        """Do nothing: it is here."""
+    def take_saved(self) -> dict[str, np.ndarray]:
+        """Have it whole on this one; returns what had flowed by then [J], by its name."""
+        try:
+            with self.transport.alone():
+                self._bring_saved()
+        finally:
+            self.forget_saved()
+        return self._flows
+
+    def save(
+        self, state: State, work: Work, loads: Loads, saved: State, *, keeps_work: bool
+    ) -> None:
+        """
+        Have each rank save the state of its bodies, which belongs into `saved` here.
+
+        `keeps_work`: the work of the loads belongs into their `earlier_work`.
+        """
+        self.order('save')
+        own = self.rows_of_loads(loads, 0)
+        self._saved.save(state, work, loads.work[own] if self._has_loads else None)
+        spent = None if work.spent is None else np.empty_like(work.spent.done)
+        self._saved_for, self._flows = (saved, loads, spent, self._has_loads, keeps_work), {}
+
+    def forget_saved(self) -> None:
+        """The state was saved here, or is lost with the ranks."""
+        self._saved_for = None
+
+    def _bring_saved(self) -> None:
+        """Have here what the ranks have saved, unless it is."""
+        if self._saved_for is None or self._flows:
+            return
+        saved, loads, spent, acted, keeps_work = self._saved_for
+        tables, done = saved_tables(saved, spent), np.zeros_like(loads.work)
+        self.order('give_saved')
+        self._saved.put(tables)
+        if acted:
+            done[self.rows_of_loads(loads, 0)] = self._saved.rows[-1]
+        for rank in self.others:
+            self.rows[rank].receive(self.transport, tables, rank)
+            if acted:
+                self.receive(done[self.rows_of_loads(loads, rank)], rank)
+        if keeps_work:
+            loads.earlier_work[:] = done
+        self._flows = {'work': done} if spent is None else {'work': done, 'spent': spent}
+
+    def gather_figures(self, own: np.ndarray, figures: np.ndarray) -> float:
+        """
+        Have the `figures` of all groups in place; returns how rough the motion was at most.
+
+        `own` are those of this rank: as the others send theirs, with the roughest at the end.
+        """
+        size = group_size(len(self.packed.layout.blocks.slot))
+        at, roughest = len(own) - 1, float(own[-1, 0])
+        figures[:at] = own[:-1]
+        for rank in self.others:
+            part = self.parts[rank]
+            there = np.empty((-(-(part.last - part.first) // size) + 1, own.shape[1]))
+            self.receive(there, rank)
+            figures[at:at + len(there) - 1] = there[:-1]
+            at, roughest = at + len(there) - 1, max(roughest, float(there[-1, 0]))
+        return roughest
+
+    def bring_all(self) -> None:
+        """Have here all that ranks hold, also what was saved: they are about to end."""
+        self.take_over()
+        with self.transport.alone():
+            self._bring_saved()
 
     def take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
@@ -151,6 +223,8 @@ class Sharing:
         `samples`: blocks of each part in which the roughness is judged; `spends`: forces take
         energy.
         """
+        # With their windows ranks lose what they have saved.
+        self._bring_saved()
         layout, self._acting = self.packed.layout, ()
         self._slots = [slots_of(model, layout, part) for part in self.parts]
         for rank in self.others:
@@ -186,9 +260,10 @@ class Sharing:
             return False
         self._acting, self._written = acting, [values.copy() for values in written]
         self.acts = len(loads.wrench) > 0
+        self._has_loads = self.acts or stages > 0
         for rank in self.others:
             own = None
-            if self.acts or stages:
+            if self._has_loads:
                 own = loads_of(loads, self.parts[rank], self._slots[rank], stages=stages)
             self.transport.send_order(('loads', self.number, own), rank)
         return True

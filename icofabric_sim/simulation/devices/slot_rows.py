@@ -51,6 +51,22 @@ class SlotRows:
             transport.wait([transport.receive(values, rank)])
             row[self._index] = values
 
+    def copied(
+        self, tables: Sequence[np.ndarray], kept: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
+        """Copy the rows of all `tables`, into the arrays of those that were copied before."""
+        rows = list(_rows(tables))
+        kept = kept[:len(rows)] if len(kept) >= len(rows) else [
+            np.empty(self.count) for _ in rows]
+        for row, copy in zip(rows, kept):
+            copy[:] = row[self._index]
+        return list(kept)
+
+    def put(self, rows: Sequence[np.ndarray], tables: Sequence[np.ndarray]) -> None:
+        """Have such copies back in tables."""
+        for row, copy in zip(_rows(tables), rows):
+            row[self._index] = copy
+
     def copy(self, source: np.ndarray, target: np.ndarray) -> None:
         """Copy them from one table to another."""
         target[:, self._index] = source[:, self._index]

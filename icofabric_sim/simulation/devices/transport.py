@@ -24,13 +24,12 @@ import math
 import os
 import threading
 import time
-from typing import Any
+from typing import Any, Protocol
 import weakref
 
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import aligned_empty
-from icofabric_sim.simulation.stepping.methods import StateHolder
 import numpy as np
 
 _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
@@ -46,6 +45,13 @@ _FAREWELL = 5.0
 _unsent: list[Any] = []
 
 
+class Holder(Protocol):
+    """Has put a run, or parts of it, in the hands of the other ranks."""
+
+    def bring_all(self) -> None:
+        """Have all of it here."""
+
+
 class Transport:
     """What ranks send each other, in a communicator of their own."""
 
@@ -59,7 +65,7 @@ class Transport:
         # collector of garbage, at any moment, and must not send.
         self.dropped: list[int] = []
         # Those of the simulations that are there.
-        self.holders: weakref.WeakSet[StateHolder] = weakref.WeakSet()
+        self.holders: weakref.WeakSet[Holder] = weakref.WeakSet()
         # Small messages under way: kept until they have left.
         self._sent: list[Any] = []
         self.has_ended = False
@@ -96,7 +102,7 @@ class Transport:
         """
         if not (self.has_failed or self.has_ended):
             for holder in list(self.holders):
-                holder.take_over()
+                holder.bring_all()
             with self.alone():
                 self.order(('end', status))
                 self._send_off(math.inf)

@@ -21,6 +21,7 @@ places of neighbours are other numbers, and all else is the same.
 
 from typing import NamedTuple
 
+from icofabric_sim.kernels.figures import figures_room, group_size
 from icofabric_sim.kernels.records import (
     Blocks,
     Loads,
@@ -37,9 +38,9 @@ from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EA
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
-# Doubles that a rank holds for each slot: state and its trial, accelerations of both, points; and
-# what steps need that follow where slopes jump.
-_DOUBLES_EACH, _KINKS_EACH = 2 * 13 + 2 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
+# Doubles that a rank holds for each slot: state, its trial and the one that was saved,
+# accelerations of the first two, points; and what steps need that follow where slopes jump.
+_DOUBLES_EACH, _KINKS_EACH = 3 * 13 + 2 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
 
 # Slopes of the stages, what a stage and the start of a step are, of both states; speeds of points.
 _PAIR_EACH = 2 * (16 * 13 + 2 * 13 + 18)
@@ -93,8 +94,13 @@ class Window(NamedTuple):
     exchange: Exchange
     slot_count: int
     known: np.ndarray  # (b,) uint8, as Blocks.alive, with the bodies of others
+    group: int  # blocks in a group, over which sums are formed
     watch: Watch | None = None  # without places; None: nothing can touch
     spends: bool = False  # whether contacts take energy
+
+    def figures_room(self) -> np.ndarray:
+        """Room for what is added up of its own blocks."""
+        return figures_room(self.exchange.last - self.exchange.first, self.group)
 
 
 def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
@@ -175,14 +181,18 @@ def window_of(
     gyration = model.gyration
     if gyration is not None:
         gyration = gyration._replace(moments=cut(gyration.moments))
+    shells = model.shells
+    if shells is not None:
+        shells = shells._replace(deeper=cut(shells.deeper))
     numbers = np.zeros(len(layout.blocks.slot), np.int64)
     numbers[blocks] = np.arange(len(blocks))
     return Window(
         model._replace(
             blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
             supports=supports, masses=masses, contacts=None, damping=damping, maxwell=maxwell,
-            magnet=magnet, gyration=gyration),
-        _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy())
+            magnet=magnet, gyration=gyration, shells=shells),
+        _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy(),
+        group_size(len(layout.blocks.slot)))
 
 
 def pair_bytes_of(slot_count: int, *, touching: bool, spends: bool) -> int:

@@ -29,6 +29,7 @@ from icofabric_sim.geometry.rotations import (
     quaternions_from_cosines,
     unit_quaternions,
 )
+from icofabric_sim.kernels.figures import figures_room, group_size
 from icofabric_sim.kernels.law_tables import PIECE
 from icofabric_sim.kernels.records import (
     Blocks,
@@ -211,8 +212,10 @@ class Layout:
         speeds = aligned_empty(points.shape if damped else (0,))
         speeds[:] = 0.0
         spent = self.meter() if metered else None
+        group = group_size(len(self.blocks.slot))
         return Work(
-            points, acceleration, trail, None, difference, weights, speeds, spent, None, None)
+            points, acceleration, trail, None, difference, weights,
+            figures_room(len(self.blocks.slot), group), group, speeds, spent, None, None)
 
     def kinks(self, links: Links | None) -> Kinks | None:
         """Room for steps in which slopes jump; None where none does, or laws are by table."""

@@ -20,8 +20,8 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.frequency_bound import field_bound, frequency_bound
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.monitor import field_bound, frequency_bound
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.wrap.forces import largest_wrapping_bound
 from icofabric_sim.simulation.model.anchor_stiffness import anchors_eigenvalue

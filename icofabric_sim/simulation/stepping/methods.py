@@ -50,8 +50,12 @@ class StateHolder(Protocol):
     def has_saved(self) -> bool:
         """Whether the state that was saved last is there, and not in this process."""
 
-    def take_saved(self) -> None:
-        """Have it in the arrays of this process, with the work that loads had done."""
+    def take_saved(self) -> dict[str, np.ndarray]:
+        """
+        Have it in the arrays of this process, with the work that loads had done.
+
+        Returns what had flowed by then [J], by name: `work` of the loads, and what meters showed.
+        """
 
     def take_over(self) -> None:
         """Have it whole in the arrays of this process, which may change it."""

@@ -96,9 +96,12 @@ class StepMonitor:
         if exact:
             self._rates.measure()
         ledger.high, ledger.low, ledger.spin_weight = math.inf, 0.0, 1.0
+        model = trajectory.model
+        # A state that comes from ranks or a device comes without its attachment points.
+        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
         monitor.examine(
-            trajectory.model, trajectory.loads, trajectory.state, trajectory.work,
-            trajectory.time, ledger.numbers)
+            model, trajectory.loads, trajectory.state, trajectory.work, trajectory.time,
+            ledger.numbers)
         if self._is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every check: the bound may be three times as high, its own growth says nothing.

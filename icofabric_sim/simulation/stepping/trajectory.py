@@ -125,11 +125,10 @@ class Trajectory:
         holder = self.method.holder
         if holder is not None and holder.has_saved:
             try:
-                holder.take_saved()
+                self._flows |= holder.take_saved()
             except ElsewhereError as error:
                 self.lose_steps(error)
             self._saved_here = self._saved_time
-            self._flows['work'] = self._loads.earlier_work.copy()
         return self._saved
 
     @property

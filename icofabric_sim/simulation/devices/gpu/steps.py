@@ -177,13 +177,14 @@ class DeviceSteps:
         """Whether the state that was saved last is on the device, and not here."""
         return self._saved_for is not None
 
-    def take_saved(self) -> None:
+    def take_saved(self) -> dict[str, np.ndarray]:
         """Have it here, with the work that loads had done."""
         if self._saved_for is None:
-            return
+            return {}
         (saved, loads), self._saved_for = self._saved_for, None
         with TURN, self._named_failure():
             self._state.take_saved(saved, loads.earlier_work)
+        return {'work': loads.earlier_work.copy()}
 
     def _named_failure(self) -> AbstractContextManager[None]:
         """Let what goes wrong be a failure of the device; the state there is lost."""

@@ -1,0 +1,194 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a health check adds up of all bodies: energies, work, the largest frequency, spin, coordinate.
+
+Blocks lie in groups that depend on the number of blocks alone. A group is added up by one thread
+or rank, and the groups in their order, so sums have the same bits whoever has formed which.
+"""
+
+from icofabric_sim.kernels.anchors import anchor_look
+from icofabric_sim.kernels.drives import moving_energy
+from icofabric_sim.kernels.frequency_bound import bound_and_energies
+from icofabric_sim.kernels.gyration import turning_square
+from icofabric_sim.kernels.masses import weights_of
+from icofabric_sim.kernels.meters import flowed_in
+from icofabric_sim.kernels.obstruction import obstructed_lanes
+from icofabric_sim.kernels.records import Gravity, Loads, Model, State, Work, Wrapping
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lane_reductions import largest_lane, sum_of_lanes
+from icofabric_sim.kernels.runtime.lanes import fabs, fma, LANES, load, maximum, splat, Vector
+from icofabric_sim.kernels.wrap.forces import wrapping_look
+import numpy as np
+
+# Sums. Energies [J] of connectors, of moments and ways around shells, of fields and of anchors;
+# magnitudes of tensions [N]; twice the kinetic energies of unit mass and unit inertia, and minus
+# the energy of the height, of unit mass; work [J] of the loads and its magnitudes, what forces
+# that depend on velocities have taken [J], what a body force has given [J], what drives alone have
+# given [J]; ends of connectors in their shells.
+LINKS, MOMENTS, FIELDS, ANCHORS, PULLS, MOVING, TURNING, WEIGHT, DONE, DONE_SIZE = range(10)
+TAKEN, GIVEN, DRIVEN, INSIDE, SUMMED = range(10, 15)
+# Largest values: bound of the squared frequency [1/s^2], squared spin [1/s^2], coordinate [m].
+STIFFEST, FASTEST, FARTHEST, FIGURE_COUNT = range(14, 18)
+# Groups are of so many blocks, but so many groups at least if there are blocks for them, and at
+# most: ranks have whole groups, and the sums of all groups are added up by one.
+_GOOD_SIZE, _FEWEST, _MOST = 8, 512, 16384
+
+
+def group_size(block_count: int) -> int:
+    """Count the blocks of a group in a fabric of so many blocks."""
+    return max(1, min(_GOOD_SIZE, block_count // _FEWEST), -(-block_count // _MOST))
+
+
+def figures_room(block_count: int, size: int) -> np.ndarray:
+    """Room for the figures of so many blocks in groups of `size`, and for their totals."""
+    return np.zeros((-(-block_count // size) + 1, FIGURE_COUNT))
+
+
+@compiled
+def note_figures(
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, looks_inside: bool,
+    first: int, last: int, end: int
+) -> None:
+    """
+    Add up groups first to last of `work.group` blocks, none from block `end` on.
+
+    Into `work.figures`, at `time` [s], with attachment points in place. `looks_inside`: count
+    connectors in shells.
+    """
+    for group in range(first, last):
+        row = work.figures[group]
+        begin = group * work.group
+        stop = min(begin + work.group, end)
+        zero = splat(0.0)
+        largest, spin, linear, angular, height, extent = zero, zero, zero, zero, zero, zero
+        linked, bent, field, anchored, tensions = zero, zero, zero, zero, zero
+        for block in range(begin, stop):
+            s = model.blocks.slot[block]
+            bound, straight, around, potential, pulls = bound_and_energies(
+                model, state, work, block, s)
+            linked, bent, field = linked + straight, bent + around, field + potential
+            tensions = tensions + pulls
+            more, part = anchored_part(loads, model, state, block, s, time)
+            bound, anchored = bound + more, anchored + part
+            largest = maximum(bound, largest)
+            square = zero
+            heavy, slow = weights_of(model.masses, s)
+            for k in range(3):
+                v, o = load(state.linear_velocity, k, s), load(state.angular_velocity, k, s)
+                linear = fma(heavy * v, v, linear)
+                square = fma(o, o, square)
+            angular = fma(slow, turning_square(
+                model.gyration, state.orientation, state.angular_velocity, s, square), angular)
+            spin = maximum(square, spin)
+            for k in range(3):
+                # Also with no weight: what is not finite shows in the sum.
+                weight, place = splat(gravity_along(model.gravity, k)), load(state.position, k, s)
+                height = fma(heavy * weight, place, height)
+                extent = maximum(fabs(place), extent)
+        row[LINKS], row[MOMENTS] = sum_of_lanes(linked), sum_of_lanes(bent)
+        row[FIELDS], row[ANCHORS] = sum_of_lanes(field), sum_of_lanes(anchored)
+        row[PULLS], row[WEIGHT] = sum_of_lanes(tensions), sum_of_lanes(height)
+        row[MOVING], row[TURNING] = sum_of_lanes(linear), sum_of_lanes(angular)
+        row[STIFFEST], row[FASTEST] = largest_lane(largest), largest_lane(spin)
+        row[FARTHEST] = largest_lane(extent)
+        row[DONE], row[DONE_SIZE], row[DRIVEN] = done_in(loads, model, state, begin, stop)
+        row[TAKEN] = flowed_in(work.spent, model.blocks.slot, begin, stop)
+        row[GIVEN] = flowed_in(work.given, model.blocks.slot, begin, stop)
+        row[INSIDE] = 0.0
+        if looks_inside:
+            row[INSIDE] = sum_of_lanes(obstructed_ends(
+                model.wrapping, model, state, work.points, begin, stop))
+
+
+@compiled
+def fold_figures(figures: np.ndarray) -> np.ndarray:
+    """Sums and largest values of all groups, in their order: the last row of `figures`."""
+    count = figures.shape[0] - 1
+    totals = figures[count]
+    totals[:] = 0.0
+    for group in range(count):
+        row = figures[group]
+        for k in range(SUMMED):
+            totals[k] += row[k]
+        for k in range(STIFFEST, FIGURE_COUNT):
+            totals[k] = max(totals[k], row[k])
+    return totals
+
+
+@compiled
+def anchored_part(
+    loads: Loads | None, model: Model, state: State, block: int, s: int, time: float
+) -> tuple[Vector, Vector]:
+    """What anchors of a block add to the bound of the squared frequency [1/s^2]; energy [J]."""
+    bound, energy = splat(0.0), splat(0.0)
+    if loads is None:
+        return bound, energy
+    else:
+        for m in range(loads.start[block], loads.start[block + 1]):
+            more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
+            bound, energy = bound + more, energy + part
+        return bound, energy
+
+
+@compiled
+def done_in(
+    loads: Loads | None, model: Model, state: State, first: int, last: int
+) -> tuple[float, float, float]:
+    """
+    Work [J] of the present loads on blocks first to last, and its magnitudes.
+
+    Of each on each body; then the kinetic energy of driven freedoms, which paths alone have given.
+    """
+    total, size = 0.0, 0.0
+    if loads is None:
+        return total, size, 0.0
+    else:
+        for m in range(LANES * loads.start[first], LANES * loads.start[last]):
+            total += loads.work[m]
+            size += abs(loads.work[m])
+        return total, size, moving_energy(loads.drives, model, loads, state, first, last)
+
+
+@compiled
+def obstructed_ends(
+    wrapping: Wrapping | None, model: Model, state: State, points: np.ndarray, first: int,
+    last: int
+) -> Vector:
+    """
+    Ends of connectors in the shells they are attached to, at bodies of blocks first to last.
+
+    Of those that lie around: without a way.
+    """
+    if wrapping is None:
+        return obstructed_lanes(
+            model.links, model.shells, model.blocks, state.orientation, points,
+            state.position.shape[1], first, last)
+    else:
+        total = splat(0.0)
+        for block in range(first, last):
+            _, _, lost = wrapping_look(
+                wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
+                state.position, state.orientation, state.rest, points, block,
+                model.blocks.slot[block])
+            total = total + lost
+        return total
+
+
+@compiled
+def gravity_along(gravity: Gravity | None, k: int) -> float:
+    """Gravity [m/s^2] along an axis."""
+    if gravity is None:
+        return 0.0
+    return float(gravity.acceleration[k])

@@ -1,0 +1,251 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A bound of the largest frequency of a fabric, body by body, and the energies found beside it."""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.connectors import arm_of, slope_of
+from icofabric_sim.kernels.fields import field_parts
+from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
+from icofabric_sim.kernels.maxwell import maxwell_look
+from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
+from icofabric_sim.kernels.records import LawTables, Links, Model, State, Variety, Work
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
+from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
+from icofabric_sim.kernels.runtime.lanes import (
+    bits,
+    fabs,
+    fma,
+    load,
+    load_at,
+    maximum,
+    rsqrt,
+    splat,
+    sqrt,
+    Vector,
+    where,
+)
+from icofabric_sim.kernels.wrap.forces import wrapping_look
+import numpy as np
+
+Row = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
+Block = tuple[Row, Row, Row, Row, Row, Row]
+
+
+@compiled
+def block_bound(
+    links: Links | None, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
+    position: np.ndarray, block: int, s: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Bound of the squared frequency [1/s^2] for each body of a block; connector energy and tension.
+
+    The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies
+    is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
+    du_i = dx_i + dtheta_i x s_i. From (x - y)^2 <= 2 x^2 + 2 y^2 it is at most the sum over both
+    ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2 + |f| |s| |dtheta_i|^2, a block-diagonal form:
+    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Each 6 x 6
+    block is bounded by the largest absolute row sum of its square. In the woven rest state the
+    bound is close, because neighbours that move against each other make (x - y)^2 =
+    2 x^2 + 2 y^2. Half of each connector's energy [J] and of the magnitude of its tension [N]
+    counts for either end.
+    """
+    zero = splat(0.0)
+    energy = zero
+    if links is None:
+        return zero, energy, zero
+    else:
+        root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
+        stride = position.shape[1]
+        square = links.half_width ** 2
+        stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
+        # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and Schwarz,
+        # y mass-scaled.
+        spread = splat(2.0 * (inverse_mass + square * inverse_inertia))
+        moment = splat(links.half_width * inverse_inertia)
+        tension, pulls = zero, zero
+        b00, b01, b02, b03, b04, b05 = zero, zero, zero, zero, zero, zero
+        b11, b12, b13, b14, b15, b22 = zero, zero, zero, zero, zero, zero
+        b23, b24, b25, b33, b34, b35 = zero, zero, zero, zero, zero, zero
+        b44, b45, b55 = zero, zero, zero
+        for edge in range(6):
+            at = 3 * edge * stride + s
+            px, py = load_at(points, at), load_at(points, at + stride)
+            pz = load_at(points, at + 2 * stride)
+            sx, sy, sz = arm_of(links.attachment, points, position, edge, s)
+            sx, sy, sz = sx * splat(root_i), sy * splat(root_i), sz * splat(root_i)
+            for link in range(2 * edge, 2 * edge + 2):
+                place = links.place[block, link]
+                there = bits(links.present[block, link])
+                ux = load_at(points, place) - px
+                uy = load_at(points, place + stride) - py
+                uz = load_at(points, place + 2 * stride) - pz
+                squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
+                inverse = where(there, rsqrt(squared), zero)
+                stretch, pull, root_k = bound_parts(
+                    links.variety, link, s, squared, inverse, stiffness, minus_rest)
+                pull = tabled_pull(
+                    links.tables, links.variety, link, s, squared * inverse, pull)
+                stretch, pull = where(there, stretch, zero), where(there, pull, zero)
+                energy = stored_part(
+                    links.tables, links.variety, link, s, there, squared * inverse, stretch, pull,
+                    energy)
+                tension = fma(maximum(pull, zero), inverse, tension)
+                pulls = pulls + fabs(pull)
+                weight = inverse * root_k
+                nx, ny, nz = ux * weight, uy * weight, uz * weight
+                r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
+                r3, r4, r5 = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+                b00, b01, b02 = fma(r0, r0, b00), fma(r0, r1, b01), fma(r0, r2, b02)
+                b03, b04, b05 = fma(r0, r3, b03), fma(r0, r4, b04), fma(r0, r5, b05)
+                b11, b12, b13 = fma(r1, r1, b11), fma(r1, r2, b12), fma(r1, r3, b13)
+                b14, b15, b22 = fma(r1, r4, b14), fma(r1, r5, b15), fma(r2, r2, b22)
+                b23, b24, b25 = fma(r2, r3, b23), fma(r2, r4, b24), fma(r2, r5, b25)
+                b33, b34, b35 = fma(r3, r3, b33), fma(r3, r4, b34), fma(r3, r5, b35)
+                b44, b45, b55 = fma(r4, r4, b44), fma(r4, r5, b45), fma(r5, r5, b55)
+        block_rows = (
+            (b00, b01, b02, b03, b04, b05), (b01, b11, b12, b13, b14, b15),
+            (b02, b12, b22, b23, b24, b25), (b03, b13, b23, b33, b34, b35),
+            (b04, b14, b24, b34, b44, b45), (b05, b15, b25, b35, b45, b55))
+        largest = largest_of_block(block_rows)
+        # Where connectors have their own laws, the roots of their stiffnesses are in the sums.
+        twice = splat(2.0 * links.stiffness if links.variety is None else 2.0)
+        bound = fma(twice, largest, fma(spread, tension, moment * pulls))
+        share = 0.25 * links.stiffness if links.variety is None else 0.25
+        return bound, energy * splat(share), splat(0.5) * pulls
+
+
+@inlined
+def largest_of_block(rows: Block) -> Vector:
+    """
+    Bound of the largest eigenvalue of a symmetric block B: the root of that of B B.
+
+    A largest absolute row sum bounds every eigenvalue; of the square it is closer to the largest,
+    as the others count less: 1.1 instead of 1.2 times it where a fabric moves.
+    """
+    most = splat(0.0)
+    scale = splat(0.0)
+    for k in range(6):
+        scale = maximum(scale, rows[k][k])
+    # Squares of what may be large or small: in parts of the largest on the diagonal.
+    inverse = splat(1.0) / maximum(scale, splat(1e-300))
+    for k in range(6):
+        total = splat(0.0)
+        for m in range(6):
+            entry = splat(0.0)
+            for n in range(6):
+                entry = fma(rows[k][n] * inverse, rows[n][m] * inverse, entry)
+            total = total + fabs(entry)
+        most = maximum(most, total)
+    return scale * sqrt(most)
+
+
+@compiled
+def bound_parts(
+    variety: Variety | None, link: int, s: int, squared: Vector, inverse: Vector,
+    stiffness: Vector, minus_rest: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Stretch [m], tension [N] and root of the largest slope of a connector, 1 where all are alike.
+
+    The larger of k_e and k_c counts: between two looks a connector may come from one to the other.
+    """
+    if variety is None:
+        stretch = fma(squared, inverse, minus_rest)
+        return stretch, stiffness * stretch, splat(1.0)
+    else:
+        k, rest = slope_of(variety, link, s, squared)
+        stretch = squared * inverse - rest
+        most = maximum(load(variety.extension, link, s), load(variety.compression, link, s))
+        return stretch, k * stretch, sqrt(most)
+
+
+@compiled
+def stored_part(
+    tables: LawTables | None, variety: Variety | None, link: int, s: int, there: Any,
+    length: Vector, stretch: Vector, pull: Vector, energy: Vector
+) -> Vector:
+    """Add the energy of a connector, by a table where it has one, but for a common factor."""
+    if tables is None:
+        return energy_part(variety, stretch, pull, energy)
+    else:
+        double = tabled_energy(
+            tables, variety, link, s, length, splat(0.5) * (stretch * pull))
+        return energy + where(there, double + double, splat(0.0))
+
+
+@compiled
+def energy_part(
+    variety: Variety | None, stretch: Vector, pull: Vector, energy: Vector
+) -> Vector:
+    """Add the energy of a connector, but for a common factor."""
+    if variety is None:
+        return fma(stretch, stretch, energy)
+    else:
+        return fma(stretch, pull, energy)
+
+
+@compiled
+def bound_and_energies(
+    model: Model, state: State, work: Work, block: int, s: int
+) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """
+    Bound of the squared frequency [1/s^2] of each body of a block, and its stored energies [J].
+
+    Those of connectors, of moments and ways around shells, and of fields; then the magnitudes of
+    tensions [N]. Of a sum of energies the bound is the sum of their bounds.
+    """
+    bound, linked, pulls = block_bound(
+        model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
+        block, s)
+    more, bent = bending_look(
+        model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
+        state.orientation, work.points, block, s)
+    most, twisted = twisting_look(
+        model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
+    field, potential = field_parts(
+        model.dipole, model.coulomb, model, state, model.blocks.alive[block], s)
+    around, wound, _ = wrapping_look(
+        model.wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
+        state.position, state.orientation, state.rest, work.points, block, s)
+    arms, held = maxwell_look(
+        model.maxwell, model.links, model.inverse_mass, model.inverse_inertia, state.rest,
+        work.points, state.position.shape[1], block, s)
+    return (
+        bound + more + most + field + around + arms, linked + held, bent + twisted + wound,
+        potential, pulls)
+
+
+@compiled
+def frequency_bound(model: Model, state: State, work: Work) -> float:
+    """Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`."""
+    largest = splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        bound, _, _, _, _ = bound_and_energies(
+            model, state, work, block, model.blocks.slot[block])
+        largest = maximum(bound, largest)
+    return largest_lane(largest)
+
+
+@compiled
+def field_bound(model: Model, state: State) -> float:
+    """What electric fields add to that at most [1/s^2]."""
+    largest = splat(0.0)
+    for block in range(model.blocks.slot.shape[0]):
+        bound, _ = field_parts(
+            model.dipole, model.coulomb, model, state, model.blocks.alive[block],
+            model.blocks.slot[block])
+        largest = maximum(bound, largest)
+    return largest_lane(largest)

@@ -1,0 +1,45 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The state of its bodies that a rank has saved last, with what had flowed to them by then."""
+
+from collections.abc import Sequence
+
+from icofabric_sim.kernels.records import State, Work
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+import numpy as np
+
+
+class SavedPart:
+    """Rows of the blocks of a part: the state, what was spent, and the work of loads."""
+
+    def __init__(self, slots: SlotRows) -> None:
+        """Nothing has been saved yet; `slots`: of the part."""
+        self._slots = slots
+        self.rows: list[np.ndarray] = []
+
+    def save(self, state: State, work: Work, done: np.ndarray | None) -> None:
+        """Save a state with what was spent; `done` [J]: by the loads on the part, if any act."""
+        tables = saved_tables(state, None if work.spent is None else work.spent.done)
+        self.rows = self._slots.copied(tables, self.rows)
+        if done is not None:
+            self.rows.append(done.copy())
+
+    def put(self, tables: Sequence[np.ndarray]) -> None:
+        """Have it in tables of all slots."""
+        self._slots.put(self.rows, tables)
+
+
+def saved_tables(state: State, spent: np.ndarray | None) -> list[np.ndarray]:
+    """Rows (r, s) that are saved: the state, and what was `spent` (2, s) [J]."""
+    return [*state.rows()] if spent is None else [*state.rows(), spent]
