@@ -25,9 +25,10 @@ Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so
 each rank. Steps are given, the first ones are not counted, and accuracy is not measured. The slab
 is free, or its connectors are `damped`, or the faces of its shells are `pressed` on each other,
 with friction.
-At health checks the first rank gathers the state, for which it may have to wait (`gather`), and
-judges and keeps it while the others wait (`check`); both in parts of the time. `--model` prints
-what the terms that were measured make of more ranks; it runs nothing.
+At health checks each rank adds up its own bodies and keeps their state (`check`), and the first
+one waits for the sums of all (`gather`); where shells touch it gathers the state and judges it
+while the others wait. Both in parts of the time of the first. `--model` prints what the terms that
+were measured make of more ranks; it runs nothing.
 """
 
 import argparse
@@ -41,14 +42,25 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.devices import leader, pair_leader
+from icofabric_sim.kernels.figures import group_size
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices import (
+    leader,
+    pair_leader,
+    pair_steps,
+    part_steps,
+    sharing,
+)
 from icofabric_sim.simulation.stepping.thread_team import teams_of
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
-# Terms of the model: seconds for a body and evaluation, and for a body at a health check on the
-# first rank, of 266,000 bodies; seconds for a message and bytes a second between two processes of
-# one machine; evaluations between health checks, and bytes of halo for a body of a border layer.
-EVALUATION, CHECK, LATENCY, BANDWIDTH, EVERY, POSE = 40e-9, 150e-9, 5e-6, 5e9, 64, 56
+# Terms of the model: seconds for a body and evaluation, for a body at a health check, where it is,
+# and for a group of blocks whose sums the first rank adds up; seconds for a message and bytes a
+# second between two processes of one machine; evaluations between health checks, messages of the
+# first rank to and from each other one in that time, and bytes of halo for a body of a border
+# layer.
+EVALUATION, CHECK, GROUP, LATENCY, BANDWIDTH, EVERY, TALK, POSE = (
+    20e-9, 100e-9, 20e-9, 5e-6, 5e9, 64, 4, 56)
 
 
 class Clock:
@@ -103,7 +115,11 @@ def take_part(arguments: argparse.Namespace) -> None:
             gathering, checking = Clock(), Clock()
             for owner in (leader.SharedSteps, pair_leader.SharedPair):
                 gathering.of(owner, '_gather')
-            for name in ('place_all', 'examine', 'save'):
+            gathering.of(sharing.Sharing, 'gather_figures')
+            for part in (part_steps.PartSteps, pair_steps.PairPart):
+                checking.of(part, 'examine')
+            checking.of(sharing.Sharing, 'save')
+            for name in ('place_all', 'examine', 'save', 'conclude'):
                 for module in (leader, pair_leader):
                     checking.of(module, name)
             began = time.perf_counter()
@@ -163,7 +179,10 @@ def model() -> None:
         alone = bodies * (EVALUATION + CHECK / EVERY)
         for ranks in (2, 4, 16, 64, 256, 1000):
             own = bodies * EVALUATION / ranks
-            checks = bodies * CHECK / EVERY
+            groups = bodies / (LANES * group_size(bodies // LANES))
+            # What each does of its own; what the first one does for all.
+            checks = (
+                bodies * CHECK / ranks + groups * GROUP + ranks * TALK * LATENCY) / EVERY
             # A layer of a cube on either side; it travels while inner bodies are computed.
             layer = (2.0 * bodies) ** (2.0 / 3.0) / 2.0
             travel = 2.0 * (LATENCY + POSE * layer / BANDWIDTH)

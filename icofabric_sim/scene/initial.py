@@ -74,9 +74,10 @@ def make_initial_state(
     Add the velocities of loose bodies, every `initial.NAME` and the random start to the rest.
     """
     count = len(position)
-    state = InitialState(
-        position.copy(), orientation.copy(), np.zeros((count, 3)), np.zeros((count, 3))
-    )
+    if parameters.names('initial'):
+        # Else the places of the rest are those of the start, and are held once.
+        position, orientation = position.copy(), orientation.copy()
+    state = InitialState(position, orientation, np.zeros((count, 3)), np.zeros((count, 3)))
     loose = parameters.names('bodies')
     for k, name in enumerate(loose, start=count - len(loose)):
         state.linear_velocity[k] = parameters[f'bodies.{name}.linear_velocity']

@@ -206,7 +206,7 @@ class Scene:
         if checked['weave.kind'] == 'radial':
             weave = bend(weave, check_radius(checked, geometry))
         loose = checked.names('bodies')
-        position = np.vstack(
+        position = weave.position if not loose else np.vstack(
             [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
         )
         orientation = np.vstack(

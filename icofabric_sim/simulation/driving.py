@@ -53,7 +53,8 @@ class Driving:
         """Begin on the paths of the scene; `start` is its initial state."""
         self._drives = {DriveTarget(name): drive for name, drive in drives.items()}
         self._start, self._timetable = start, timetable
-        self._arm = np.zeros_like(start.position)
+        # Pages of memory that are never written take no room.
+        self._arm = np.zeros(start.position.shape)
         for drive in drives.values():
             self._arm[drive.bodies] = start.position[drive.bodies] - drive.middle
         self.taken: dict[DriveTarget, PathPiece] = {}

@@ -28,6 +28,7 @@ import time
 import traceback
 
 import icofabric_sim as ico
+from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.server import Server
 import numpy as np
 
@@ -103,6 +104,17 @@ SCENES = {
     'a damped floor with friction, dop8': {
         **FLOOR, 'connector.damping': 0.02, 'solver': {'tolerance': 1e-2}},
 }
+# More blocks than groups over which sums are formed.
+SCENES['wide, leapfrog'] = {
+    **COMMON, 'weave.size': [21, 21, 43], 'solver': {'method': 'leapfrog', 'step': 2e-4}}
+# Runs that end by themselves, each at the state that was saved last.
+STOPPING = {
+    'leapfrog': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector.obstruction': 'stop',
+        'solver': {'method': 'leapfrog', 'step': 4e-4}},
+    'dop8': {
+        **COMMON, 'weave.size': [5, 7, 9], 'connector.obstruction': 'stop',
+        'connector.damping': 0.02, 'solver.tolerance': 1e-2}}
 # For `make test-long`: other methods and terms, and shells that no connector holds.
 LONG_SCENES = {
     'a law by a table, srkn6': {
@@ -225,6 +237,36 @@ def steps_taken(ranks=None):
     return simulation
 
 
+def stop(name, ranks=None):
+    """Run a scene until it stops; what it says, the state that is kept and what had flowed."""
+    simulation = ico.compile_scene(ico.Scene.from_parameters(STOPPING[name]), ranks=ranks)
+    try:
+        simulation.advance_to(0.5)
+    except ico.SimulationError as error:
+        return [str(error), simulation.status.step_count, *state_of(simulation)]
+    return ['it went on']
+
+
+def gathered(ranks):
+    """Count how often all states come to the first rank in many steps that nobody looks at."""
+    simulation, calls = ico.compile_scene(ico.Scene.from_parameters({
+        'weave.size': [21, 21, 43], 'contact.mode': 'never',
+        'initial_random': COMMON['initial_random'],
+        'solver': {'method': 'leapfrog', 'step': 2e-4}}), ranks=ranks), []
+    simulation.advance_steps(64)
+    # The accuracy is measured from time to time on all states.
+    simulation._driver.errors.probe.checks_left = 10**9
+    gather = SharedSteps._gather
+    SharedSteps._gather = lambda self, *words, **named: (
+        calls.append(words), gather(self, *words, **named))
+    try:
+        checks = simulation.status.step_count // 64
+        simulation.advance_steps(300)
+        return [len(calls), simulation.status.step_count // 64 - checks]
+    finally:
+        SharedSteps._gather = gather
+
+
 def state_of(simulation):
     snapshot = simulation.snapshot()
     digest = hashlib.sha256()
@@ -279,6 +321,9 @@ def main():
         with ico.Ranks(group) as ranks:
             if ranks.leads:
                 found[count] = {name: which(name, ranks) for name in names}
+                if which is run and names is SCENES:
+                    found[count]['stopped'] = {name: stop(name, ranks) for name in STOPPING}
+                    found[count]['gathered'] = gathered(ranks)
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

@@ -47,6 +47,8 @@ from ranks_program import (
     SCENES,
     state_of,
     steps_taken,
+    stop,
+    STOPPING,
     TOUCHING,
 )
 
@@ -168,6 +170,20 @@ def test_after_the_block_the_state_is_there_and_goes_no_further(shared):
     for found in shared['found'].values():
         assert found['left'] == expected
         assert found['ended'].startswith("the ranks have ended with their 'with' block; the last")
+
+
+def test_a_run_that_stops_comes_back_to_the_state_that_the_ranks_have_saved(shared):
+    expected = {name: json.loads(json.dumps(stop(name))) for name in STOPPING}
+    for said, steps, *_ in expected.values():
+        assert 'connector.obstruction is stop' in said and 'is kept' in said and steps > 10
+    for found in shared['found'].values():
+        assert found['stopped'] == expected
+
+
+def test_health_checks_leave_states_where_they_are(shared):
+    for found in shared['found'].values():
+        gathered, checks = found['gathered']
+        assert gathered <= 1 and checks >= 4
 
 
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):
