@@ -22,13 +22,14 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
     .venv/bin/python benchmarks/mpi_scaling.py --model
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
-each rank. Steps are given, the first ones are not counted, and accuracy is not measured. The slab
-is free, or its connectors are `damped`, or the faces of its shells are `pressed` on each other,
-with friction.
+each rank. The first steps are not counted; the accuracy is measured only where steps are chosen
+(`--step 0`). The slab is free, or its connectors are `damped`, or the faces of its shells are
+`pressed` on each other, with friction.
 At health checks each rank adds up its own bodies and keeps their state (`check`), and the first
-one waits for the sums of all (`gather`); where shells touch it gathers the state and judges it
-while the others wait. Both in parts of the time of the first. `--model` prints what the terms that
-were measured make of more ranks; it runs nothing.
+one waits for the sums of all; where shells touch, and where the accuracy is measured, it gathers
+the state and judges it while the others wait, and gives it back (`gather`). Both in parts of the
+time of the first. `--model` prints what the terms that were measured make of more ranks; it runs
+nothing.
 """
 
 import argparse
@@ -111,10 +112,12 @@ def take_part(arguments: argparse.Namespace) -> None:
             scene = scene_of(arguments, arguments.take_part)
             simulation = ico.compile_scene(scene, ranks=ranks)
             simulation.advance_steps(arguments.warm)
-            simulation._driver.errors.probe.checks_left = 10**9
+            if arguments.step:
+                simulation._driver.errors.probe.checks_left = 10**9
             gathering, checking = Clock(), Clock()
             for owner in (leader.SharedSteps, pair_leader.SharedPair):
                 gathering.of(owner, '_gather')
+                gathering.of(owner, '_scatter')
             gathering.of(sharing.Sharing, 'gather_figures')
             for part in (part_steps.PartSteps, pair_steps.PairPart):
                 checking.of(part, 'examine')
@@ -199,7 +202,7 @@ def main() -> None:
     parser.add_argument('--size', type=int, default=41, help='grid positions along x and y')
     parser.add_argument('--steps', type=int, default=192)
     parser.add_argument('--warm', type=int, default=64, help='steps that are not counted')
-    parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]')
+    parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]; 0: chosen')
     parser.add_argument('--ranks', type=int, nargs='+', default=[1, 2])
     parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
     parser.add_argument('--scene', default='free', choices=SCENES)

@@ -103,7 +103,7 @@ def field_parts(
     (E . dtheta), at most |p| |E| dtheta^2. That of two charges, kappa / r, varies with their
     relative motion du by at most 2 |kappa| / r^3 du^2, and du^2 <= 2 dx_1^2 + 2 dx_2^2: for each
     body the sum of 4 |kappa| / r^3 over all others. Both forms are block-diagonal and add to that
-    of the connectors (kernels/monitor.py), and eigenvalues of a sum are at most their sum.
+    of the connectors (kernels/frequency_bound.py), and eigenvalues of a sum are at most their sum.
     """
     energy, there = dipole_energy(dipole, state.orientation, s), bits(alive)
     bound = dipole_bound(dipole, model.inverse_inertia)

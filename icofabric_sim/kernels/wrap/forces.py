@@ -176,12 +176,12 @@ def band_of(
     """
     A connector that leads from slot `own` to slot `other`, with its Maxwell arm.
 
-    The bound is that of kernels/monitor.py for a straight one between the points where it leaves
-    the shells: at those held fixed on their bodies the length has the same first derivative and,
-    because the places are where it is least, no smaller second one. Where it pushes, what the
-    places give way counts instead: sums (c . m)^2 / E_qq over the ends, with |c . m| at most
-    |P t| / l (|du_1| + |du_2|) + |dtheta| of the end's own body. The straight spring that it
-    replaces is in the Hessian already, and is taken out: minus what is not positive of it.
+    The bound is that of kernels/frequency_bound.py for a straight one between the points where it
+    leaves the shells: at those held fixed on their bodies the length has the same first derivative
+    and, because the places are where it is least, no smaller second one. Where it pushes, what the
+    places give way counts instead: sums (c . m)^2 / E_qq over the ends, with |c . m| at most |P t|
+    / l (|du_1| + |du_2|) + |dtheta| of the end's own body. The straight spring that it replaces is
+    in the Hessian already, and is taken out: minus what is not positive of it.
     """
     none = (0.0, 0.0, 0.0)
     edge = link >> 1

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What a health check sums up on a device: the figures of `examine` in kernels/monitor.py.
+What a health check sums up on a device: the figures of kernels/figures.py.
 
 A thread a body finds them, and sums and largest values are formed in a tree that depends on the
 number of blocks alone: the same bits on every device, from run to run.
@@ -70,7 +70,7 @@ def row_sum(form: _SixBySix, row: int):
 
 @wp.func
 def largest_of_block(form: _SixBySix):
-    """Bound of the largest eigenvalue: see that of kernels/monitor.py."""
+    """Bound of the largest eigenvalue: see that of kernels/frequency_bound.py."""
     scale = _ZERO
     for k in range(6):
         scale = wp.max(scale, form[k, k])
@@ -120,7 +120,7 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
         place, turn = place_of(pose, n, s), turn_of(pose, n, s)
         energy, pulls, bound = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
         if wp.static(linked):
-            # See block_bound in kernels/monitor.py.
+            # See block_bound in kernels/frequency_bound.py.
             mass, inertia = fabric.inverse_mass, fabric.inverse_inertia
             root_mass, root_inertia = wp.sqrt(mass), wp.sqrt(inertia)
             form, tension = _SixBySix(), wp.float64(0.0)
