@@ -52,7 +52,7 @@ from icofabric_sim.simulation.stepping.method_selection import (
     for_damping,
     method_near_contact,
 )
-from icofabric_sim.simulation.stepping.methods import facts_of, Method
+from icofabric_sim.simulation.stepping.methods import facts_of, Method, METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
@@ -130,7 +130,8 @@ class EventLoop:
                 losses=contact_losses(scene),
                 loose=0 if scene.connector_count else possible,
                 woven=possible if scene.connector_count else 0,
-                damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge)
+                damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge,
+                among=self._methods_for(device))
             # With the room that this method needs.
             loads = self._loads()
         method = facts_of(self.method.name)
@@ -181,6 +182,13 @@ class EventLoop:
             self._follow_contacts()
         except SimulationError as error:
             raise ValueError(f'this scene cannot start: {error}') from error
+
+    def _methods_for(self, device: 'Device | None') -> tuple[str, ...]:
+        """Names of the methods among which `auto` chooses."""
+        if device is None or self._packed.contact is None:
+            return tuple(METHODS)
+        from icofabric_sim.simulation.devices.refusals import methods_through_contacts
+        return methods_through_contacts(self._scene)
 
     def _make_driver(
         self, method: Method, state: State, loads: Loads, frequency: Frequency, *,

@@ -25,15 +25,8 @@ from functools import partial
 from typing import Any
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.clearance import (
-    CLEAR,
-    judge_clear,
-    mean_velocity,
-    way_between,
-)
-from icofabric_sim.kernels.contact.displacement import farthest, FREE, LATE, MOST, SOON
+from icofabric_sim.kernels.contact.displacement import farthest, LATE, SOON
 from icofabric_sim.kernels.contact.forces import deepest_overlap
-from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
 from icofabric_sim.kernels.contact.losses import save_stretches
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
@@ -60,6 +53,7 @@ from icofabric_sim.kernels.records import (
     Watch,
     Work,
 )
+from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.pair_control import (
     adaptive_steps,
@@ -109,6 +103,7 @@ class SharedPair:
         self._is_out = self._is_stale = self._has_stepped = False
         self._run: PairArrays | None = None
         self._contacts: Contacts | None = None  # of the run
+        self._foresight = Foresight(self._have_state, self._quickest)
         # What is stepped now, of the run or beside it; whether its state is here, too.
         self._now: PairArrays | None = None
         self._whole: Contacts | None = None
@@ -224,9 +219,9 @@ class SharedPair:
             'is_breaking': self._is_breaking,
             'tests_of': lambda contacts, member: 0 if contacts is None else contacts.tests[0],
             'set_tests': _set_tests, 'repeat_slope': lambda *_: self._order('repeat'),
-            'slope_at': self._slope_at, 'foresee': self._foresee, 'land': self._land,
+            'slope_at': self._slope_at, **self._foresight.pieces(),
             'try_step': partial(self._try_step, is_judged=control is not None),
-            'largest_error': self._largest_error, 'find_clear': self._find_clear,
+            'largest_error': self._largest_error,
             'add_work': partial(self._accept, keeps_start=control is not None),
             'look': self._look}
 
@@ -249,14 +244,13 @@ class SharedPair:
             self._sharing.receive(found[rank], rank)
         return found
 
-    def _have_state(self, *, slopes: range = range(0)) -> PairArrays:
+    def _have_state(self, slopes: range = range(0)) -> None:
         """Have the state of all ranks here, and some slopes."""
         assert self._now is not None
         if not self._is_here or slopes:
             self._gather(
                 self._now, self._whole, of_run=self._of_run, whole=False, slopes=slopes)
             self._is_here = True
-        return self._now
 
     # What the step control calls, with the arguments of there.
 
@@ -299,27 +293,6 @@ class SharedPair:
         self._is_here, self._has_stepped = False, self._has_stepped or (
             self._of_run and keeps_start)
 
-    def _foresee(
-        self, contacts: Contacts | None, watch: Watch | None, blocks: Any, state: State,
-        trail: Any, team: Team, time: float, h: float, close: float, meeting: np.ndarray,
-        first: int, last: int
-    ) -> float:
-        if watch is None:
-            return NEVER_MEET
-        self._have_state(slopes=range(1))
-        return float(foresee(
-            contacts, watch, blocks, state, trail, team_of_one(), time, h, close, meeting, first,
-            last))
-
-    def _land(
-        self, contacts: Contacts | None, team: Team, state: State, slope: np.ndarray,
-        tried: float, close: float, meeting: np.ndarray
-    ) -> float:
-        if contacts is None:
-            return NEVER_MEET
-        self._have_state(slopes=range(1))
-        return float(land(contacts, team_of_one(), state, slope, tried, close, meeting))
-
     def _note_lengths(
         self, model: Model, breakage: Breakage | None, state: State, work: Work, team: Team,
         first: int, last: int
@@ -339,25 +312,11 @@ class SharedPair:
         return bool(is_breaking(
             model, breakage, state, work, trail, team_of_one(), h, first, last))
 
-    def _find_clear(
-        self, watch: Watch | None, blocks: Any, state: State, trail: Any, stages: int,
-        team: Team, time: float, h: float, first: int, last: int
-    ) -> int:
-        if watch is None:
-            return CLEAR
-        mean = (0.0, 0.0, 0.0)
-        if watch.nearby.free:
-            self._have_state()
-            x, y, z = mean_velocity(state, watch.nearby.slots)
-            mean = float(x), float(y), float(z)
+    def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
+        """As `fastest_points` of all ranks."""
         speed, moved = (float(number) for number in self._asked(
-            'speeds', mean, float(time)).max(axis=0))
-        needed = way_between(h, speed)
-        if needed <= 0.5 * watch.limits[MOST] and not (
-                watch.limits[FREE] - moved**0.5 > needed):
-            # It will be searched for.
-            self._have_state()
-        return int(judge_clear(watch, state, needed, moved))
+            'speeds', mean, time).max(axis=0))
+        return speed, moved
 
     def _look(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,

@@ -26,7 +26,7 @@ import numpy as np
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
 _SHARED = 'is not shared by ranks'
 # Methods whose steps a device takes through contacts.
-_THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8')
+_THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8')
 
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
@@ -79,6 +79,15 @@ def require_method_on_device(name: str, device: str) -> None:
         other for other, method in METHODS.items() if not method.implicit])
 
 
+def methods_through_contacts(scene: Scene) -> tuple[str, ...]:
+    """Names of the methods whose steps a device takes where the shells of the scene may touch."""
+    laws = scene.connectors.laws if scene.connector_count else None
+    jumps = laws is not None and np.any(
+        np.asarray(laws.extension) != np.asarray(laws.compression))
+    return tuple(
+        name for name in _THROUGH_CONTACTS if not (jumps and METHODS[name].mends_kinks))
+
+
 def _on(device: str) -> str:
     return f'is not computed on solver.device {device}'
 
@@ -122,14 +131,14 @@ def _lacking_with_contact(scene: Scene) -> Iterator[tuple[str, str, str]]:
         if parameters[name]:
             yield name, f'{parameters[name]!r}', f'take 0, {never}'
     method = str(parameters['solver.method'])
+    if method == 'auto':
+        return
     if method not in _THROUGH_CONTACTS:
         yield ('solver.method', f'{method} with shells that may touch',
-               f'take {", ".join(_THROUGH_CONTACTS)}, {never}')
-    laws = scene.connectors.laws if scene.connector_count else None
-    if laws is not None and METHODS[method].mends_kinks and np.any(
-            np.asarray(laws.extension) != np.asarray(laws.compression)):
+               f'take auto, {", ".join(_THROUGH_CONTACTS)}, {never}')
+    if method not in methods_through_contacts(scene):
         yield ('solver.method', f'{method} with k_e that is not k_c and shells that may touch',
-               f'take leapfrog, {never}')
+               f'take auto, leapfrog, dop8, {never}')
 
 
 def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:

@@ -20,6 +20,7 @@ each method for a wanted accuracy can be compared before the run. How lively the
 is estimated from its start, its loads and its weight; the step itself is then measured.
 """
 
+from collections.abc import Collection
 import math
 from typing import NamedTuple
 
@@ -57,7 +58,8 @@ class Choice(NamedTuple):
 def choose_method(
     tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
     kinks: int = 0, bent: bool = False, strain: float = 0.0, contact: str = '', losses: str = '',
-    loose: int = 0, woven: int = 0, damped: float = 0.0
+    loose: int = 0, woven: int = 0, damped: float = 0.0,
+    among: Collection[str] = tuple(METHODS)
 ) -> Choice:
     """
     The method with the least work for the error that may be added in a second.
@@ -68,9 +70,11 @@ def choose_method(
     their length connectors are expected to change while the fastest vibration turns by a radian;
     `contact`: why shells are expected to touch; `losses`: what contacts take from the motion;
     `loose`: bodies, where none are connected; `woven`: where they are; `damped`: contact.damping
-    times the speed [m/s] that is expected.
+    times the speed [m/s] that is expected. It is one of the names `among`, in which the leapfrog
+    and dop8 are.
     """
-    candidates = {name: method for name, method in METHODS.items() if method.symplectic}
+    candidates = {
+        name: method for name, method in METHODS.items() if method.symplectic and name in among}
     if fixed_ratio is not None and losses:
         return Choice('dop8', losses)
     if fixed_ratio is not None:
@@ -106,7 +110,7 @@ def choose_method(
             f'radian of the fastest vibration (more than {WILD:g}): some may collapse within a '
             'step, and only steps that adapt see that')
     if kinks:
-        return _for_kinks(tolerance, liveliness, kinks)
+        return _for_kinks(candidates, tolerance, liveliness, kinks)
     work = {
         name: method.stages / _allowed_ratio(method, tolerance, liveliness)
         for name, method in candidates.items()}
@@ -169,15 +173,17 @@ def _at_kinks(method: Method) -> Method:
     return method._replace(order=plain.order, error=max(method.error, plain.error))
 
 
-def _for_kinks(tolerance: float, liveliness: float, kinks: int) -> Choice:
+def _for_kinks(
+    candidates: dict[str, Method], tolerance: float, liveliness: float, kinks: int
+) -> Choice:
     """
-    The method with the least work where the slopes of so many connectors jump.
+    The candidate with the least work where the slopes of so many connectors jump.
 
     Steps of dop8 find every crossing, which took 30 to 40 times as long wherever it was measured.
     """
     work = {
         name: method.stages / _allowed_ratio(_at_kinks(method), tolerance, liveliness)
-        for name, method in METHODS.items() if method.symplectic}
+        for name, method in candidates.items()}
     name = min(
         work, key=lambda name: (round(work[name], 6), -_at_kinks(METHODS[name]).order))
     others = ', '.join(f'{other} {work[other]:.3g}' for other in work if other != name)

@@ -84,13 +84,14 @@ def bytes_of(
     return slots * each + blocks
 
 
-def pair_bytes_of(model: Model, layout: Layout) -> int:
+def pair_bytes_of(model: Model, layout: Layout, *, touching: bool = False) -> int:
     """The same of a run by the embedded pair, with its slopes."""
     spends = model.damping is not None or model.drag is not None
     # Of a state that is tried and one that is kept; slopes, powers, what was spent; errors.
     more = 2 * (POSE + MOTION) + _SLOPES * (POSE + MOTION) + spends * (_SLOPES + 2) + 2
     own = model.damping is not None and model.damping.own is not None
-    return bytes_of(model, layout) + 8 * layout.slot_count * (more + own * LINK_COUNT)
+    more += own * LINK_COUNT + touching * 2
+    return bytes_of(model, layout, touching=touching) + 8 * layout.slot_count * more
 
 
 def require_room(device: Device, bodies: int, need: int) -> None:

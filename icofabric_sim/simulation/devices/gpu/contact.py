@@ -341,6 +341,21 @@ def add_up(fabric: Fabric, near: Nearness):
         near.rows[(k + 3) * fabric.stride + s] = torque[k]
 
 
+@wp.func
+def way_of(near: Nearness, pose: wp.array(dtype=wp.float64), n: int, s: int, time: wp.float64):
+    """Square of the way [m^2] of a body since the last search, at a `time` [s]."""
+    t = time - near.frame[0]
+    way, turn = wp.float64(0.0), wp.float64(0.0)
+    for k in range(3):
+        shift = t * (near.frame[1 + k] + t * near.frame[4 + k])
+        u = pose[k * n + s] - near.reference[k * n + s] - shift
+        way = way + u * u
+    for k in range(3, 7):
+        u = pose[k * n + s] - near.reference[k * n + s]
+        turn = turn + u * u
+    return _TWO * way + _EIGHT * near.radius * near.radius * turn
+
+
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def note_ways(
     fabric: Fabric, near: Nearness, clock: Clock, step: int, drifts: int,
@@ -353,16 +368,8 @@ def note_ways(
     if (int(fabric.alive[block]) >> lane) & 1 == 0:
         return
     s, n = fabric.slot[block] + lane, fabric.stride
-    t = time_at(clock, step, drifts) - near.frame[0]
-    way, turn = wp.float64(0.0), wp.float64(0.0)
-    for k in range(3):
-        shift = t * (near.frame[1 + k] + t * near.frame[4 + k])
-        u = pose[k * n + s] - near.reference[k * n + s] - shift
-        way = way + u * u
-    for k in range(3, 7):
-        u = pose[k * n + s] - near.reference[k * n + s]
-        turn = turn + u * u
-    near.ways[s] = wp.max(near.ways[s], _TWO * way + _EIGHT * near.radius * near.radius * turn)
+    near.ways[s] = wp.max(
+        near.ways[s], way_of(near, pose, n, s, time_at(clock, step, drifts)))
 
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)

@@ -23,15 +23,17 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.clearance import CLEAR
-from icofabric_sim.kernels.contact.landing import NEVER_MEET
+from icofabric_sim.kernels.contact.displacement import farthest, LATE, SOON
+from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.kernels.monitor import examine, SAVED_AT, UNSOUND
+from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, SAVED_AT, TOO_DEEP, UNSOUND
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.gpu.arrays import (
     copy_back,
     doubles,
@@ -49,16 +51,18 @@ from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.monitor import SHARE
 from icofabric_sim.simulation.devices.gpu.opening import Device
-from icofabric_sim.simulation.devices.gpu.records import Acting
+from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness
 from icofabric_sim.simulation.devices.gpu.slopes import (
     add_flow,
     combine,
     fold_largest,
+    hurry,
     judge,
     Losses,
     ROWS,
     slope_kernel,
 )
+from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.devices.pair_control import (
     adaptive_steps,
     fixed_steps,
@@ -76,6 +80,7 @@ SLOPES = 13
 _FIRST, _LAST = 0, 12
 # Values of an error that are folded here.
 _FEW = 1024
+_NOTHING_NEAR = Nearness()
 _Run = tuple[Loads, State, Work]
 
 
@@ -119,6 +124,19 @@ class DevicePair:
         self._run: _Run | None = None
         # Whether a state was saved in the present call.
         self._has_saved = False
+        # What may touch, once something is watched for it; when a slope is evaluated.
+        self._near: DeviceContacts | None = None
+        self._clock = Clock()
+        self._clock.start = self._zeros(2)
+        self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
+        self._clock.drifts, self._clock.kick_first = self._zeros(1), 1
+        self._speeds: list[Any] = []
+        self._foresight = Foresight(self._have_state, self._quickest)
+        # What is stepped now: whether its state is here, too, whether ways count, and what may
+        # touch.
+        self._now: _Run | None = None
+        self._is_here = self._is_watching = False
+        self._contacts: Contacts | None = None
 
     def _zeros(self, shape: Any) -> Any:
         return wp.zeros(shape, dtype=wp.float64, device=self._device.handle)
@@ -141,7 +159,8 @@ class DevicePair:
     @property
     def device_bytes(self) -> int:
         """Bytes that the run takes there, about, but for its loads."""
-        return pair_bytes_of(self._packed.model, self._packed.layout)
+        packed = self._packed
+        return pair_bytes_of(packed.model, packed.layout, touching=packed.contact is not None)
 
     @property
     def has_saved(self) -> bool:
@@ -166,38 +185,44 @@ class DevicePair:
     def take(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         control: np.ndarray, count: int, since_check: int, check_interval: int,
-        watch: None, ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `adaptive_pair` does, on the device."""
         steps = adaptive_steps(
             model, loads, state, saved, work, team, control, count, since_check, check_interval,
             watch, ledger)
         return self._take(
-            steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
+            steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
             adapts=True)
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: None, ledger: np.ndarray
+        watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `fixed_pair` does, on the device."""
         steps = fixed_steps(
             model, loads, state, saved, work, team, origin, index, h, count, since_check,
             check_interval, watch, ledger)
         return self._take(
-            steps, model, (loads, state, work), saved, of_run=check_interval < NEVER,
+            steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
             adapts=False)
 
     def _take(
         self, steps: Steps, model: Model, now: _Run,
-        saved: State, *, of_run: bool, adapts: bool
+        saved: State, watch: Watch | None, *, of_run: bool, adapts: bool
     ) -> tuple[int, int, int]:
         if not of_run:
             self.take_over()
         with TURN, named_failure(self.device, self._forget):
-            if not (of_run and self._is_out):
+            anew = not (of_run and self._is_out)
+            if anew:
                 self._put(model, *now)
+            self._now, self._is_here = now, anew
+            self._watch(model.contacts, watch, anew=anew, of_run=of_run)
+            self._kernel = slope_kernel(
+                terms_of(self._packed.model, loaded=self._acting is not None)._replace(
+                    touching=self._is_touching), self._losses)
             if of_run:
                 self._run = now
                 self._is_out = self._is_stale = True
@@ -218,9 +243,8 @@ class DevicePair:
         """What the step control calls, by its names there."""
         return {
             **idle_pieces(), 'note_lengths': nothing, 'is_breaking': lambda *_: False,
-            'tests_of': lambda *_: 0, 'set_tests': nothing,
-            'foresee': lambda *_: NEVER_MEET, 'land': lambda *_: NEVER_MEET,
-            'find_clear': lambda *_: CLEAR, 'repeat_slope': self._repeat,
+            **self._foresight.pieces(), 'forget_ways': self._forget_ways,
+            'repeat_slope': self._repeat,
             'slope_at': self._slope_at, 'try_step': self._try_step,
             'largest_error': self._largest_error,
             'add_work': partial(self._accept, keeps_start=adapts),
@@ -235,9 +259,80 @@ class DevicePair:
         self._slope(self._state.poses[0], self._state.motion, int(index), float(rest[2]))
 
     def _slope(self, pose: Any, motion: Any, index: int, time: float) -> None:
+        self._evaluate(pose, time, touching=self._is_touching)
         self._launch(
-            self._kernel, self._idle if self._acting is None else self._acting, time, index, pose,
-            motion, self._slopes, self._spent, self._power)
+            self._kernel, self._idle if self._acting is None else self._acting,
+            _NOTHING_NEAR if self._near is None else self._near.near, time, index, pose, motion,
+            self._slopes, self._spent, self._power)
+
+    def _evaluate(self, pose: Any, time: float, *, touching: bool) -> None:
+        """Have what comes before forces are evaluated at a `pose`, or only note the ways to it."""
+        if self._near is None or not (touching or self._is_watching):
+            return
+        self._clock.start.assign(np.array([time, 0.0]))
+        self._near.evaluate(
+            self._clock, 0, 0, pose, touching=touching, watching=self._is_watching)
+        if touching and self._contacts is not None:
+            set_tests(
+                self._contacts, 0, tests_of(self._contacts, 0) + len(self._contacts.pairs))
+
+    @property
+    def _is_touching(self) -> bool:
+        """Whether any pair may touch."""
+        return self._contacts is not None and len(self._contacts.pairs) > 0
+
+    def _watch(
+        self, contacts: Contacts | None, watch: Watch | None, *, anew: bool, of_run: bool
+    ) -> None:
+        """
+        Have on the device what may touch, and where bodies were at the last search.
+
+        `anew`: the state was here, so there may have been one.
+        """
+        self._contacts = contacts
+        # What trials note is not used.
+        self._is_watching = watch is not None and of_run
+        if watch is not None:
+            if self._near is None:
+                self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
+            self._near.put(contacts, watch, anew=anew)
+
+    def _forget_ways(self, watch: Watch | None, member: int) -> None:
+        if self._is_watching and watch is not None and self._near is not None:
+            self._near.forget_ways()
+            watch.far[0] = 0.0
+
+    def _have_state(self, slopes: range) -> None:
+        """Have the state here, and some slopes."""
+        assert self._now is not None
+        if not self._is_here:
+            self._gather(self._now, whole=False)
+            self._is_here = True
+        trail = self._now[2].trail
+        assert trail is not None
+        for index in slopes:
+            copy_back(trail.slopes[index], self._slopes[index])
+
+    def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
+        """As `fastest_points` of kernels/contact/clearance.py."""
+        assert self._near is not None
+        if not self._speeds:
+            self._speeds = [self._zeros(values.shape) for values in self._errors]
+        self._launch(
+            hurry, self._near.near, time, len(self._pair.error_5), wp.vec3d(*mean), self._slopes,
+            self._state.poses[0], self._speeds[0])
+        speed, moved = self._largest(self._speeds)
+        return speed, moved
+
+    def _largest(self, rows: list[Any]) -> list[float]:
+        """Return the largest of each row of the first; the others are room on the way there."""
+        for values, folded in zip(rows, rows[1:]):
+            wp.launch(
+                fold_largest, dim=folded.shape, inputs=[values.shape[1], values, folded],
+                device=self._device.handle)
+        return [
+            float(np.where(np.isnan(row), np.inf, row).max(initial=0.0))
+            for row in rows[-1].numpy()]
 
     def _launch(self, kernel: Any, *inputs: Any) -> None:
         wp.launch(
@@ -245,7 +340,7 @@ class DevicePair:
 
     def _try_step(
         self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
-        team: Team, watch: None, time: float, h: float, first: int, last: int
+        team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
     ) -> None:
         for index, weights in enumerate(self._weights, start=1):
             is_end = index == len(self._weights)
@@ -254,28 +349,30 @@ class DevicePair:
                 self._state.motion, *self._stage)
             if not is_end:
                 self._slope(*self._stage, index, float(time + self._pair.nodes[index] * h))
+        # Forces will be evaluated at the end too.
+        self._evaluate(self._stage[0], float(time + h), touching=False)
 
     def _largest_error(
-        self, pair: Any, model: Model, trail: Any, control: np.ndarray, *rest: Any
+        self, pair: Any, model: Model, trail: Any, control: np.ndarray, turn_rows: int,
+        team: Team, watch: Watch | None, h: float, first: int, last: int
     ) -> tuple[float, float]:
-        h, kinked = float(rest[3]), float(control[embedded.KINKED])
+        kinked = float(control[embedded.KINKED])
         smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
         scales = control[embedded.SCALES:embedded.SCALES + 4].tolist()
         self._launch(
             judge, *self._errors_by, wp.vec4d(*scales), smooth, self._slopes, self._errors[0])
-        for values, folded in zip(self._errors, self._errors[1:]):
-            wp.launch(
-                fold_largest, dim=folded.shape, inputs=[values.shape[1], values, folded],
-                device=self._device.handle)
-        found = self._errors[-1].numpy()
-        largest, probable = (
-            float(np.where(np.isnan(row), np.inf, row).max(initial=0.0)) for row in found)
+        largest, probable = self._largest(self._errors)
+        if self._is_watching and watch is not None and self._near is not None:
+            self._near.note_ways(watch)
+            if watch.far[0] > watch.limits[LATE] and largest < embedded._MISSED:
+                largest = embedded._MISSED
         return embedded._ESTIMATE * largest, probable
 
     def _accept(
         self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,
         keeps_start: bool
     ) -> None:
+        self._is_here = False
         here = self._state.poses[0], self._state.motion
         if keeps_start:
             for target, source in zip(self._start, here):
@@ -302,25 +399,44 @@ class DevicePair:
 
     def _look(
         self, now: _Run, model: Model, loads: Loads, state: State, saved: State, work: Work,
-        team: Team, since_check: int, check_interval: int, watch: None, ledger: np.ndarray,
-        done: int, time: float, *rest: Any
+        team: Team, since_check: int, check_interval: int, watch: Watch | None,
+        ledger: np.ndarray, done: int, time: float, step: float, *rest: Any
     ) -> tuple[int, int]:
         """As `look` of embedded.py does."""
-        if since_check < check_interval:
-            return 0, since_check
-        if self._health.can_examine(model, loads, ledger):
-            status = self._health.examine(
-                self._state, 0, loads, self._acting, ledger,
-                self._done[0] if self._done[0].size else None)
-        else:
-            self._gather(now, whole=False)
-            place_all(model, state, work, 0, len(model.blocks.slot))
-            status = examine(model, loads, state, work, time, ledger)
-        if not status & UNSOUND:
+        examined, status, contacts, near = since_check >= check_interval, 0, model.contacts, (
+            self._near)
+        if self._is_watching and watch is not None and near is not None:
+            near.note_ways(watch)
+            near.note_depths(contacts)
+        if examined:
+            status = self._examine(now, model, loads, state, work, ledger, time)
+        if self._is_watching and watch is not None and near is not None:
+            most = farthest(watch, 1)
+            if most > watch.limits[SOON]:
+                # A look from here needs the state.
+                self._have_state(range(0))
+                status |= int(judge_ways(watch, most, state, time, step))
+                near.put(contacts, watch, anew=False)
+            if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
+                status |= TOO_DEEP
+        if examined and not status & (UNSOUND | TOO_DEEP | MISSED):
             ledger[SAVED_AT] = done
             self._state.save(0, None)
             self._has_saved = True
-        return int(status), 0
+        return int(status), 0 if examined else since_check
+
+    def _examine(
+        self, now: _Run, model: Model, loads: Loads, state: State, work: Work,
+        ledger: np.ndarray, time: float
+    ) -> int:
+        """Status bits of the state, from what is summed up on the device, or from the state."""
+        if self._health.can_examine(model, loads, ledger):
+            return self._health.examine(
+                self._state, 0, loads, self._acting, ledger,
+                self._done[0] if self._done[0].size else None)
+        self._have_state(range(0))
+        place_all(model, state, work, 0, len(model.blocks.slot))
+        return int(examine(model, loads, state, work, time, ledger))
 
     # Between here and there.
 
@@ -341,8 +457,6 @@ class DevicePair:
         if model.links is not None:
             # A connector that was broken before the run came here.
             self._fabric.present.assign(model.links.present.ravel())
-        self._kernel = slope_kernel(
-            terms_of(self._packed.model, loaded=self._acting is not None), self._losses)
         self._has_stepped = False
 
     def _put_loads(self, loads: Loads) -> None:

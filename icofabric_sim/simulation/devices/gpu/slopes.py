@@ -23,6 +23,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from icofabric_sim.simulation.devices.gpu.contact import way_of
 from icofabric_sim.simulation.devices.gpu.forces import (
     anchor_pull,
     arm_anywhere,
@@ -42,13 +43,14 @@ from icofabric_sim.simulation.devices.gpu.forces import (
 )
 from icofabric_sim.simulation.devices.gpu.kernels import MOST_REGISTERS, OPTIONS, Terms
 from icofabric_sim.simulation.devices.gpu.monitor import larger, SHARE
-from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric, Nearness
 from icofabric_sim.simulation.devices.gpu.rotations import to_world
 
 wp: Any = import_module('warp')
 
 _D = wp.float64
-_ZERO, _HALF, _ONE, _TWENTY = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 20.0))
+_ZERO, _HALF, _ONE, _TWO, _TWENTY = (
+    wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 20.0))
 _TINY, _HUNDREDTH = wp.constant(_D(1e-300)), wp.constant(_D(0.01))
 _SLOPE, _KINK = wp.constant(_D(26.0)), wp.constant(_D(1.7))
 # Rows of a state and of its slope: position, orientation, velocity, spin.
@@ -82,13 +84,14 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole = terms.held, terms.loaded, terms.dipole
     damped, dragged = losses
+    touching = terms.touching
     losing = dampers(arm_to) if damped and terms.linked else no_dampers
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
         cuda_max_registers=MOST_REGISTERS)
     def find_slope(
-        fabric: Fabric, acting: Acting, time: wp.float64, index: int,
+        fabric: Fabric, acting: Acting, near: Nearness, time: wp.float64, index: int,
         pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
         slopes: wp.array2d(dtype=wp.float64), spent: wp.array2d(dtype=wp.float64),
         power: wp.array2d(dtype=wp.float64)
@@ -118,6 +121,10 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
         force, torque = force + more, torque + moment
         if wp.static(dipole):
             torque = torque + wp.cross(to_world(turn, fabric.dipole), fabric.field)
+        if wp.static(touching):
+            force = force + wp.vec3d(near.rows[s], near.rows[n + s], near.rows[2 * n + s])
+            torque = torque + wp.vec3d(
+                near.rows[3 * n + s], near.rows[4 * n + s], near.rows[5 * n + s])
         if wp.static(damped or dragged):
             taken = _ZERO
             more, moment, taken = losing(
@@ -227,6 +234,37 @@ def judge(
     ratio = wp.min(of_5 / wp.sqrt(wp.max(largest_3, _TINY)), _ONE)
     probable = (_SLOPE * ratio * wp.sqrt(ratio) / (_TWENTY * ratio + _ONE)) * of_5
     found[1, thread] = wp.max(probable, _KINK * (of_5 - smooth * of_3))
+
+
+@wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
+def hurry(
+    fabric: Fabric, near: Nearness, time: wp.float64, stages: int, mean: wp.vec3d,
+    slopes: wp.array2d(dtype=wp.float64), pose: wp.array(dtype=wp.float64),
+    found: wp.array2d(dtype=wp.float64)
+):
+    """
+    Largest speed [m/s] of a point of each body at the stages of a step, beside the `mean` one.
+
+    And the square of its way [m^2] since the last search, at the `time` [s] when the step begins:
+    as `fastest_points` of kernels/contact/clearance.py.
+    """
+    thread = wp.tid()
+    found[0, thread] = _ZERO
+    found[1, thread] = _ZERO
+    s = slot_of(fabric, thread)
+    if s < 0:
+        return
+    n = fabric.stride
+    fastest, spin = wp.float64(0.0), wp.float64(0.0)
+    for j in range(stages):
+        u = wp.vec3d(slopes[j, s], slopes[j, n + s], slopes[j, 2 * n + s]) - mean
+        fastest = wp.max(fastest, wp.dot(u, u))
+        square = wp.float64(0.0)
+        for k in range(3, 7):
+            square = square + slopes[j, k * n + s] * slopes[j, k * n + s]
+        spin = wp.max(spin, square)
+    found[0, thread] = wp.sqrt(fastest) + _TWO * near.radius * wp.sqrt(spin)
+    found[1, thread] = way_of(near, pose, n, s, time)
 
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)

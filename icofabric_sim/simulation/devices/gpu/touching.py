@@ -135,6 +135,10 @@ class DeviceContacts:
         for kernel in (note_ways, touch, add_up):
             wp.load_module(kernel.module, device=self._device.handle)
 
+    def forget_ways(self) -> None:
+        """Begin to note ways anew."""
+        self.near.ways.zero_()
+
     def note_ways(self, watch: Watch) -> None:
         """Add the largest square of a way [m^2] to what was noted; forgets it on the device."""
         count = self._layout.slot_count
