@@ -148,11 +148,11 @@ class EventLoop:
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
         # Makes a method by its name.
-        self._method_of: Callable[[str], Method] = facts_of
+        self._method_of: Callable[..., Method] = facts_of
         # The method of the start, and the one that takes over from it once shells are near each
         # other; None: none does.
         self._first, self.near_method = self.method, None
-        if is_chosen and device is None and not fixed > 0.0:
+        if is_chosen and not fixed > 0.0:
             self.near_method = method_near_contact(
                 self.method, is_possible=packed.contact is not None,
                 loose=not scene.connector_count)
@@ -164,7 +164,9 @@ class EventLoop:
             method = self._method_of(self.method.name)
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
-            method = device_method(device, packed, self.method.name, given=fixed > 0.0)
+            self._method_of = partial(device_method, device, packed, given=fixed > 0.0)
+            method = self._method_of(
+                self.method.name, later='' if self.near_method is None else self.near_method.name)
         elif method.implicit:
             from icofabric_sim.simulation.stepping.implicit import implicit_method
             method = implicit_method(scene, packed, self.method.name)

@@ -42,6 +42,17 @@ DOWN = np.array([0.0, 0.0, -1.0])
 # What rounding does to a force at an overlap of 1e-6 a, relative.
 ROUNDING = 1e-8
 
+# Pressed together from both sides, so that shells meet some time later.
+PRESSED = ico.load_scene('free_slab').with_changes({
+    'weave.size': [4, 4, 2], 'solver.threads': 1, 'groups.left': 'x_min', 'groups.right': 'x_max',
+    'contact.stiffness': 1e6, 'loads.left.group': 'left', 'loads.right.group': 'right'})
+
+
+def press(simulation):
+    """Press both sides together."""
+    for side, force in (('left', 0.5), ('right', -0.5)):
+        simulation.apply_wrench(side, force=(force, 0.0, 0.1 * force), time=0.001)
+
 
 def pushes(poses, pairs, planes=()):
     """What the device's law says of pairs of slots, for 1 N/m, and overlaps [m]."""
@@ -129,7 +140,11 @@ BOX = {
 @pytest.mark.parametrize('solver', [
     {'solver.method': 'leapfrog', 'solver.step': 2e-5},
     {'solver.method': 'leapfrog', 'solver.tolerance': 1e-2},
-    {'solver.method': 'srkn6', 'solver.step': 4e-5}], ids=['given', 'chosen', 'srkn6'])
+    {'solver.method': 'srkn6', 'solver.step': 4e-5},
+    {'solver.method': 'dop8', 'solver.step': 1e-4},
+    {'solver.method': 'dop8', 'solver.tolerance': 1e-2},
+    {'solver.method': 'auto', 'connector.damping': 0.02, 'solver.tolerance': 1e-2}],
+    ids=['given', 'chosen', 'srkn6', 'dop8, given', 'dop8, chosen', 'auto'])
 def test_a_crowd_moves_on_a_device_as_on_the_processor(solver):
     scene, ends = changed(crowd(**BOX), solver), []
     for device in ('cpu', 'warp_cpu', 'warp_cpu'):
@@ -158,7 +173,7 @@ def test_a_crowd_moves_on_a_device_as_on_the_processor(solver):
     # Something has been hit hard.
     start = scene.initial.linear_velocity
     assert np.abs(one.linear_velocity - start).max() > 0.1
-    if given:
+    if given or run.method_name == 'dop8':
         assert same_state(other, again)
 
 
@@ -203,3 +218,40 @@ def test_a_fabric_that_folds_is_verified(tmp_path):
         'solver.method:=leapfrog', '-p', 'solver.step:=1e-5', '-p', 'contact.damping:=0.0', '-p',
         'contact.friction:=0.0', '-p', 'connector.damping:=0.0', '--record', str(bag)]) == 0
     assert main(['verify', str(bag)]) == 0
+
+
+def test_auto_goes_on_by_dop8_once_shells_are_near_on_a_device_too():
+    ends, changed_at, kept = [], [], None
+    for device in ('cpu', 'warp_cpu', 'warp_cpu'):
+        simulation = ico.compile_scene(PRESSED.with_changes({'solver.device': device}))
+        press(simulation)
+        assert simulation.status.method_name == 'srkn6'
+        if kept is not None:
+            # Between two looks, from a checkpoint of after the change, or watched all the while.
+            simulation.restore(Checkpoint.from_bytes(kept))
+            simulation.advance_to(0.08)
+            assert same_state(simulation.snapshot(), ends[-1])
+            break
+        while simulation.status.method_name != 'dop8':
+            simulation.advance_to(simulation.time + 5e-4)
+            assert simulation.time < 0.08
+        changed_at.append(simulation.time)
+        simulation.advance_to(changed_at[-1] + 0.002)
+        kept = simulation.checkpoint().to_bytes() if device != 'cpu' else None
+        simulation.advance_to(0.08)
+        assert simulation.status.contact_count > 0 or simulation.status.deepest_overlap > 0.0
+        assert simulation.status.device in ('', 'the processor, by Warp')
+        ends.append(simulation.snapshot())
+    assert changed_at[0] == changed_at[1]
+    one, other = ends
+    # What rounding makes of steps, and the motion of that.
+    assert np.abs(one.position - other.position).max() < 1e-7 * A
+    assert not same_state(one, other)
+
+
+@pytest.mark.parametrize('changes, name', [
+    ({}, 'srkn6'), ({'connector.stiffness_compression': 200.0}, 'leapfrog'),
+    ({'solver.step': 1e-4}, 'srkn4'), ({'contact.mode': 'never'}, 'srkn6')])
+def test_auto_takes_what_a_device_can_take_through_contacts(changes, name):
+    simulation = ico.compile_scene(PRESSED.with_changes({'solver.device': 'warp_cpu', **changes}))
+    assert simulation.status.method_name == name

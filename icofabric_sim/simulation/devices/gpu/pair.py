@@ -55,8 +55,8 @@ from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness
 from icofabric_sim.simulation.devices.gpu.slopes import (
     add_flow,
     combine,
+    find_quickest,
     fold_largest,
-    hurry,
     judge,
     Losses,
     ROWS,
@@ -319,8 +319,8 @@ class DevicePair:
         if not self._speeds:
             self._speeds = [self._zeros(values.shape) for values in self._errors]
         self._launch(
-            hurry, self._near.near, time, len(self._pair.error_5), wp.vec3d(*mean), self._slopes,
-            self._state.poses[0], self._speeds[0])
+            find_quickest, self._near.near, time, len(self._pair.error_5), wp.vec3d(*mean),
+            self._slopes, self._state.poses[0], self._speeds[0])
         speed, moved = self._largest(self._speeds)
         return speed, moved
 

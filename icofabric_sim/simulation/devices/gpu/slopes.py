@@ -237,7 +237,7 @@ def judge(
 
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
-def hurry(
+def find_quickest(
     fabric: Fabric, near: Nearness, time: wp.float64, stages: int, mean: wp.vec3d,
     slopes: wp.array2d(dtype=wp.float64), pose: wp.array(dtype=wp.float64),
     found: wp.array2d(dtype=wp.float64)

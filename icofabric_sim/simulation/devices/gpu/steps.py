@@ -53,6 +53,7 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
     doubles,
     fabric_of,
     MOTION,
+    pair_bytes_of,
     POSE,
     put_acting,
     put_crossings,
@@ -507,10 +508,21 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
         yield stage
 
 
-def device_method(device: Device, packed: PackedScene, name: str, *, given: bool) -> Method:
-    """Return the method `name` with steps that the device takes."""
+def device_method(
+    device: Device, packed: PackedScene, name: str, *, given: bool, later: str = ''
+) -> Method:
+    """
+    Return the method `name` with steps that the device takes.
+
+    `later`: the one that may go on from there, for which there must be room beside it; '': none.
+    """
     require_method_on_device(name, device.choice)
     method = METHODS[name]
+    if later and METHODS[later].embedded is not None:
+        touching = packed.contact is not None
+        require_room(device, packed.layout.body_count, bytes_of(
+            packed.model, packed.layout, kinked=method.mends_kinks, touching=touching
+        ) + pair_bytes_of(packed.model, packed.layout, touching=touching))
     if method.embedded is not None:
         pair = DevicePair(device, packed)
         return method._replace(
