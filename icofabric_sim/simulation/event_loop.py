@@ -187,10 +187,10 @@ class EventLoop:
 
     def _methods_for(self, device: 'Device | None') -> tuple[str, ...]:
         """Names of the methods among which `auto` chooses."""
-        if device is None or self._packed.contact is None:
+        if device is None:
             return tuple(METHODS)
-        from icofabric_sim.simulation.devices.refusals import methods_through_contacts
-        return methods_through_contacts(self._scene)
+        from icofabric_sim.simulation.devices.refusals import methods_on_device
+        return methods_on_device(self._scene)
 
     def _make_driver(
         self, method: Method, state: State, loads: Loads, frequency: Frequency, *,

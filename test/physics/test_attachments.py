@@ -17,8 +17,8 @@ from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, FORMS, make_scene, packed_state, RANDOM, snapshot_of, wrenches
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import vertices
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
@@ -109,7 +109,7 @@ def test_hessian_is_the_derivative_of_the_forces_and_below_its_bound(name):
     assert (product * other).sum() == pytest.approx((back * [shift, turn]).sum(), rel=1e-11)
     work = packed.layout.room(packed.model.links)
     place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
-    bound = np.sqrt(monitor.frequency_bound(packed.model, state, work))
+    bound = np.sqrt(frequency_bound(packed.model, state, work))
     assert bound >= largest_frequency(packed, state).rate > 0.0
 
 

@@ -17,8 +17,8 @@ import math
 
 from fabrics import make_scene, packed_state, RANDOM, same_state, SUPPORTED, wrenches
 import icofabric_sim as ico
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.electric import MOST_MUTUAL
@@ -283,7 +283,7 @@ def test_the_frequency_is_not_below_that_of_all_forces():
         work = packed.layout.room(packed.model.links)
         place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
         rate = largest_frequency(packed, state).rate
-        bound = math.sqrt(monitor.frequency_bound(packed.model, state, work))
+        bound = math.sqrt(frequency_bound(packed.model, state, work))
         assert math.sqrt(largest) * (1.0 - 1e-4) < rate
         assert rate < bound * (1.0 + 1e-9) and rate < 2.0 * math.sqrt(largest)
         bare = largest_frequency(pack_scene(make_scene((2, 3, 2))), state).rate

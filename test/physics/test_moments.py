@@ -21,8 +21,8 @@ import runpy
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, FORMS, make_scene, packed_state, RANDOM, same_state, wrenches
 import icofabric_sim as ico
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -162,7 +162,7 @@ def test_bound_is_above_the_frequency():
             state = packed_state(packed, *disturbed(scene, amplitude, seed=7))
             work = packed.layout.room(packed.model.links)
             place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
-            bound = monitor.frequency_bound(packed.model, state, work)
+            bound = frequency_bound(packed.model, state, work)
             ratios[name, amplitude] = np.sqrt(bound) / largest_frequency(packed, state).rate
     print({key: round(float(value), 3) for key, value in ratios.items()})
     assert min(ratios.values()) >= 1.0

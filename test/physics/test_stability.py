@@ -20,6 +20,7 @@ from fabrics import changed, make_scene, packed_state, RANDOM
 import icofabric_sim as ico
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
+from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model import stability
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
@@ -187,7 +188,7 @@ def test_bound_is_above_the_frequency_in_200_random_configurations():
         work = packed.layout.room(packed.model.links)
         state = packed_state(packed, position, orientation)
         place_all(packed.model, state, work, 0, len(packed.model.blocks.slot))
-        bound = monitor.frequency_bound(packed.model, state, work)
+        bound = frequency_bound(packed.model, state, work)
         ratios[amplitude].append(np.sqrt(bound) / exact_rate(scene, position, orientation))
     for amplitude, values in ratios.items():
         print(f'amplitude {amplitude}: bound / frequency {min(values):.3f} to {max(values):.3f}')

@@ -38,8 +38,8 @@ from icofabric_sim.geometry.icosahedron import (
     outer_triangles,
     vertices,
 )
-from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.kernels.wrap.pairs import taut, whole
 from icofabric_sim.kernels.wrap.path import apart, leaving, seen_from
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
@@ -464,7 +464,7 @@ def test_the_step_knows_an_upper_bound_of_the_frequency(name):
             exact = np.linalg.eigvalsh(dense_hessian(whole_spring, position, orientation))[-1]
             ratios.append((
                 largest_frequency(packed, state).rate / np.sqrt(exact),
-                np.sqrt(monitor.frequency_bound(packed.model, state, work) / exact)))
+                np.sqrt(frequency_bound(packed.model, state, work) / exact)))
     print(np.round(ratios, 2).tolist())
     assert np.min(ratios) > 0.999 and np.max(ratios) < 4.0
 

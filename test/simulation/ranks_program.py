@@ -179,7 +179,7 @@ LATE = {
     'a pile, leapfrog': 0.009, 'a pile, dop8': 0.009}
 # What devices cannot compute yet.
 FOR_RANKS_ALONE = {
-    'own masses and winds, srkn4', 'drives, leapfrog', 'a floor with friction, leapfrog',
+    'own masses and winds, srkn4', 'a floor with friction, leapfrog',
     'a damped floor with friction, dop8',
     # The same terms as in others; of so many bodies rounding leaves more.
     'wide, leapfrog'}

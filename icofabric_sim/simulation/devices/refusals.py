@@ -79,13 +79,20 @@ def require_method_on_device(name: str, device: str) -> None:
         other for other, method in METHODS.items() if not method.implicit])
 
 
-def methods_through_contacts(scene: Scene) -> tuple[str, ...]:
-    """Names of the methods whose steps a device takes where the shells of the scene may touch."""
-    laws = scene.connectors.laws if scene.connector_count else None
+def methods_on_device(scene: Scene) -> tuple[str, ...]:
+    """
+    Names of the methods whose steps of this scene a device takes.
+
+    Where slopes of connectors jump, and shells may touch or bodies move on paths, none that
+    follows these jumps.
+    """
+    laws, parameters = scene.connectors.laws if scene.connector_count else None, scene.parameters
     jumps = laws is not None and np.any(
         np.asarray(laws.extension) != np.asarray(laws.compression))
+    alone = parameters['contact.mode'] == 'never' and not parameters.names('drives')
     return tuple(
-        name for name in _THROUGH_CONTACTS if not (jumps and METHODS[name].mends_kinks))
+        name for name in _THROUGH_CONTACTS
+        if alone or not (jumps and METHODS[name].mends_kinks))
 
 
 def _on(device: str) -> str:
@@ -136,7 +143,7 @@ def _lacking_with_contact(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if method not in _THROUGH_CONTACTS:
         yield ('solver.method', f'{method} with shells that may touch',
                f'take auto, {", ".join(_THROUGH_CONTACTS)}, {never}')
-    if method not in methods_through_contacts(scene):
+    if method not in methods_on_device(scene):
         yield ('solver.method', f'{method} with k_e that is not k_c and shells that may touch',
                f'take auto, leapfrog, dop8, {never}')
 
@@ -149,6 +156,10 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
         yield from _lacking_with_contact(scene)
     if scene.connector_count and scene.connectors.tables.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
-    for section, what in (('drives', 'with a drive'), ('tractions', 'with a surface force')):
-        for name in parameters.names(section):
-            yield f'{section}.{name}', what, 'leave it out'
+    method = str(parameters['solver.method'])
+    for name in parameters.names('drives'):
+        if method != 'auto' and method in METHODS and method not in methods_on_device(scene):
+            yield (f'drives.{name}', f'by {method} where k_e is not k_c',
+                   'take solver.method auto, leapfrog or dop8')
+    for name in parameters.names('tractions'):
+        yield f'tractions.{name}', 'with a surface force', 'leave it out'

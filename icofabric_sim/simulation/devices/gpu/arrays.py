@@ -45,6 +45,8 @@ _SLOPES = 13
 _START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
 # And where shells may touch: pose at the last search, what contacts do, way since.
 _NEAR = POSE + MOTION + 1
+# Of paths, see records.py.
+_PATHS = 'start', 'cubic', 'wave', 'rate', 'phase', 'base', 'turn', 'arm', 'first'
 
 
 def terms_of(model: Model, *, loaded: bool) -> Terms:
@@ -58,6 +60,12 @@ def terms_of(model: Model, *, loaded: bool) -> Terms:
         dipole=model.dipole is not None,
         held=model.supports is not None and model.supports.inverse_mass.shape[1] > 0,
         loaded=loaded)
+
+
+def driven_terms(terms: Terms, model: Model, acting: Any) -> Terms:
+    """The same where something is `acting`, which may move bodies on paths."""
+    return terms._replace(
+        driven=acting is not None and acting.paths > 0, own_masses=model.masses is not None)
 
 
 def bytes_of(
@@ -204,17 +212,14 @@ def put_acting(acting: Any, loads: Loads, device: Device) -> bool:
 
     Into the arrays of `acting` where they are as long; whether some were replaced.
     """
-    numbers, count = np.array(loads.wrench, dtype=np.int32), len(loads.force)
+    count, drives = len(loads.force), loads.drives
     varying = np.tile([0.0, 1.0, 0.0, 0.0, 0.0], (count, 1))
     given, anchors = loads.varying, loads.anchors
     if given is not None and len(given.start):
         varying = np.column_stack([
             given.start, given.value, given.slope, given.height, given.rate])
-    if anchors is not None:
-        # Anchors are numbered after the paths of drives, of which there are none.
-        numbers = np.where(numbers < 0, numbers + anchors.first, numbers).astype(np.int32)
     tables: list[tuple[str, Any, np.ndarray]] = [
-        ('start', wp.int32, loads.start), ('wrench', wp.int32, numbers),
+        ('start', wp.int32, loads.start), ('wrench', wp.int32, loads.wrench),
         ('lanes', wp.uint8, loads.lanes), ('turning', wp.uint8, loads.turning),
         ('force', wp.vec3d, loads.force), ('torque', wp.vec3d, loads.torque),
         ('point', wp.vec3d, loads.point), ('work', wp.float64, loads.work),
@@ -224,7 +229,12 @@ def put_acting(acting: Any, loads: Loads, device: Device) -> bool:
         tables += [
             ('anchor_start', wp.float64, anchors.start), ('anchor_cubic', wp.vec3d, anchors.cubic),
             ('anchor_arm', wp.vec3d, anchors.arm), ('anchor_law', wp.float64, law)]
-    is_replaced = False
+    if drives is not None:
+        tables += [
+            (f'path_{name}', wp.float64, getattr(drives, name)) for name in _PATHS]
+        tables.append(('path_moves', wp.uint8, drives.moves))
+    paths = 0 if drives is None else len(drives.start)
+    is_replaced, acting.paths = paths != acting.paths, paths
     for name, kind, values in tables:
         rows = np.ascontiguousarray(values)
         rows = rows.reshape(-1, 3) if kind is wp.vec3d else rows.ravel()

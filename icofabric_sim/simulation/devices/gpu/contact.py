@@ -25,6 +25,7 @@ from typing import Any
 from icofabric_sim.kernels.contact.shape import INNER, OUTER
 from icofabric_sim.simulation.devices.gpu.forces import place_of, turn_of
 from icofabric_sim.simulation.devices.gpu.kernels import time_at
+from icofabric_sim.simulation.devices.gpu.options import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Clock, Fabric, Nearness
 from icofabric_sim.simulation.devices.gpu.rotations import axes_of, on_axes
 import numpy as np
@@ -53,7 +54,6 @@ _Sums = wp.types.vector(length=14, dtype=_D)
 PUSH_SIZE = 10
 # Bodies whose ways one thread looks through.
 SHARE = 256
-OPTIONS = {'fuse_fp': False, 'fast_math': False, 'max_unroll': 0}
 
 
 @wp.func

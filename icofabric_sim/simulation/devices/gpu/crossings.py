@@ -32,7 +32,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     place_of,
     turn_of,
 )
-from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS
+from icofabric_sim.simulation.devices.gpu.options import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Clock, Fabric, Stage
 from icofabric_sim.simulation.stepping.methods import Method
 import numpy as np

@@ -79,7 +79,8 @@ class HealthCheck:
         """
         return (
             model.bending is None and model.twisting is None and model.dipole is None
-            and model.contacts is None and loads.anchors is None and len(model.blocks.slot) > 0
+            and model.contacts is None and loads.anchors is None
+            and loads.drives is None and len(model.blocks.slot) > 0
             and (model.shells is None or Ledger.over(ledger).until_obstructed > 1.0))
 
     def examine(

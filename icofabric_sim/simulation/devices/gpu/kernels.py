@@ -40,6 +40,14 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     turn_of,
     wrench_of,
 )
+from icofabric_sim.simulation.devices.gpu.options import MOST_REGISTERS, OPTIONS
+from icofabric_sim.simulation.devices.gpu.paths import (
+    borne,
+    on_paths,
+    path_of,
+    resisted,
+    standing,
+)
 from icofabric_sim.simulation.devices.gpu.records import (
     Acting,
     Clock,
@@ -51,14 +59,7 @@ from icofabric_sim.simulation.devices.gpu.rotations import rotated, to_world
 
 wp: Any = import_module('warp')
 
-_ZERO = wp.constant(wp.float64(0.0))
-# Products and sums are rounded one by one, as they are written: so processors and graphics cards
-# agree to the bit.
-# Loops are left to the compiler, which takes a third of the time then.
-OPTIONS = {'fuse_fp': False, 'fast_math': False, 'max_unroll': 0}
-# For each thread of a GPU, so that a multiprocessor holds 16 groups of 32 threads. The code of
-# loads would take twice as many, and is for few bodies: it keeps the rest in memory.
-MOST_REGISTERS = 128
+_ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 
 class Terms(NamedTuple):
@@ -75,6 +76,9 @@ class Terms(NamedTuple):
     touching: bool = False
     # Whether connectors keep the slope with which a step began, see crossings.py.
     kept: bool = False
+    # Whether bodies move on paths, see paths.py; and whether masses are their own.
+    driven: bool = False
+    own_masses: bool = False
 
 
 @wp.func
@@ -107,8 +111,9 @@ def push_loads(
                 step = h * factor_of(acting, w, time)
                 v = v + wp.cw_mul(step * mass, force)
                 o = o + (step * inertia) * torque
-            else:
-                pull, turning, power = anchor_pull(acting, -1 - w, place, turn, time)
+            elif path_of(acting, m) < 0:
+                pull, turning, power = anchor_pull(
+                    acting, -1 - w - acting.paths, place, turn, time)
                 v = v + wp.cw_mul(h * mass, pull)
                 o = o + (h * inertia) * turning
                 at = fabric.lanes * m + lane
@@ -141,7 +146,7 @@ def step_kernel(terms: Terms) -> Any:
         pulls = springs(kept_law if terms.kept else law, arm_to)
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole, kept = terms.held, terms.loaded, terms.dipole, terms.kept
-    touching = terms.touching
+    touching, driven, own_masses = terms.touching, terms.driven, terms.own_masses
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False,
@@ -201,6 +206,13 @@ def step_kernel(terms: Terms) -> Any:
         velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
         spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
         if stage.source > 0:
+            if wp.static(driven):
+                weighed, turned = _ONE / fabric.inverse_mass, _ONE / fabric.inverse_inertia
+                if wp.static(own_masses):
+                    weighed, turned = _ONE * fabric.own_mass[s], _ONE * fabric.own_inertia[s]
+                linear, angular = resisted(
+                    fabric, acting, block, lane, weighed, turned, velocity, spin, linear,
+                    angular, stage.kick * h, stage.again * h)
             for part in range(2):
                 # The last kick of a step and the first of the next share their forces.
                 kick = wp.where(part == 0, stage.kick, stage.again) * h
@@ -208,9 +220,13 @@ def step_kernel(terms: Terms) -> Any:
                     velocity = velocity + kick * linear
                     spin = spin + kick * angular
                     if wp.static(loaded):
-                        velocity, spin = push_loads(
+                        kicked, whirled = push_loads(
                             fabric, acting, block, lane, mass, inertia, place, turn, velocity,
                             spin, time_at(clock, stage.push_step, stage.push_drifts), kick)
+                        if wp.static(driven):
+                            kicked, whirled = borne(
+                                acting, block, lane, velocity, spin, kicked, whirled)
+                        velocity, spin = kicked, whirled
             for k in range(3):
                 motion[k * n + s] = velocity[k]
                 motion[(k + 3) * n + s] = spin[k]
@@ -222,15 +238,24 @@ def step_kernel(terms: Terms) -> Any:
                         step = wp.where(number == 0, stage.drift_step, stage.second_step)
                         drifts = wp.where(number == 0, stage.drift_drifts, 0)
                         later = wp.where(number == 0, stage.drift_later, _ZERO)
+                        now = time_at(clock, step, drifts) + later * h
+                        if wp.static(driven):
+                            velocity = standing(acting, block, lane, velocity)
                         work_loads(
-                            fabric, acting, block, lane, turn, velocity, spin,
-                            time_at(clock, step, drifts) + later * h, whole)
+                            fabric, acting, block, lane, turn, velocity, spin, now, whole)
                     place = place + whole * velocity
                     turn = rotated(turn, spin, whole)
+                    if wp.static(driven):
+                        place, turn, velocity, spin = on_paths(
+                            acting, block, lane, s, n, now + whole, place, turn, velocity, spin)
             for k in range(3):
                 moved[k * n + s] = place[k]
             for k in range(4):
                 moved[(k + 3) * n + s] = turn[k]
+            if wp.static(driven):
+                for k in range(3):
+                    motion[k * n + s] = velocity[k]
+                    motion[(k + 3) * n + s] = spin[k]
     return push_and_drift
 
 

@@ -31,7 +31,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     place_of,
     turn_of,
 )
-from icofabric_sim.simulation.devices.gpu.kernels import OPTIONS
+from icofabric_sim.simulation.devices.gpu.options import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
 
 wp: Any = import_module('warp')

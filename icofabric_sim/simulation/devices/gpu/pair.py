@@ -37,6 +37,7 @@ from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.gpu.arrays import (
     copy_back,
     doubles,
+    driven_terms,
     fabric_of,
     MOTION,
     pair_bytes_of,
@@ -51,6 +52,7 @@ from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.monitor import SHARE
 from icofabric_sim.simulation.devices.gpu.opening import Device
+from icofabric_sim.simulation.devices.gpu.paths import place_driven
 from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness
 from icofabric_sim.simulation.devices.gpu.slopes import (
     add_flow,
@@ -220,8 +222,9 @@ class DevicePair:
                 self._put(model, *now)
             self._now, self._is_here = now, anew
             self._watch(model.contacts, watch, anew=anew, of_run=of_run)
+            terms = terms_of(self._packed.model, loaded=self._acting is not None)
             self._kernel = slope_kernel(
-                terms_of(self._packed.model, loaded=self._acting is not None)._replace(
+                driven_terms(terms, self._packed.model, self._acting)._replace(
                     touching=self._is_touching), self._losses)
             if of_run:
                 self._run = now
@@ -259,6 +262,8 @@ class DevicePair:
         self._slope(self._state.poses[0], self._state.motion, int(index), float(rest[2]))
 
     def _slope(self, pose: Any, motion: Any, index: int, time: float) -> None:
+        if self._acting is not None and self._acting.paths:
+            self._launch(place_driven, self._acting, time, pose, motion)
         self._evaluate(pose, time, touching=self._is_touching)
         self._launch(
             self._kernel, self._idle if self._acting is None else self._acting,

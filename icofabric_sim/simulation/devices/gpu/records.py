@@ -75,7 +75,7 @@ class Acting:
     """Wrenches and anchors: a row for every block that one acts on."""
 
     start: wp.array(dtype=wp.int32)  # (b + 1,) rows start[b] to start[b + 1] act on block b
-    wrench: wp.array(dtype=wp.int32)  # (m,) which wrench; -1 - a: an anchor
+    wrench: wp.array(dtype=wp.int32)  # (m,) which wrench; -1 - p: a path, or an anchor behind them
     lanes: wp.array(dtype=wp.uint8)  # (m,) bits of the lanes that it acts on
     turning: wp.array(dtype=wp.uint8)  # (w,) not 0: force and torque turn with the bodies
     force: wp.array(dtype=wp.vec3d)  # (w,) [N]
@@ -84,6 +84,18 @@ class Acting:
     work: wp.array(dtype=wp.float64)  # (m lanes,) [J]
     # (5 w,) start [s], value, slope [1/s], height, rate [rad/s] of the factor of each wrench.
     varying: wp.array(dtype=wp.float64)
+    # Paths, as in Drives of kernels/records.py, flat.
+    paths: wp.int32
+    path_start: wp.array(dtype=wp.float64)
+    path_cubic: wp.array(dtype=wp.float64)
+    path_wave: wp.array(dtype=wp.float64)
+    path_rate: wp.array(dtype=wp.float64)
+    path_phase: wp.array(dtype=wp.float64)
+    path_base: wp.array(dtype=wp.float64)
+    path_turn: wp.array(dtype=wp.float64)
+    path_arm: wp.array(dtype=wp.float64)
+    path_first: wp.array(dtype=wp.float64)
+    path_moves: wp.array(dtype=wp.uint8)
     anchor_start: wp.array(dtype=wp.float64)  # (a,) [s] when the piece of its path began
     anchor_cubic: wp.array(dtype=wp.vec3d)  # (4 a,) [m] and by powers of [s]
     anchor_arm: wp.array(dtype=wp.vec3d)  # (a,) [m] from the centre, body axes

@@ -41,8 +41,10 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     turn_of,
     wrench_of,
 )
-from icofabric_sim.simulation.devices.gpu.kernels import MOST_REGISTERS, OPTIONS, Terms
+from icofabric_sim.simulation.devices.gpu.kernels import Terms
 from icofabric_sim.simulation.devices.gpu.monitor import larger, SHARE
+from icofabric_sim.simulation.devices.gpu.options import MOST_REGISTERS, OPTIONS
+from icofabric_sim.simulation.devices.gpu.paths import left_free, path_of, path_power
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric, Nearness
 from icofabric_sim.simulation.devices.gpu.rotations import to_world
 
@@ -84,7 +86,7 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole = terms.held, terms.loaded, terms.dipole
     damped, dragged = losses
-    touching = terms.touching
+    touching, driven, own_masses = terms.touching, terms.driven, terms.own_masses
     losing = dampers(arm_to) if damped and terms.linked else no_dampers
 
     @wp.kernel(
@@ -148,12 +150,24 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
                         factor = factor_of(acting, w, time)
                         push, turning = factor * push, factor * turning
                         given = wp.dot(push, velocity) + wp.dot(turning, spin)
-                    else:
-                        push, turning, given = anchor_pull(acting, -1 - w, place, turn, time)
-                    force, torque = force + push, torque + turning
+                        force, torque = force + push, torque + turning
+                    elif path_of(acting, m) < 0:
+                        push, turning, given = anchor_pull(
+                            acting, -1 - w - acting.paths, place, turn, time)
+                        force, torque = force + push, torque + turning
                 power[index, at] = given
         linear = wp.cw_mul(force, mass) + weight
         angular = inertia * torque
+        if wp.static(driven):
+            weighed, turned = _ONE / fabric.inverse_mass, _ONE / fabric.inverse_inertia
+            if wp.static(own_masses):
+                weighed, turned = _ONE * fabric.own_mass[s], _ONE * fabric.own_inertia[s]
+            for m in range(acting.start[block], acting.start[block + 1]):
+                p = path_of(acting, m)
+                if (int(acting.lanes[m]) >> lane) & 1 == 1 and p >= 0:
+                    power[index, fabric.lanes * m + lane] = -path_power(
+                        acting, p, weighed, turned, velocity, spin, linear, angular)
+                    linear, angular = left_free(acting, p, linear, angular)
         for k in range(3):
             slopes[index, k * n + s] = velocity[k]
             slopes[index, (k + 7) * n + s] = linear[k]

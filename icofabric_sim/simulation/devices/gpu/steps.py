@@ -51,6 +51,7 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
     bytes_of,
     copy_back,
     doubles,
+    driven_terms,
     fabric_of,
     MOTION,
     pair_bytes_of,
@@ -393,8 +394,9 @@ class DeviceSteps:
         now, acting = self._now, self._acting if loaded else Acting()
         if self._follows_kinks:
             return self._record_kinked(count, loaded, acting)
-        kernel = step_kernel(
-            terms_of(self._packed.model, loaded=loaded)._replace(touching=touching))
+        kernel = step_kernel(driven_terms(
+            terms_of(self._packed.model, loaded=loaded), self._packed.model,
+            acting if loaded else None)._replace(touching=touching))
         near = self._near if touching or self._is_watching else None
         # Nothing can be loaded while launches are recorded.
         wp.load_module(kernel.module, device=self._device.handle)
