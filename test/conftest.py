@@ -80,6 +80,8 @@ _LONG = re.compile(
     r'|test_forces_are_the_gradient_of_the_energy\[.*(0\.7|4\.0)\]'
     r'|test_a_change_does_what_its_column_says\[masses\.it\.edge_length\]'
     r'|test_what_is_known_of_contacts_changes_no_bit\[losses1\]'
+    r'|test_a_crowd_moves_on_a_device_as_on_the_processor\[(dop8, given|auto)\]'
+    r'|test_a_device_moves_as_the_processor_does\[driven, dop8\]'
     r'|test_from_any_points_the_open_segment_meets_the_interior\[(both-.*|sizes-dir.*)\]'
     r'|test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces\[.*')
 

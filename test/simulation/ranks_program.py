@@ -28,6 +28,7 @@ import time
 import traceback
 
 import icofabric_sim as ico
+from icofabric_sim.kernels.monitor import LOOKS
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.server import Server
 import numpy as np
@@ -107,11 +108,12 @@ SCENES = {
 # More blocks than groups over which sums are formed.
 SCENES['wide, leapfrog'] = {
     **COMMON, 'weave.size': [21, 21, 43], 'solver': {'method': 'leapfrog', 'step': 2e-4}}
-# Runs that end by themselves, each at the state that was saved last.
+# Runs that end by themselves, each at the state that was saved last; the last one takes long.
 STOPPING = {
     'leapfrog': {
         **COMMON, 'weave.size': [5, 7, 9], 'connector.obstruction': 'stop',
-        'solver': {'method': 'leapfrog', 'step': 4e-4}},
+        'solver': {'method': 'leapfrog', 'step': 4e-4}}}
+STOPPING_LONG = {
     'dop8': {
         **COMMON, 'weave.size': [5, 7, 9], 'connector.obstruction': 'stop',
         'connector.damping': 0.02, 'solver.tolerance': 1e-2}}
@@ -241,7 +243,8 @@ def steps_taken(ranks=None):
 
 def stop(name, ranks=None):
     """Run a scene until it stops; what it says, the state that is kept and what had flowed."""
-    simulation = ico.compile_scene(ico.Scene.from_parameters(STOPPING[name]), ranks=ranks)
+    simulation = ico.compile_scene(
+        ico.Scene.from_parameters({**STOPPING, **STOPPING_LONG}[name]), ranks=ranks)
     try:
         simulation.advance_to(0.5)
     except ico.SimulationError as error:
@@ -249,22 +252,27 @@ def stop(name, ranks=None):
     return ['it went on']
 
 
-def gathered(ranks):
-    """Count how often all states come to the first rank in many steps that nobody looks at."""
-    simulation, calls = ico.compile_scene(ico.Scene.from_parameters({
-        'weave.size': [21, 21, 43], 'contact.mode': 'never',
-        'initial_random': COMMON['initial_random'],
-        'solver': {'method': 'leapfrog', 'step': 2e-4}}), ranks=ranks), []
-    simulation.advance_steps(64)
-    # The accuracy is measured from time to time on all states.
-    simulation._driver.errors.probe.checks_left = 10**9
+def gathered(ranks, steps, **solver):
+    """
+    Count how often all states come to the first rank in many steps that nobody looks at.
+
+    And health checks and measurements of the accuracy in that time.
+    """
+    simulation, calls, measured = ico.compile_scene(ico.Scene.from_parameters({
+        'weave.size': [15, 15, 15], 'contact.mode': 'never',
+        'initial_random': COMMON['initial_random'], 'solver': solver}), ranks=ranks), [], []
+    simulation.advance_steps(1)
+    probe = simulation._driver.errors.probe
+    measure, probe.measured = probe.measured, lambda *words, **named: (
+        measured.append(words), measure(*words, **named))[1]
     gather = SharedSteps._gather
     SharedSteps._gather = lambda self, *words, **named: (
         calls.append(words), gather(self, *words, **named))
     try:
-        checks = simulation.status.step_count // 64
-        simulation.advance_steps(300)
-        return [len(calls), simulation.status.step_count // 64 - checks]
+        looks = simulation._driver.trajectory.ledger.numbers[LOOKS]
+        simulation.advance_steps(steps)
+        ledger = simulation._driver.trajectory.ledger.numbers
+        return [len(calls), int(ledger[LOOKS] - looks), len(measured)]
     finally:
         SharedSteps._gather = gather
 
@@ -323,9 +331,15 @@ def main():
         with ico.Ranks(group) as ranks:
             if ranks.leads:
                 found[count] = {name: which(name, ranks) for name in names}
-                if which is run and names is SCENES:
-                    found[count]['stopped'] = {name: stop(name, ranks) for name in STOPPING}
-                    found[count]['gathered'] = gathered(ranks)
+                if which is run:
+                    stopping = STOPPING if names is SCENES else STOPPING_LONG
+                    found[count]['stopped'] = {name: stop(name, ranks) for name in stopping}
+                if names is SCENES:
+                    found[count]['gathered'] = [
+                        gathered(ranks, 300, method='leapfrog', step=2e-4),
+                        gathered(ranks, 300, method='leapfrog', tolerance=1e-2),
+                        gathered(ranks, 40, method='srkn6', tolerance=1e-2),
+                        gathered(ranks, 40, method='srkn8', tolerance=1e-4)]
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

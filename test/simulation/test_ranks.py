@@ -49,6 +49,7 @@ from ranks_program import (
     steps_taken,
     stop,
     STOPPING,
+    STOPPING_LONG,
     TOUCHING,
 )
 
@@ -99,6 +100,7 @@ def test_other_scenes_have_the_bits_of_one_process():
             assert float.fromhex(lost[-1]) > 0.0
         for count in range(2, MOST + 1):
             assert found[str(count)][name] == expected, (count, name)
+    require_same_stops(STOPPING_LONG, found)
 
 
 def test_ready_scenes_have_the_bits_of_one_process_or_are_refused():
@@ -173,17 +175,22 @@ def test_after_the_block_the_state_is_there_and_goes_no_further(shared):
 
 
 def test_a_run_that_stops_comes_back_to_the_state_that_the_ranks_have_saved(shared):
-    expected = {name: json.loads(json.dumps(stop(name))) for name in STOPPING}
+    require_same_stops(STOPPING, shared['found'])
+
+
+def require_same_stops(names, found):
+    """Runs stop where one process stops, and come back to the same state."""
+    expected = {name: json.loads(json.dumps(stop(name))) for name in names}
     for said, steps, *_ in expected.values():
         assert 'connector.obstruction is stop' in said and 'is kept' in said and steps > 10
-    for found in shared['found'].values():
-        assert found['stopped'] == expected
+    for what in found.values():
+        assert what['stopped'] == expected
 
 
-def test_health_checks_leave_states_where_they_are(shared):
+def test_health_checks_and_measurements_leave_states_where_they_are(shared):
     for found in shared['found'].values():
-        gathered, checks = found['gathered']
-        assert gathered <= 1 and checks >= 4
+        for gathered, checks, measured in found['gathered']:
+            assert gathered == 0 and checks >= 4 and measured >= 1
 
 
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):

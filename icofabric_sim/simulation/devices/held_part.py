@@ -15,7 +15,15 @@
 
 from typing import Any
 
-from icofabric_sim.kernels.records import Loads, Meter, State, Work
+from icofabric_sim.kernels.records import Loads, State, Work
+from icofabric_sim.simulation.devices.beside import (
+    AHEAD,
+    bodies_of,
+    bounds_of_state,
+    HALF,
+    meter_room,
+    squares_apart,
+)
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
@@ -24,7 +32,7 @@ from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
-from icofabric_sim.simulation.model.layout import aligned_empty, kinks_room
+from icofabric_sim.simulation.model.layout import aligned_empty, copied_state, kinks_room
 import numpy as np
 
 
@@ -38,6 +46,9 @@ class HeldPart:
         self._steps = PartSteps(transport, window.model, exchange, weights)
         self._rows = SlotRows(slot[exchange.first:exchange.last])
         self._states = _states_of(window, weights)  # by whether it is the run's
+        # Of trial steps that are judged where they are, once there are some.
+        self._beside: dict[str, tuple[State, Work]] = {}
+        self._bodies = bodies_of(window.model.blocks, exchange.first, exchange.last)
         self._loads: Loads | None = None
         self._works: dict[bool, np.ndarray] = {}
         self._around = Surroundings(window)
@@ -77,7 +88,7 @@ class HeldPart:
 
     def take(self, stretch: Stretch) -> None:
         """Take steps."""
-        arrays = self._arrays(stretch.is_checked)
+        arrays = self._arrays(stretch.is_checked, stretch.beside)
         self._steps.take(arrays, stretch)
         if stretch.is_watched:
             requests = [self._transport.send(look_at(arrays.contacts, arrays.watch), 0)]
@@ -86,10 +97,33 @@ class HeldPart:
                 requests.append(self._transport.send(arrays.contacts.pushes[own], 0))
             self._transport.wait(requests)
 
+    def begin_beside(self) -> None:
+        """Begin trial steps where the run is."""
+        if AHEAD not in self._beside:
+            # Only one kind of trials goes on at a time.
+            self._beside = {AHEAD: _copied(*self._states[True]), HALF: self._states[False]}
+        _copy(self._states[True], self._beside[AHEAD])
+
+    def branch(self) -> None:
+        """Have those of half the length begin where the others are."""
+        _copy(self._beside[AHEAD], self._beside[HALF])
+
+    def apart(self) -> None:
+        """Say how far they have led apart."""
+        (ahead, _), (half, _) = self._beside[AHEAD], self._beside[HALF]
+        self._answer(squares_apart(ahead, half, self._rows))
+
+    def bounds(self) -> None:
+        """Say how fast bodies of the run are, and where."""
+        self._answer(bounds_of_state(self._states[True][0], self._bodies))
+
+    def _answer(self, numbers: np.ndarray) -> None:
+        self._transport.wait([self._transport.send(numbers, 0)])
+
     def examine(self, time: float, inside: bool) -> None:
         """Send the first rank what it needs to know for a health check."""
         figures = self._steps.examine(self._arrays(True), time, inside=inside)
-        self._transport.wait([self._transport.send(figures, 0)])
+        self._answer(figures)
 
     def save(self) -> None:
         """Save the state, and what loads had done."""
@@ -115,9 +149,9 @@ class HeldPart:
         requests += [self._transport.send(row, 0) for row in more]
         self._transport.wait(requests)
 
-    def _arrays(self, of_run: bool) -> Arrays:
+    def _arrays(self, of_run: bool, beside: str = '') -> Arrays:
         """What steps change."""
-        state, work = self._states[of_run]
+        state, work = self._beside[beside] if beside else self._states[of_run]
         loads = self._loads
         return Arrays(
             None if loads is None else loads._replace(work=self._works[of_run]), state, work,
@@ -141,10 +175,23 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
         acceleration[:] = 0.0
         spent = None
         if window.spends:
-            spent = Meter(np.zeros((16, 0)), aligned_empty((2, window.slot_count)))
-            spent.done[:] = 0.0
+            spent = meter_room(window.slot_count)
         # The points are placed anew in each evaluation, so both states share them.
         states[of_run] = resting(window.slot_count), Work(
             points, acceleration, None, None, aligned_empty((7, 0)), changes,
             window.figures_room(), window.group, aligned_empty((0,)), spent, None, None, kinks)
     return states
+
+
+def _copied(state: State, work: Work) -> tuple[State, Work]:
+    """Room for the same state, and for what follows from it."""
+    spent = None if work.spent is None else meter_room(state.position.shape[1])
+    acceleration = aligned_empty(work.acceleration.shape)
+    acceleration[:] = 0.0
+    return copied_state(state), work._replace(acceleration=acceleration, spent=spent)
+
+
+def _copy(source: tuple[State, Work], target: tuple[State, Work]) -> None:
+    for (values, there) in zip(source[0].rows(), target[0].rows()):
+        np.copyto(there, values)
+    np.copyto(target[1].acceleration, source[1].acceleration)

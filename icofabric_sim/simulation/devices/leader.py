@@ -49,6 +49,7 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
@@ -102,6 +103,7 @@ class SharedSteps:
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
+        self._acted: Loads | None = None  # also where they are empty
         self._ledger = Ledger.over(np.zeros(0))
 
     def advance(
@@ -119,11 +121,56 @@ class SharedSteps:
                     model, loads, state, saved, work, origin, index, h, count, since_check,
                     check_interval, watch, ledger)
             except BaseException as error:
-                self._is_out = self._is_stale = False
-                self._sharing.forget_saved()
+                self.forget()
                 # Others wait for poses from here.
                 self._transport.fail(error)
                 raise
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the state of the run is with the ranks alone."""
+        return self._is_out and self._is_stale
+
+    def forget(self) -> None:
+        """What the ranks have is lost."""
+        self._is_out = self._is_stale = False
+        self._sharing.forget_saved()
+
+    def hold(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> tuple[PartSteps, Arrays]:
+        """
+        Have the state of a run in which nothing touches with the ranks, and what acts.
+
+        Returns what takes steps of this rank's part, and the arrays of the run.
+        """
+        if not self._sharing.contacts.is_shared(None):
+            self._share(None)
+        own = self._begin(model, loads, state, work, watch)
+        if self._sharing.send_loads(loads, stages=0):
+            self._is_out = False
+        run = Arrays(loads if self._sharing.acts else None, state, work, None, watch)
+        if not self._is_out:
+            self._run, self._contacts = run, None
+            self._scatter(run, None, of_run=True)
+            self._is_out = True
+        return own, run
+
+    def save(self, saved: State) -> bool:
+        """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        if not self.is_apart or self._run is None or self._acted is None or (
+                self._contacts is not None):
+            return False
+        self._sharing.save(
+            self._run.state, self._run.work, self._acted, saved, keeps_work=True)
+        return True
+
+    def own_bounds(self) -> np.ndarray:
+        """As `bounds_of_state`, of this rank's bodies."""
+        assert self._run is not None
+        part = self._sharing.parts[0]
+        return bounds_of_state(self._run.state, bodies_of(
+            self._packed.model.blocks, part.first, part.last))
 
     def _take_over(self) -> None:
         """Have the whole state of the run here, where it may be looked at and changed."""
@@ -149,6 +196,7 @@ class SharedSteps:
             loads if self._sharing.acts else None, state, work, mine, watch if of_run else None)
         if of_run:
             self._run, self._ledger, self._contacts = arrays, Ledger.over(ledger), contacts
+            self._acted = loads
         if not (of_run and self._is_out):
             self._scatter(arrays, contacts, of_run=of_run)
         if of_run:

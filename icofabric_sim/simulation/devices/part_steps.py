@@ -95,6 +95,8 @@ class Stretch(NamedTuple):
     # Whether ranks say at the end how far their bodies have moved, and what contacts do to them.
     is_watched: bool = False
     is_guarded: bool = False
+    # Of which trial, see beside.py; '': of the run, or of one whose state is on the first rank.
+    beside: str = ''
 
     @property
     def is_checked(self) -> bool:

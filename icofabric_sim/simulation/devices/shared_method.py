@@ -16,6 +16,7 @@
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.pair_leader import SharedPair
 from icofabric_sim.simulation.devices.refusals import require_shareable_method
+from icofabric_sim.simulation.devices.shared_trials import SharedTrials
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
@@ -33,4 +34,5 @@ def shared_method(
             advance=pair.advance, holder=pair.holder,
             embedded=method.embedded._replace(take=pair.take))
     steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
-    return method._replace(advance=steps.advance, holder=steps.holder)
+    return method._replace(
+        advance=steps.advance, holder=steps.holder, beside=SharedTrials(transport, steps))

@@ -185,6 +185,11 @@ class Sharing:
             bring()
 
     @property
+    def slots_of_first(self) -> np.ndarray:
+        """Runs of LANES slots that steps of the first rank read, by their numbers."""
+        return self._slots[0].kept
+
+    @property
     def others(self) -> range:
         """Numbers of the other ranks."""
         return range(1, self.transport.size)

@@ -51,6 +51,11 @@ class SlotRows:
             transport.wait([transport.receive(values, rank)])
             row[self._index] = values
 
+    def of(self, table: np.ndarray) -> np.ndarray:
+        """Return them of a table (r, s), without a copy where they lie side by side."""
+        chosen: np.ndarray = table[:, self._index]
+        return chosen
+
     def copied(
         self, tables: Sequence[np.ndarray], kept: Sequence[np.ndarray]
     ) -> list[np.ndarray]:

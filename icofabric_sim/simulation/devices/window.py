@@ -38,9 +38,9 @@ from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EA
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
-# Doubles that a rank holds for each slot: state, its trial and the one that was saved,
-# accelerations of the first two, points; and what steps need that follow where slopes jump.
-_DOUBLES_EACH, _KINKS_EACH = 3 * 13 + 2 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
+# Doubles that a rank holds for each slot: state, its trials and the one that was saved,
+# accelerations of the first three, points; and what steps need that follow where slopes jump.
+_DOUBLES_EACH, _KINKS_EACH = 4 * 13 + 3 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
 
 # Slopes of the stages, what a stage and the start of a step are, of both states; speeds of points.
 _PAIR_EACH = 2 * (16 * 13 + 2 * 13 + 18)

@@ -154,20 +154,18 @@ def hessian_product(
 
 
 def fastest_motion(
-    packed: PackedScene, state: State, frequency: float, spin: float, load_rate: float,
+    packed: PackedScene, spread: float, frequency: float, spin: float, load_rate: float,
     proximity: float | None, fall: float,
 ) -> float:
     """
     Rate [rad/s] of the fastest motion that steps must follow, seen from a body that spins.
 
-    `frequency` and `spin` [rad/s] are the largest, `load_rate` [rad/s] that of the loads alone;
-    `proximity` [m]: free bodies may not pass each other unseen at this distance, nor what is held,
-    to which they `fall` [m/s^2].
+    `spread` [m/s]: how much velocities differ; `frequency` and `spin` [rad/s] are the largest,
+    `load_rate` [rad/s] that of the loads alone; `proximity` [m]: free bodies may not pass each
+    other unseen at this distance, nor what is held, to which they `fall` [m/s^2].
     """
     rate = frequency + spin + packed.velocity_rate
     model = packed.model
-    velocity = state.linear_velocity[:, packed.layout.slot]
-    spread = float(np.linalg.norm(np.ptp(velocity, axis=1)))
     if model.links is None:
         # Free bodies take any step; health checks must come before they have passed each other.
         if proximity is None:

@@ -248,17 +248,16 @@ class AccuracyProbe:
         counts = [count] * max(round(shortest / (count * step)), 1)
         if at_first and scale == 1.0:
             counts[:1] = _doubled(count)
-        found: list[float] = []
-        done = self._trials.compare_ahead(
-            step, counts, lambda one, other: found.append(self.distance(one, other)))
+        found = self._trials.errors_ahead(step, counts, self.distance, self._joined)
+        done = len(found)
         del counts[done:]
         self._span = sum(counts) * step
         if not counts:
             return math.nan
-        total = sum(found[:done])
+        total = sum(found)
         if 0.0 < total < math.inf and done > 1:
             self._measured_course = np.array([(0.0, 0.0), *zip(
-                np.cumsum(counts) / sum(counts), np.cumsum(found[:done]) / total)])
+                np.cumsum(counts) / sum(counts), np.cumsum(found) / total)])
             self._measured_course[-1] = 1.0
         error = scale * total * power / (power - 1.0) / self._span
         if scale < 1.0 and total > 0.0:
@@ -302,6 +301,11 @@ class AccuracyProbe:
                 square = max(square, max(slip / self._half_edge**2, spin) / rate**2)
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
+    def _joined(self, place: float, turn: float) -> float:
+        """The same of largest squares of distances [m^2] and of differences of quaternions."""
+        square = max(place / self._half_edge**2, 4.0 * turn)
+        return math.sqrt(square) if math.isfinite(square) else math.inf
+
     def slip(self, first: State, second: State) -> float:
         """Largest difference [1/s] of the velocities of a body over a, or of its spins."""
         with np.errstate(over='ignore', invalid='ignore'):
@@ -312,7 +316,7 @@ class AccuracyProbe:
 
     def floor(self, fastest: float) -> float:
         """What rounding adds to the error in each second: no step gives less."""
-        extent = 1.0 + float(np.abs(self._trajectory.state.position).max()) / self._half_edge
+        extent = 1.0 + self._trajectory.extent / self._half_edge
         return _ROUNDING * extent * fastest / (2.0 * math.pi)
 
     def require_possible(self, fastest: float) -> None:
@@ -322,7 +326,7 @@ class AccuracyProbe:
             raise ValueError(
                 f'solver.tolerance {self.tolerance!r} 1/s is below what doubles can give here: '
                 f'rounding adds about {floor:.2g} 1/s (positions are up to '
-                f'{np.abs(self._trajectory.state.position).max():.3g} m, vibrations up to '
+                f'{self._trajectory.extent:.3g} m, vibrations up to '
                 f'{fastest:.4g} rad/s); choose a larger one')
 
 

@@ -13,7 +13,8 @@
 # limitations under the License.
 """Calls of a method's kernels: by a team of threads, in portions that are timed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -25,6 +26,7 @@ from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.methods import Beside
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
@@ -85,6 +87,43 @@ class MethodCalls:
             self.portions.note(portion, perf_counter() - started)
             done += portion
             leaving.check()
+
+    def begin_beside(self, beside: Beside) -> None:
+        """Begin trial steps where the state of the trajectory is."""
+        trajectory = self._trajectory
+        loads, state, _, work = trajectory.for_steps()
+        with self._or_lost():
+            beside.begin(trajectory.model, loads, state, work, self._contact.watching())
+
+    def compare_beside(
+        self, beside: Beside, start: float, step: float, count: int
+    ) -> tuple[float, float]:
+        """
+        Take `count` steps of `step` [s] from `start` [s] on, and twice as many of half of it.
+
+        Returns how far they lead apart, as `Beside.apart` says.
+        """
+        with self._or_lost():
+            beside.branch(self._trajectory.model)
+        for which, length, total in (('half', 0.5 * step, 2 * count), ('ahead', step, count)):
+            done = 0
+            while done < total:
+                started, portion = perf_counter(), min(total - done, self._trial_portion())
+                with self._or_lost():
+                    beside.take(which, start, done, length, portion)
+                self.portions.note(portion, perf_counter() - started)
+                done += portion
+                leaving.check()
+        with self._or_lost():
+            return beside.apart()
+
+    @contextmanager
+    def _or_lost(self) -> Iterator[None]:
+        """End the run where those who take the steps fail."""
+        try:
+            yield
+        except ElsewhereError as error:
+            self._trajectory.lose_steps(error)
 
     def _trial_portion(self) -> int:
         """Steps of a trial in one call: who takes them gets its state and gives it back."""

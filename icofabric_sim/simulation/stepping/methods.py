@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
+from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 import numpy as np
 
@@ -61,6 +62,34 @@ class StateHolder(Protocol):
         """Have it whole in the arrays of this process, which may change it."""
 
 
+class Beside(Protocol):
+    """Takes trial steps where the state of a run is, which stays there."""
+
+    def begin(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        """Begin where the run is."""
+
+    def branch(self, model: Model) -> None:
+        """Have steps of half the length begin where the others are."""
+
+    def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
+        """Take steps of one kind, `ahead` or `half`."""
+
+    def apart(self) -> tuple[float, float]:
+        """Return the largest squares of distances [m^2] and of differences of orientations."""
+
+    def save(self, saved: State) -> bool:
+        """Save the state of the run there, if it is there alone; whether that was done."""
+
+    def bounds(self) -> np.ndarray | None:
+        """
+        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
+
+        Of the state of the run, (7,); None where it is in the arrays of this process.
+        """
+
+
 class Method(NamedTuple):
     """What there is to know about a method."""
 
@@ -86,6 +115,8 @@ class Method(NamedTuple):
     embedded: EmbeddedKernels | None = None
     # Who holds the state between two calls, where other processes or a device take the steps.
     holder: 'StateHolder | None' = None
+    # Who takes trial steps there; None: the state comes here for them.
+    beside: 'Beside | None' = None
 
     @property
     def runs_through_contacts(self) -> bool:

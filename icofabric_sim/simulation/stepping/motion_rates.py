@@ -87,7 +87,7 @@ class MotionRates:
         packed = trajectory.packed if losses else replace(
             trajectory.packed, velocity_rate=0.0)
         rate = fastest_motion(
-            packed, trajectory.state, frequency.rate, trajectory.ledger.spin,
+            packed, trajectory.velocity_spread, frequency.rate, trajectory.ledger.spin,
             self.load_rate, *((None, 0.0) if phase is None else (phase.passing, phase.fall)))
         return rate if rate > 0.0 else self._acceleration_rate()
 

@@ -42,7 +42,7 @@ from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.ledger import Ledger
-from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method
+from icofabric_sim.simulation.stepping.methods import Beside, KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
@@ -188,6 +188,30 @@ class Trajectory:
             f'{error}; the last good state, of t = {self.saved_time:.9g} s, is kept')
 
     @property
+    def velocity_spread(self) -> float:
+        """How much velocities of bodies differ [m/s] at most, along all axes together."""
+        bounds = self._bounds()
+        if bounds is None:
+            velocity = self.state.linear_velocity[:, self.packed.layout.slot]
+            return float(np.linalg.norm(np.ptp(velocity, axis=1)))
+        return float(np.linalg.norm(bounds[:3] + bounds[3:6]))
+
+    @property
+    def extent(self) -> float:
+        """The largest coordinate of a body [m]."""
+        bounds = self._bounds()
+        return float(np.abs(self.state.position).max()) if bounds is None else float(bounds[6])
+
+    def _bounds(self) -> np.ndarray | None:
+        beside = self.method.beside
+        if beside is None:
+            return None
+        try:
+            return beside.bounds()
+        except ElsewhereError as error:
+            self.lose_steps(error)
+
+    @property
     def order(self) -> int:
         """Power of the step with which errors of steps of one length fall."""
         if not has_jumps(self.model.links):
@@ -214,12 +238,22 @@ class Trajectory:
 
     def save(self, time: float | None = None) -> None:
         """Save the state, of the present or of a `time` [s]."""
+        if self.method.beside is not None and self._is_saved_there(self.method.beside):
+            self.note_saved(self.time if time is None else time)
+            return
         copy_state(self.state, self.saved)
         # Under an embedded control each step keeps the work of loads where it begins.
         if self.control is None:
             np.copyto(self.loads.earlier_work, self.loads.work)
         self._save_stretches()
         self.note_saved(self.time if time is None else time)
+
+    def _is_saved_there(self, beside: Beside) -> bool:
+        """Have the state saved where it is; whether that could be done."""
+        try:
+            return beside.save(self._saved)
+        except ElsewhereError as error:
+            self.lose_steps(error)
 
     def note_saved(self, time: float) -> None:
         """The present state, of a `time` [s], was saved: keep what has flowed until then."""

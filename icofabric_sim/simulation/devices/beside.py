@@ -1,0 +1,57 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What trial steps beside a run are on all ranks: their names, their room, and differences."""
+
+from icofabric_sim.kernels.records import Blocks, Meter, State
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+# Steps of the length that is judged, and those of half of it.
+AHEAD, HALF = 'ahead', 'half'
+
+
+def meter_room(slot_count: int) -> Meter:
+    """Room for what steps that split spend."""
+    room = Meter(np.zeros((16, 0)), aligned_empty((2, slot_count)))
+    room.done[:] = 0.0
+    return room
+
+
+def squares_apart(one: State, other: State, rows: SlotRows) -> np.ndarray:
+    """
+    Largest squares of distances [m^2] and of differences of orientations, (2,).
+
+    Of two states, at the slots of some `rows`.
+    """
+    with np.errstate(over='ignore', invalid='ignore'):
+        return np.array([
+            ((rows.of(first) - rows.of(second)) ** 2).sum(axis=0).max()
+            for first, second in (
+                (one.position, other.position), (one.orientation, other.orientation))])
+
+
+def bodies_of(blocks: Blocks, first: int, last: int) -> np.ndarray:
+    """Slots of the bodies in blocks first to last."""
+    lanes = np.arange(LANES)
+    there = blocks.alive[first:last, None] >> lanes & 1 > 0
+    return (blocks.slot[first:last, None] + lanes)[there]
+
+
+def bounds_of_state(state: State, bodies: np.ndarray) -> np.ndarray:
+    """Largest velocities and minus the least [m/s], and the largest coordinate [m], (7,)."""
+    velocity, place = state.linear_velocity[:, bodies], state.position[:, bodies]
+    return np.concatenate([
+        velocity.max(axis=1), (-velocity).max(axis=1), [np.abs(place).max()]])

@@ -1,0 +1,141 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Trial steps of all ranks beside a run, whose state stays where it is.
+
+What is asked of them is a largest difference, so no state has to come to the first rank for it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.monitor import save
+from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.beside import AHEAD, HALF, meter_room, squares_apart
+from icofabric_sim.simulation.devices.leader import SharedSteps
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch
+from icofabric_sim.simulation.devices.sharing import Sharing
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.model.layout import aligned_empty
+import numpy as np
+
+
+class SharedTrials:
+    """Takes them, on the first rank."""
+
+    def __init__(self, transport: Transport, steps: SharedSteps) -> None:
+        """Beside the `steps` of a run."""
+        self._transport, self._steps = transport, steps
+        self._sharing: Sharing = steps.holder
+        self._own: PartSteps | None = None
+        self._arrays: dict[str, Arrays] = {}
+
+    def begin(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        """Begin where the run is; `loads` have room of their own for their work."""
+        with self._alone():
+            own, run = self._steps.hold(model, loads, state, work, watch)
+            if own is not self._own:
+                # Windows are other ones, and read other slots.
+                self._own, self._arrays = own, {}
+            self._sharing.order('begin_beside')
+            acts = loads._replace(work=np.zeros_like(loads.work)) if self._sharing.acts else None
+            for name in (AHEAD, HALF):
+                if name not in self._arrays:
+                    self._arrays[name] = self._room(state, work)
+                self._arrays[name] = self._arrays[name]._replace(loads=acts)
+            self._copy(model, run, self._arrays[AHEAD])
+
+    def branch(self, model: Model) -> None:
+        """Have steps of half the length begin where the others are."""
+        with self._alone():
+            self._sharing.order('branch')
+            self._copy(model, self._arrays[AHEAD], self._arrays[HALF])
+
+    def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
+        """Take `count` steps of `step` [s] from number `first` after `origin` [s] on."""
+        assert self._own is not None
+        stretch = Stretch(origin, first, step, count, 0, NEVER, beside=which)
+        with self._alone():
+            self._sharing.order('take', stretch)
+            self._own.take(self._arrays[which], stretch)
+
+    def apart(self) -> tuple[float, float]:
+        """Return the largest squares of distances [m^2] and of differences of orientations."""
+        with self._alone():
+            self._sharing.order('apart')
+            found = [squares_apart(
+                self._arrays[AHEAD].state, self._arrays[HALF].state, self._sharing.rows[0])]
+            place, turn = self._largest(found)
+        return float(place), float(turn)
+
+    def save(self, saved: State) -> bool:
+        """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        if not self._steps.is_apart:
+            return False
+        with self._alone():
+            return self._steps.save(saved)
+
+    def bounds(self) -> np.ndarray | None:
+        """
+        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
+
+        Of the state of the run, (7,); None where it is here.
+        """
+        if not self._steps.is_apart:
+            return None
+        with self._alone():
+            self._sharing.order('bounds')
+            return self._largest([self._steps.own_bounds()])
+
+    def _largest(self, found: list[np.ndarray]) -> np.ndarray:
+        """The largest of what all ranks have found; no number where one is none."""
+        for rank in self._sharing.others:
+            found.append(np.empty_like(found[0]))
+            self._sharing.receive(found[-1], rank)
+        largest: np.ndarray = np.max(found, axis=0)
+        return largest
+
+    def _room(self, state: State, work: Work) -> Arrays:
+        # Slots that vectors pass over hold ordinary numbers, too; all others take no memory.
+        rows, read = [aligned_empty(values.shape) for values in state.rows()], SlotRows(
+            LANES * self._sharing.slots_of_first)
+        for values, target in zip(state.rows(), rows):
+            read.copy(values, target)
+        acceleration = aligned_empty(work.acceleration.shape)
+        spent = None if work.spent is None else meter_room(acceleration.shape[1])
+        return Arrays(
+            None, State(*rows), work._replace(acceleration=acceleration, spent=spent))
+
+    def _copy(self, model: Model, source: Arrays, target: Arrays) -> None:
+        """Copy the state of this rank's bodies."""
+        part = self._sharing.parts[0]
+        save(model, source.state, target.state, part.first, part.last)
+        self._sharing.rows[0].copy(source.work.acceleration, target.work.acceleration)
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        self._transport.require_health()
+        with self._transport.alone():
+            try:
+                yield
+            except BaseException as error:
+                self._steps.forget()
+                # Others wait for poses from here.
+                self._transport.fail(error)
+                raise
