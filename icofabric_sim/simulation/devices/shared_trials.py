@@ -47,7 +47,7 @@ class SharedTrials:
     def begin(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Begin where the run is; `loads` have room of their own for their work."""
+        """Begin where the run is; the work of its loads stays as it is."""
         with self._alone():
             own, run = self._steps.hold(model, loads, state, work, watch)
             if own is not self._own:
