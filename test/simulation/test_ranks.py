@@ -197,7 +197,10 @@ def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared
     *members, outsider = shared['heard']
     assert outsider == ''
     reason = 'rank 1 of 3 has failed: MemoryError: no room'
-    assert members[0].startswith(f'{reason}; the last good state, of t = ')
+    said, time = members[0].split(', of t = ')
+    assert said == f'{reason}; the last good state'
+    # Of the last health check before somebody looked, at 0.05 s or later.
+    assert 0.02 < float(time.split()[0]) < 0.5
     assert members[1:] == [reason, reason]
 
 

@@ -172,12 +172,14 @@ class SharedSteps:
         return bounds_of_state(self._run.state, bodies_of(
             self._packed.model.blocks, part.first, part.last))
 
-    def _take_over(self) -> None:
-        """Have the whole state of the run here, where it may be looked at and changed."""
+    def _take_over(self) -> bool:
+        """Have the whole state of the run here; whether it was with the ranks until then."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with self._transport.alone():
                 self._gather(self._run, self._contacts, of_run=True, whole=True)
+            return True
+        return False
 
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,

@@ -49,7 +49,7 @@ class Sharing:
 
     def __init__(
         self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int],
-        bring: Callable[[], None]
+        bring: Callable[[], bool]
     ) -> None:
         """
         Divide a fabric; a window of n slots needs `bytes_of(n)`, and `bring` takes the state over.
@@ -178,11 +178,14 @@ class Sharing:
         with self.transport.alone():
             self._bring_saved()
 
-    def take_over(self) -> None:
-        """Have the whole state of the run here, where it may be looked at and changed."""
+    def take_over(self) -> bool:
+        """
+        Have the whole state of the run here, where it may be looked at and changed.
+
+        Returns whether it was with the ranks until then.
+        """
         bring = self._bring()
-        if bring is not None:
-            bring()
+        return bring is not None and bring()
 
     @property
     def slots_of_first(self) -> np.ndarray:

@@ -58,8 +58,12 @@ class StateHolder(Protocol):
         Returns what had flowed by then [J], by name: `work` of the loads, and what meters showed.
         """
 
-    def take_over(self) -> None:
-        """Have it whole in the arrays of this process, which may change it."""
+    def take_over(self) -> bool:
+        """
+        Have it whole in the arrays of this process, which may change it.
+
+        Returns whether it was elsewhere until then.
+        """
 
 
 class Beside(Protocol):

@@ -175,9 +175,12 @@ class Trajectory:
     def _take_over(self) -> None:
         if self.method.holder is not None:
             try:
-                self.method.holder.take_over()
+                was_elsewhere = self.method.holder.take_over()
             except ElsewhereError as error:
                 self.lose_steps(error)
+            if was_elsewhere:
+                # To go on from, should those who had it fail from here on.
+                _ = self.saved
 
     def lose_steps(self, error: ElsewhereError) -> NoReturn:
         """End the run at its saved state: what ranks or a device had since then is lost."""

@@ -173,12 +173,14 @@ class DevicePair:
         """Have nothing to do: it is here already."""
         return {}
 
-    def take_over(self) -> None:
-        """Have the whole state of the run here, where it may be looked at and changed."""
+    def take_over(self) -> bool:
+        """Have the whole state of the run here; whether it was on the device until then."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with TURN, named_failure(self.device, self._forget):
                 self._gather(self._run, whole=True)
+            return True
+        return False
 
     def _forget(self) -> None:
         """The state there is lost."""

@@ -159,12 +159,14 @@ class DeviceSteps:
                 model, loads, state, saved, work, origin, index, h, count, since_check,
                 check_interval, watch, ledger)
 
-    def take_over(self) -> None:
-        """Have the whole state of the run here, where it may be looked at and changed."""
+    def take_over(self) -> bool:
+        """Have the whole state of the run here; whether it was on the device until then."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with TURN, self._named_failure():
                 self._take(*self._run, whole=True)
+            return True
+        return False
 
     @property
     def device_bytes(self) -> int:
