@@ -255,3 +255,16 @@ def test_auto_goes_on_by_dop8_once_shells_are_near_on_a_device_too():
 def test_auto_takes_what_a_device_can_take_through_contacts(changes, name):
     simulation = ico.compile_scene(PRESSED.with_changes({'solver.device': 'warp_cpu', **changes}))
     assert simulation.status.method_name == name
+
+
+def test_room_for_the_method_that_may_follow_is_asked_for_at_the_start(monkeypatch):
+    from icofabric_sim.simulation.devices.gpu import opening
+
+    scene = PRESSED.with_changes({'solver.device': 'warp_cpu'})
+    first = ico.compile_scene(scene).status
+    assert first.method_name == 'srkn6' and first.touching_method == 'dop8'
+    monkeypatch.setattr(opening.Device, 'free_bytes', first.device_bytes + 1000)
+    with pytest.raises(ValueError, match='bodies need about .* GB on the processor, by Warp'):
+        ico.compile_scene(scene)
+    # Where nothing else may follow it is enough.
+    assert ico.compile_scene(scene.with_changes({'solver.method': 'srkn6'})).time == 0.0

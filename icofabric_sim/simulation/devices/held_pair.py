@@ -96,8 +96,7 @@ class HeldPair:
 
     def give_saved(self) -> None:
         """Send them to the first rank."""
-        self._transport.wait([
-            self._transport.send(row, 0) for row in self._saved.rows])
+        self._saved.give(self._transport)
 
     def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
         """Send the state to the first rank, with some slopes."""

@@ -13,6 +13,7 @@
 # limitations under the License.
 """What a rank other than the first holds of a fabric whose steps split: its window and states."""
 
+from functools import cached_property
 from typing import Any
 
 from icofabric_sim.kernels.records import Loads, State, Work
@@ -48,7 +49,7 @@ class HeldPart:
         self._states = _states_of(window, weights)  # by whether it is the run's
         # Of trial steps that are judged where they are, once there are some.
         self._beside: dict[str, tuple[State, Work]] = {}
-        self._bodies = bodies_of(window.model.blocks, exchange.first, exchange.last)
+        self._blocks = window.model.blocks
         self._loads: Loads | None = None
         self._works: dict[bool, np.ndarray] = {}
         self._around = Surroundings(window)
@@ -117,6 +118,12 @@ class HeldPart:
         """Say how fast bodies of the run are, and where."""
         self._answer(bounds_of_state(self._states[True][0], self._bodies))
 
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        """Slots of its bodies."""
+        own = self._steps.blocks
+        return bodies_of(self._blocks, own.start, own.stop)
+
     def _answer(self, numbers: np.ndarray) -> None:
         self._transport.wait([self._transport.send(numbers, 0)])
 
@@ -132,8 +139,7 @@ class HeldPart:
 
     def give_saved(self) -> None:
         """Send them to the first rank."""
-        self._transport.wait([
-            self._transport.send(row, 0) for row in self._saved.rows])
+        self._saved.give(self._transport)
 
     def gather(self, of_run: bool, whole: bool) -> None:
         """Send the state to the first rank."""

@@ -20,7 +20,7 @@ first rank looks at them: at a health check, and whenever the trajectory is aske
 So every sum is the one that a single process forms.
 """
 
-from functools import partial
+from functools import cached_property, partial
 import math
 from typing import Any
 
@@ -168,9 +168,13 @@ class SharedSteps:
     def own_bounds(self) -> np.ndarray:
         """As `bounds_of_state`, of this rank's bodies."""
         assert self._run is not None
+        return bounds_of_state(self._run.state, self._bodies)
+
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        """Slots of this rank's bodies, which no other windows change."""
         part = self._sharing.parts[0]
-        return bounds_of_state(self._run.state, bodies_of(
-            self._packed.model.blocks, part.first, part.last))
+        return bodies_of(self._packed.model.blocks, part.first, part.last)
 
     def _take_over(self) -> bool:
         """Have the whole state of the run here; whether it was with the ranks until then."""

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 from icofabric_sim.kernels.records import State, Work
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.devices.transport import Transport
 import numpy as np
 
 
@@ -34,6 +35,10 @@ class SavedPart:
         self.rows = self._slots.copied(tables, self.rows)
         if done is not None:
             self.rows.append(done.copy())
+
+    def give(self, transport: Transport) -> None:
+        """Send it to the first rank."""
+        transport.wait([transport.send(row, 0) for row in self.rows])
 
     def put(self, tables: Sequence[np.ndarray]) -> None:
         """Have it in tables of all slots."""
