@@ -229,10 +229,14 @@ def bound_and_energies(
 
 
 @compiled
-def frequency_bound(model: Model, state: State, work: Work) -> float:
-    """Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`."""
+def frequency_bound(model: Model, state: State, work: Work, first: int, last: int) -> float:
+    """
+    Upper bound of the largest squared frequency [1/s^2], see `block_bound`.
+
+    Of blocks first to last: that of a fabric is the largest of all of its blocks.
+    """
     largest = splat(0.0)
-    for block in range(model.blocks.slot.shape[0]):
+    for block in range(first, last):
         bound, _, _, _, _ = bound_and_energies(
             model, state, work, block, model.blocks.slot[block])
         largest = maximum(bound, largest)

@@ -12,30 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Product of the Hessian of the connector energy with small motions, and the Lanczos recurrences.
+Product of the Hessian of the connector energy with small motions.
 
 Vectors are (6, s) arrays, slots last: displacements [m] and rotation vectors [rad] of all bodies,
-or forces and torques; in the recurrences both are scaled by the roots of mass and inertia.
+or forces and torques.
 """
 
-import math
-
-from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
-from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.law_tables import tabled_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.records import (
-    Coulomb,
     Links,
     Model,
-    SecondDerivatives,
     State,
     Supports,
     Variety,
 )
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
@@ -196,12 +189,33 @@ def hessian_times(
     """
     count = model.blocks.slot.shape[0]
     for block in range(count):
-        s = model.blocks.slot[block]
-        motion = scaled_motion(supports, root_m, root_i, vector, s)
-        move_links(model.links, points, state.position, motion, moved, s)
-        for k in range(3):
-            store(turns, k, s, motion[k + 3])
-    for block in range(count):
+        move_block(
+            model, state, points, moved, turns, root_m, root_i, supports, vector,
+            model.blocks.slot[block])
+    multiply_blocks(
+        model, state, points, moved, turns, root_m, root_i, supports, vector, product, 0, count)
+
+
+@compiled
+def move_block(
+    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
+    root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray, s: int
+) -> None:
+    """Have what the bodies of a block move by, in `moved` and `turns`."""
+    motion = scaled_motion(supports, root_m, root_i, vector, s)
+    move_links(model.links, points, state.position, motion, moved, s)
+    for k in range(3):
+        store(turns, k, s, motion[k + 3])
+
+
+@compiled
+def multiply_blocks(
+    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
+    root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray,
+    product: np.ndarray, first: int, last: int
+) -> None:
+    """The product at blocks first to last, whose neighbours have moved."""
+    for block in range(first, last):
         s = model.blocks.slot[block]
         motion = scaled_motion(supports, root_m, root_i, vector, s)
         total = second_derivative(
@@ -218,92 +232,3 @@ def hessian_times(
         store(product, 3, s, d * inertia)
         store(product, 4, s, e * inertia)
         store(product, 5, s, f * inertia)
-
-
-@compiled
-def lanczos_steps(
-    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
-    own: SecondDerivatives | None, pairs: SecondDerivatives | None, coulomb: Coulomb | None,
-    previous: np.ndarray, current: np.ndarray, product: np.ndarray, diagonal: np.ndarray,
-    off: np.ndarray, first: int, last: int, shapes: np.ndarray | None, weights: np.ndarray
-) -> None:
-    """
-    Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
-
-    `own` and `pairs`: what single bodies and pairs of them (anchors, loads, contacts) add to it;
-    `coulomb`: charges that do.
-    `current` is the unit vector of step `first`, `previous` that before it (zero at the start);
-    both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples
-    steps i and i + 1. Where `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of
-    step i is added to them.
-    """
-    root_m, root_i = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
-    for step in range(first, last):
-        add_shapes(shapes, weights, step, current)
-        hessian_times(
-            model, state, points, moved, turns, root_m, root_i, model.supports, current, product)
-        add_own_terms(own, current, product)
-        add_pair_terms(pairs, current, product)
-        add_coulomb_product(
-            coulomb, model.blocks, state.position, model.supports, root_m, current, product)
-        alpha = dot(model, current, product)
-        beta = off[step - 1] if step > 0 else 0.0
-        square = subtract(model, alpha, current, beta, previous, product)
-        diagonal[step], off[step] = alpha, math.sqrt(square)
-        if not off[step] > 0.0:
-            return
-        shift(model, 1.0 / off[step], previous, current, product)
-
-
-@compiled
-def add_shapes(
-    shapes: np.ndarray | None, weights: np.ndarray, step: int, current: np.ndarray
-) -> None:
-    """Add weights[step] times the present vector."""
-    if shapes is None:
-        return
-    for j in range(shapes.shape[0]):
-        for k in range(6):
-            for s in range(current.shape[1]):
-                shapes[j, k, s] += weights[step, j] * current[k, s]
-
-
-@compiled
-def dot(model: Model, left: np.ndarray, right: np.ndarray) -> float:
-    """Scalar product, always in the same order."""
-    total = splat(0.0)
-    for block in range(model.blocks.slot.shape[0]):
-        s = model.blocks.slot[block]
-        for k in range(6):
-            total = fma(load(left, k, s), load(right, k, s), total)
-    return sum_of_lanes(total)
-
-
-@compiled
-def subtract(
-    model: Model, alpha: float, current: np.ndarray, beta: float, previous: np.ndarray,
-    product: np.ndarray
-) -> float:
-    """Product - alpha current - beta previous, in place; its square."""
-    a, b, total = splat(-alpha), splat(-beta), splat(0.0)
-    for block in range(model.blocks.slot.shape[0]):
-        s = model.blocks.slot[block]
-        for k in range(6):
-            value = fma(a, load(current, k, s), load(product, k, s))
-            value = fma(b, load(previous, k, s), value)
-            store(product, k, s, value)
-            total = fma(value, value, total)
-    return sum_of_lanes(total)
-
-
-@compiled
-def shift(
-    model: Model, scale: float, previous: np.ndarray, current: np.ndarray, product: np.ndarray
-) -> None:
-    """The next vector, scale times the product, and the one before it."""
-    factor = splat(scale)
-    for block in range(model.blocks.slot.shape[0]):
-        s = model.blocks.slot[block]
-        for k in range(6):
-            store(previous, k, s, load(current, k, s))
-            store(current, k, s, factor * load(product, k, s))

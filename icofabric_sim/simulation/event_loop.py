@@ -24,7 +24,7 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.contact.friction_state import frequency_of
-from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.input_types import Target, Value
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import (
@@ -90,10 +90,21 @@ class EventLoop:
         # Name of the method in METHODS, and why it was chosen.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         is_chosen = self.method.name == 'auto'
-        loads = self._loads()
-        state = packed.pack(scene.initial)
-        frequency = with_anchors(
-            largest_frequency(packed, state), packed, loads, state, self.time)
+        loads, half_edge = self._loads(), scene.geometry.half_edge
+        apart = None
+        if ranks is not None:
+            from icofabric_sim.simulation.devices.shared_start import begin_apart
+            try:
+                apart = begin_apart(ranks, packed, scene.initial, loads, half_edge=half_edge)
+            except ElsewhereError as error:
+                raise ValueError(f'this scene cannot start: {error}') from error
+        if apart is None:
+            unpacked, state = None, packed.pack(scene.initial)
+            frequency = with_anchors(
+                largest_frequency(packed, state), packed, loads, state, self.time)
+        else:
+            unpacked, frequency = apart
+            state = unpacked.state
         if not frequency.rate < math.inf:
             fastest = stiffest_term(packed, anchored=bool(scene.anchors))
             raise ValueError(f'this scene cannot start: {too_fast(self.time, fastest)}')
@@ -130,7 +141,7 @@ class EventLoop:
                 losses=contact_losses(scene),
                 loose=0 if scene.connector_count else possible,
                 woven=possible if scene.connector_count else 0,
-                damped=parameters['contact.damping'] * liveliness * scene.geometry.half_edge,
+                damped=parameters['contact.damping'] * liveliness * half_edge,
                 among=self._methods_for(device))
             # With the room that this method needs.
             loads = self._loads()
@@ -159,9 +170,8 @@ class EventLoop:
         if ranks is not None:
             from icofabric_sim.simulation.devices.shared_method import shared_method
             self._method_of = partial(
-                shared_method, ranks, packed, given=fixed > 0.0,
-                half_edge=scene.geometry.half_edge)
-            method = self._method_of(self.method.name)
+                shared_method, ranks, packed, given=fixed > 0.0, half_edge=half_edge)
+            method = self._method_of(self.method.name, unpacked=unpacked)
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
             self._method_of = partial(device_method, device, packed, given=fixed > 0.0)

@@ -36,7 +36,7 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.simulation.inputs import Inputs
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -123,8 +123,7 @@ class StaticFabric:
         # Whose attachment points are in the room.
         self.placed: Configuration | None = None
         # Slots without a body stay as they are.
-        self.product = aligned_empty((6, self.layout.slot_count))
-        self.product[:] = 0.0
+        self.product = aligned_zeros((6, self.layout.slot_count))
         # [N] of a connector whose length is off by a few last bits.
         connectors = self.packed.connectors
         self.rounding = 0.0 if connectors is None else 1e-14 * float(

@@ -101,11 +101,11 @@ def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest values above zero, each once, and the weights (i, j) of their vectors."""
-    until = _FIRST
+    until, matrix = _FIRST, run.matrix
     while True:
-        run.go_on(until - run.done)
-        size = run.size
-        diagonal, off = run.diagonal[:size], run.off[:size - 1]
+        run.go_on(until - matrix.done)
+        size = matrix.size
+        diagonal, off = matrix.diagonal[:size], matrix.off[:size - 1]
         largest = float(eigvalsh_tridiagonal(diagonal, off, 'i', (size - 1, size - 1))[0])
         first = len(eigvalsh_tridiagonal(diagonal, off, 'v', (-np.inf, zero)))
         vectors = np.zeros((size, 0))
@@ -116,14 +116,14 @@ def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.nd
                 first, min(first + sought, size) - 1))
             found, vectors = _each_once(found, vectors, largest)
             found, vectors = found[:count], vectors[:, :count]
-            good = run.off[size - 1] * np.abs(vectors[-1]) <= _RESIDUAL * found
+            good = matrix.off[size - 1] * np.abs(vectors[-1]) <= _RESIDUAL * found
             sought *= 2
         if len(good) == count and good.all():
             return found, vectors
-        if run.ended:
+        if matrix.ended:
             raise NotFoundError(
                 f'of the {count} lowest frequencies of this fabric only {good.sum()} came out of '
-                f'{run.done:,} products: they lie too close to zero or to each other; ask for '
+                f'{matrix.done:,} products: they lie too close to zero or to each other; ask for '
                 "fewer, or for which='highest'")
         until = int(_LONGER * until) + 1
 

@@ -193,7 +193,8 @@ def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
     if not start.any():
         return 0.0, 0.0
     run.go_on(_LOOKS)
-    values = eigvalsh_tridiagonal(run.diagonal[:run.size], run.off[:run.size - 1])
+    matrix = run.matrix
+    values = eigvalsh_tridiagonal(matrix.diagonal[:matrix.size], matrix.off[:matrix.size - 1])
     return float(values[0]), float(values[-1])
 
 

@@ -23,7 +23,7 @@ stable on either side, gives the exact tangent when it is handed these springs.
 from typing import NamedTuple
 
 from icofabric_sim.kernels.records import Model, Variety
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.statics.sides import ACTUAL, kink_width, rounding_of, slopes_on
@@ -171,8 +171,7 @@ class TangentLaws:
 
         def rows(values: np.ndarray) -> np.ndarray:
             assert self._places is not None
-            array = aligned_empty((12, layout.slot_count))
-            array[:] = 0.0
+            array = aligned_zeros((12, layout.slot_count))
             array[self._places.link, self._places.slot] = values
             return array
 

@@ -191,8 +191,9 @@ def test_steps_and_modes_begin_the_same_iteration():
     modes_run, start = begin(here, 20)
     for run in (steps, modes_run):
         run.go_on(20)
-    assert np.array_equal(steps.diagonal, modes_run.diagonal) and steps.diagonal.all()
-    assert np.array_equal(steps.off, modes_run.off)
+    assert np.array_equal(steps.matrix.diagonal, modes_run.matrix.diagonal)
+    assert steps.matrix.diagonal.all()
+    assert np.array_equal(steps.matrix.off, modes_run.matrix.off)
     # Its vectors are orthogonal, as far as rounding lets them be, and come again.
     vectors = modes_run.combine(start, np.eye(20))
     flat = vectors.reshape(20, -1)

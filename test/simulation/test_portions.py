@@ -113,6 +113,6 @@ def test_lanczos_iterations_are_the_same_wherever_they_are_cut(monkeypatch):
         run.go_on(40)
         shape = run.combine(start, np.linspace(1.0, 2.0, 40)[:, None])
         assert len(calls) == 2 * -(-40 // count)
-        found.append((run.diagonal.tobytes(), run.off.tobytes(), shape.tobytes()))
+        found.append((run.matrix.diagonal.tobytes(), run.matrix.off.tobytes(), shape.tobytes()))
     assert found[0] == found[1] == found[2]
-    assert run.off.min() > 0.0
+    assert run.matrix.off.min() > 0.0

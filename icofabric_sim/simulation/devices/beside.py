@@ -16,7 +16,7 @@
 from icofabric_sim.kernels.records import Blocks, Meter, State
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_zeros
 import numpy as np
 
 # Steps of the length that is judged, and those of half of it.
@@ -25,9 +25,7 @@ AHEAD, HALF = 'ahead', 'half'
 
 def meter_room(slot_count: int) -> Meter:
     """Room for what steps that split spend."""
-    room = Meter(np.zeros((16, 0)), aligned_empty((2, slot_count)))
-    room.done[:] = 0.0
-    return room
+    return Meter(np.zeros((16, 0)), aligned_zeros((2, slot_count)))
 
 
 def squares_apart(one: State, other: State, rows: SlotRows) -> np.ndarray:

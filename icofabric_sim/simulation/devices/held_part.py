@@ -27,13 +27,19 @@ from icofabric_sim.simulation.devices.beside import (
 )
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
+from icofabric_sim.simulation.devices.part_iteration import PartIteration
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
-from icofabric_sim.simulation.model.layout import aligned_empty, copied_state, kinks_room
+from icofabric_sim.simulation.model.layout import (
+    aligned_empty,
+    aligned_zeros,
+    copied_state,
+    kinks_room,
+)
 import numpy as np
 
 
@@ -54,6 +60,7 @@ class HeldPart:
         self._works: dict[bool, np.ndarray] = {}
         self._around = Surroundings(window)
         self._saved = SavedPart(self._rows)
+        self._iteration: PartIteration | None = None
 
     def contacts(self, near: NearPairs | None) -> None:
         """Have these pairs from now on."""
@@ -132,6 +139,31 @@ class HeldPart:
         figures = self._steps.examine(self._arrays(True), time, inside=inside)
         self._answer(figures)
 
+    def refresh(self, time: float) -> None:
+        """Compute the accelerations of the run at `time` [s]."""
+        self._steps.refresh(self._arrays(True), time)
+
+    def squares(self, fall: np.ndarray) -> None:
+        """Send squares of them."""
+        self._answer(self._steps.squares(self._arrays(True).work, fall))
+
+    def begin_iteration(self) -> None:
+        """Begin an iteration for the largest frequency; say what it starts with."""
+        self._iteration = self._steps.iteration(self._arrays(True))
+        self._rows.receive(self._transport, [self._iteration.start], 0)
+        self._answer(self._iteration.bound())
+        self._answer(self._iteration.square())
+
+    def iterate(self, name: str, *numbers: float) -> None:
+        """Go on with it; send what there is to add up."""
+        found = getattr(self._iteration, name)(*numbers)
+        if found is not None:
+            self._answer(found)
+
+    def end_iteration(self) -> None:
+        """Let its vectors go."""
+        self._iteration = None
+
     def save(self) -> None:
         """Save the state, and what loads had done."""
         loads, state, work, *_ = self._arrays(True)
@@ -168,8 +200,7 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
     states = {}
     points = np.zeros(0)
     if window.model.links is not None:
-        points = aligned_empty((18 * window.slot_count,))
-    points[:] = 0.0
+        points = aligned_zeros((18 * window.slot_count,))
     changes = np.array([
         (-1.0) ** k for k in range(weights.differences + 1)]) * weights.pascal
     # Nothing of them is kept from step to step.
@@ -177,8 +208,7 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
         window.model.links, window.slot_count, len(window.model.blocks.slot)
     ) if weights.mends_kinks else None
     for of_run in (True, False):
-        acceleration = aligned_empty((6, window.slot_count))
-        acceleration[:] = 0.0
+        acceleration = aligned_zeros((6, window.slot_count))
         spent = None
         if window.spends:
             spent = meter_room(window.slot_count)
@@ -192,8 +222,7 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
 def _copied(state: State, work: Work) -> tuple[State, Work]:
     """Room for the same state, and for what follows from it."""
     spent = None if work.spent is None else meter_room(state.position.shape[1])
-    acceleration = aligned_empty(work.acceleration.shape)
-    acceleration[:] = 0.0
+    acceleration = aligned_zeros(work.acceleration.shape)
     return copied_state(state), work._replace(acceleration=acceleration, spent=spent)
 
 

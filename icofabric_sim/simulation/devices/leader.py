@@ -20,6 +20,8 @@ first rank looks at them: at a health check, and whenever the trajectory is aske
 So every sum is the one that a single process forms.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property, partial
 import math
 from typing import Any
@@ -60,8 +62,9 @@ from icofabric_sim.simulation.devices.shared_contacts import (
     wake,
 )
 from icofabric_sim.simulation.devices.sharing import Sharing
-from icofabric_sim.simulation.devices.slot_rows import tables_of
+from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.unpacked import complete, Unpacked
 from icofabric_sim.simulation.devices.window import bytes_of, exchange_of
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import has_jumps
@@ -77,10 +80,12 @@ class SharedSteps:
 
     def __init__(
         self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
-        half_edge: float
+        half_edge: float, unpacked: Unpacked | None = None
     ) -> None:
         """
-        Divide the fabric and send each rank its window; `given`: the step is.
+        Divide the fabric; `given`: the step is.
+
+        `unpacked`: the state in which the run starts, where it has not been packed.
 
         Raises ValueError where ranks are too many or lack memory.
         """
@@ -100,6 +105,8 @@ class SharedSteps:
         self._touches = False
         # Whether the state of the run is with the ranks, and whether only there.
         self._is_out = self._is_stale = False
+        # The state before it is with the ranks; whether some slots of it have never been here.
+        self._unpacked, self._is_partial = unpacked, False
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
@@ -112,14 +119,20 @@ class SharedSteps:
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
+        with self.together():
+            return self._advance(
+                model, loads, state, saved, work, origin, index, h, count, since_check,
+                check_interval, watch, ledger)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Do something with all ranks, which fail if this one does."""
         self._transport.require_health()
         if self._transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
         with self._transport.alone():
             try:
-                return self._advance(
-                    model, loads, state, saved, work, origin, index, h, count, since_check,
-                    check_interval, watch, ledger)
+                yield
             except BaseException as error:
                 self.forget()
                 # Others wait for poses from here.
@@ -150,11 +163,30 @@ class SharedSteps:
         if self._sharing.send_loads(loads, stages=0):
             self._is_out = False
         run = Arrays(loads if self._sharing.acts else None, state, work, None, watch)
+        self._acted = loads
         if not self._is_out:
             self._run, self._contacts = run, None
             self._scatter(run, None, of_run=True)
             self._is_out = True
         return own, run
+
+    @property
+    def held(self) -> tuple[PartSteps, Arrays]:
+        """What takes steps of this rank's part, and the arrays of the run that is held."""
+        assert self._own is not None and self._run is not None
+        return self._own, self._run
+
+    def refresh(self, time: float) -> None:
+        """Have the accelerations of the state at `time` [s] with the ranks that hold it."""
+        own, run = self.held
+        self._sharing.order('refresh', time)
+        own.refresh(run, time)
+        self._is_stale = True
+
+    def examine(self, time: float, ledger: np.ndarray) -> int:
+        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+        self._ledger = Ledger.over(ledger)
+        return self._examine(self.held[1], time, self._ledger)
 
     def save(self, saved: State) -> bool:
         """Have the ranks save the state of the run, if they alone have it; whether they did."""
@@ -178,6 +210,9 @@ class SharedSteps:
 
     def _take_over(self) -> bool:
         """Have the whole state of the run here; whether it was with the ranks until then."""
+        if self._unpacked is not None:
+            self._unpacked.put()
+            self._unpacked = None
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with self._transport.alone():
@@ -388,8 +423,18 @@ class SharedSteps:
         if watch is not None:
             tables += [watch.reference, watch.turned]
         requests: list[Any] = []
+        unpacked = self._unpacked if of_run else None
+        if unpacked is not None:
+            tables = tables[len(state.rows()):]
+            # Also slots that vectors of this rank pass over.
+            unpacked.put(SlotRows(LANES * self._sharing.slots_of_first))
+            self._unpacked, self._is_stale, self._is_partial = None, True, True
         for rank in self._sharing.others:
-            requests += self._sharing.rows[rank].send(self._transport, tables, rank)
+            rows = self._sharing.rows[rank]
+            if unpacked is not None:
+                self._transport.wait([
+                    self._transport.send(row, rank) for row in unpacked.rows(rows.index)])
+            requests += rows.send(self._transport, tables, rank)
             more = [] if loads is None else [loads.work[self._sharing.rows_of_loads(loads, rank)]]
             if contacts is not None:
                 more += self._sharing.contacts.remembered(contacts, rank)
@@ -420,6 +465,9 @@ class SharedSteps:
         assert self._own is not None
         self._sharing.order('gather', of_run, whole)
         loads, state, work, mine, watch = arrays
+        if self._is_partial and of_run:
+            complete(self._packed.layout, state)
+            self._is_partial = False
         tables = tables_of(state, work, contacts, whole=whole)
         if contacts is not None and mine is not None:
             note_look(contacts, None, look_at(mine, None))

@@ -41,9 +41,11 @@ from icofabric_sim.kernels.records import (
     Watch,
     Work,
 )
+from icofabric_sim.kernels.released import note_squares
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
+from icofabric_sim.simulation.devices.part_iteration import PartIteration
 from icofabric_sim.simulation.devices.rank_kernels import (
     account_all,
     begin_kinked,
@@ -185,14 +187,48 @@ class PartSteps:
         """
         exchange, (loads, state, work, _, _) = self._exchange, arrays
         first, last = exchange.first, exchange.last
-        # Of others the last that was heard may be before the end of the step.
-        self._put_poses(self._send_poses(state), arrays)
-        place_all(self._model, state, work, first, last)
+        self._place(arrays)
         figures = work.figures[:-(-(last - first) // work.group) + 1]
         note_figures(
             self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
         figures[-1, 0] = self.take_roughest()
         return figures
+
+    def refresh(self, arrays: Arrays, time: float) -> None:
+        """Compute the accelerations of its bodies at `time` [s]."""
+        exchange = self._exchange
+        self._place(arrays)
+        keep_accelerations(
+            self._model, arrays.state, arrays.work, time, exchange.first, exchange.last)
+
+    def squares(self, work: Work, fall: np.ndarray) -> np.ndarray:
+        """As `note_squares` of released.py, of this part."""
+        exchange, model = self._exchange, self._model
+        sums = np.zeros((2, -(-(exchange.last - exchange.first) // work.group)))
+        note_squares(
+            model.blocks, model.masses, work.acceleration, fall, sums, work.group, 0,
+            sums.shape[1], exchange.last)
+        return sums
+
+    def iteration(self, arrays: Arrays) -> PartIteration:
+        """Begin an iteration for the largest frequency about the present state."""
+        self._place(arrays)
+        return self._iteration(arrays)
+
+    def make_iteration_ready(self, arrays: Arrays) -> None:
+        """Compile what that needs, or load it."""
+        self._iteration(arrays).make_ready()
+
+    def _iteration(self, arrays: Arrays) -> PartIteration:
+        return PartIteration(
+            self._transport, self._model, self._exchange, arrays.state, arrays.work)
+
+    def _place(self, arrays: Arrays) -> None:
+        """Have the attachment points of its bodies in place, and those of the border."""
+        # Of others the last that was heard may be before the end of the step.
+        self._put_poses(self._send_poses(arrays.state), arrays)
+        place_all(
+            self._model, arrays.state, arrays.work, self._exchange.first, self._exchange.last)
 
     @property
     def blocks(self) -> slice:
@@ -234,6 +270,10 @@ class PartSteps:
                 put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
         place_all(self._model, state, work, 0, 0)
         note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
+        keep_accelerations(self._model, state, work, 0.0, 0, 0)
+        note_squares(
+            self._model.blocks, self._model.masses, work.acceleration, np.zeros(3),
+            np.zeros((2, 0)), 1, 0, 0, 0)
         push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(

@@ -20,6 +20,7 @@ kernels because the cache is stamped by that room as a whole: a change here comp
 
 from icofabric_sim.kernels.contact.losses import stretch_error
 from icofabric_sim.kernels.flows import drift, place_links, push, push_kept
+from icofabric_sim.kernels.hessian import move_block
 from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
 from icofabric_sim.kernels.records import (
     ContactLosses,
@@ -34,13 +35,15 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import LANES, load, store
+from icofabric_sim.kernels.runtime.lanes import LANES, load, splat, store
 from icofabric_sim.kernels.runtime.team import TILE
 from icofabric_sim.kernels.viscous import place_speeds
 import numpy as np
 
 # Numbers of a pose: position and quaternion; with velocities; and with those before a kick, too.
 POSE, STAGE, MOTION = 7, 13, 19
+# Of a small motion: displacements and rotation vectors, scaled by the roots of mass and inertia.
+VECTOR = 6
 
 
 @compiled
@@ -108,6 +111,46 @@ def put_poses(
         for k in range(4):
             store(state.orientation, k, s, load(poses, 3 + k, LANES * i))
         place_links(model.links, state, work, s)
+
+
+@compiled
+def take_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> None:
+    """Copy rows (6, s) of the blocks that begin at `slots` to (6, m LANES)."""
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(VECTOR):
+            store(values, k, LANES * i, load(vector, k, s))
+
+
+@compiled
+def put_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> None:
+    """Copy them back."""
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(VECTOR):
+            store(vector, k, s, load(values, k, LANES * i))
+
+
+@compiled
+def divide_vectors(vector: np.ndarray, slots: np.ndarray, length: float) -> None:
+    """Divide rows (6, s) of the blocks that begin at `slots` by a `length`."""
+    divisor = splat(length)
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        for k in range(VECTOR):
+            store(vector, k, s, load(vector, k, s) / divisor)
+
+
+@compiled
+def move_blocks(
+    model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
+    root_m: float, root_i: float, vector: np.ndarray, slots: np.ndarray
+) -> None:
+    """Have what bodies of the blocks that begin at `slots` move by, in `moved` and `turns`."""
+    for i in range(slots.shape[0]):
+        s: int = np.int64(slots[i])  # type: ignore[assignment]
+        move_block(
+            model, state, points, moved, turns, root_m, root_i, model.supports, vector, s)
 
 
 @compiled

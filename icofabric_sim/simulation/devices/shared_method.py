@@ -16,23 +16,35 @@
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.pair_leader import SharedPair
 from icofabric_sim.simulation.devices.refusals import require_shareable_method
+from icofabric_sim.simulation.devices.shared_state import SharedState
 from icofabric_sim.simulation.devices.shared_trials import SharedTrials
 from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
 
 
 def shared_method(
-    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float
+    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float,
+    unpacked: Unpacked | None = None
 ) -> Method:
-    """Return the method `name`, with steps that all ranks take; ValueError where they cannot."""
+    """
+    Return the method `name`, with steps that all ranks take; ValueError where they cannot.
+
+    `unpacked`: the state in which the run starts, where it has not been packed.
+    """
     require_shareable_method(name)
     method = facts_of(name)
     if method.embedded is not None:
+        if unpacked is not None:
+            # What steps of a pair need is on the first rank, too.
+            unpacked.put()
         pair = SharedPair(transport, packed)
         return method._replace(
             advance=pair.advance, holder=pair.holder,
             embedded=method.embedded._replace(take=pair.take))
-    steps = SharedSteps(transport, packed, method, given=given, half_edge=half_edge)
+    steps = SharedSteps(
+        transport, packed, method, given=given, half_edge=half_edge, unpacked=unpacked)
     return method._replace(
-        advance=steps.advance, holder=steps.holder, beside=SharedTrials(transport, steps))
+        advance=steps.advance, holder=steps.holder, beside=SharedTrials(steps),
+        elsewhere=SharedState(steps))

@@ -17,9 +17,6 @@ Trial steps of all ranks beside a run, whose state stays where it is.
 What is asked of them is a largest difference, so no state has to come to the first rank for it.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import save
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
@@ -27,9 +24,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.beside import AHEAD, HALF, meter_room, squares_apart
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch
-from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
-from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
 
@@ -37,10 +32,9 @@ import numpy as np
 class SharedTrials:
     """Takes them, on the first rank."""
 
-    def __init__(self, transport: Transport, steps: SharedSteps) -> None:
+    def __init__(self, steps: SharedSteps) -> None:
         """Beside the `steps` of a run."""
-        self._transport, self._steps = transport, steps
-        self._sharing: Sharing = steps.holder
+        self._steps, self._sharing = steps, steps.holder
         self._own: PartSteps | None = None
         self._arrays: dict[str, Arrays] = {}
 
@@ -48,7 +42,7 @@ class SharedTrials:
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
         """Begin where the run is; the work of its loads stays as it is."""
-        with self._alone():
+        with self._steps.together():
             own, run = self._steps.hold(model, loads, state, work, watch)
             if own is not self._own:
                 # Windows are other ones, and read other slots.
@@ -63,7 +57,7 @@ class SharedTrials:
 
     def branch(self, model: Model) -> None:
         """Have steps of half the length begin where the others are."""
-        with self._alone():
+        with self._steps.together():
             self._sharing.order('branch')
             self._copy(model, self._arrays[AHEAD], self._arrays[HALF])
 
@@ -71,45 +65,17 @@ class SharedTrials:
         """Take `count` steps of `step` [s] from number `first` after `origin` [s] on."""
         assert self._own is not None
         stretch = Stretch(origin, first, step, count, 0, NEVER, beside=which)
-        with self._alone():
+        with self._steps.together():
             self._sharing.order('take', stretch)
             self._own.take(self._arrays[which], stretch)
 
     def apart(self) -> tuple[float, float]:
         """Return the largest squares of distances [m^2] and of differences of orientations."""
-        with self._alone():
+        with self._steps.together():
             self._sharing.order('apart')
-            found = [squares_apart(
-                self._arrays[AHEAD].state, self._arrays[HALF].state, self._sharing.rows[0])]
-            place, turn = self._largest(found)
+            place, turn = self._sharing.largest_of(squares_apart(
+                self._arrays[AHEAD].state, self._arrays[HALF].state, self._sharing.rows[0]))
         return float(place), float(turn)
-
-    def save(self, saved: State) -> bool:
-        """Have the ranks save the state of the run, if they alone have it; whether they did."""
-        if not self._steps.is_apart:
-            return False
-        with self._alone():
-            return self._steps.save(saved)
-
-    def bounds(self) -> np.ndarray | None:
-        """
-        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
-
-        Of the state of the run, (7,); None where it is here.
-        """
-        if not self._steps.is_apart:
-            return None
-        with self._alone():
-            self._sharing.order('bounds')
-            return self._largest([self._steps.own_bounds()])
-
-    def _largest(self, found: list[np.ndarray]) -> np.ndarray:
-        """The largest of what all ranks have found; no number where one is none."""
-        for rank in self._sharing.others:
-            found.append(np.empty_like(found[0]))
-            self._sharing.receive(found[-1], rank)
-        largest: np.ndarray = np.max(found, axis=0)
-        return largest
 
     def _room(self, state: State, work: Work) -> Arrays:
         # Slots that vectors pass over hold ordinary numbers, too; all others take no memory.
@@ -127,15 +93,3 @@ class SharedTrials:
         part = self._sharing.parts[0]
         save(model, source.state, target.state, part.first, part.last)
         self._sharing.rows[0].copy(source.work.acceleration, target.work.acceleration)
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        self._transport.require_health()
-        with self._transport.alone():
-            try:
-                yield
-            except BaseException as error:
-                self._steps.forget()
-                # Others wait for poses from here.
-                self._transport.fail(error)
-                raise

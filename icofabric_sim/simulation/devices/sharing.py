@@ -172,6 +172,27 @@ class Sharing:
             at, roughest = at + len(there) - 1, max(roughest, float(there[-1, 0]))
         return roughest
 
+    def largest_of(self, own: np.ndarray) -> np.ndarray:
+        """The largest of what each rank has found; no number where one is none."""
+        found = [own]
+        for rank in self.others:
+            found.append(np.empty_like(own))
+            self.receive(found[-1], rank)
+        largest: np.ndarray = np.max(found, axis=0)
+        return largest
+
+    def gather_sums(self, own: np.ndarray, sums: np.ndarray) -> None:
+        """Have the `sums` (..., g) of all groups in place; `own`: those of this rank."""
+        size = group_size(len(self.packed.layout.blocks.slot))
+        at = own.shape[-1]
+        sums[..., :at] = own
+        for rank in self.others:
+            part = self.parts[rank]
+            there = np.empty((*own.shape[:-1], -(-(part.last - part.first) // size)))
+            self.receive(there, rank)
+            sums[..., at:at + there.shape[-1]] = there
+            at += there.shape[-1]
+
     def bring_all(self) -> None:
         """Have here all that ranks hold, also what was saved: they are about to end."""
         self.take_over()
@@ -186,6 +207,12 @@ class Sharing:
         """
         bring = self._bring()
         return bring is not None and bring()
+
+    @property
+    def group_count(self) -> int:
+        """Count the groups of blocks over which sums are formed."""
+        blocks = len(self.packed.layout.blocks.slot)
+        return -(-blocks // group_size(blocks))
 
     @property
     def slots_of_first(self) -> np.ndarray:

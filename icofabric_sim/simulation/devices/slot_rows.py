@@ -29,31 +29,31 @@ class SlotRows:
         """`slots`: where the blocks begin."""
         every = (slots[:, None].astype(np.int64) + np.arange(LANES)).ravel()
         self.count = len(every)
-        # Blocks that lie side by side are a slice, which is no copy.
+        # What they are in a row; of blocks that lie side by side a slice, which is no copy.
         is_run = self.count and np.array_equal(
             every, np.arange(every[0], every[0] + self.count))
-        self._index: Any = slice(int(every[0]), int(every[0]) + self.count) if is_run else every
+        self.index: Any = slice(int(every[0]), int(every[0]) + self.count) if is_run else every
 
     def send(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> list[Any]:
         """Begin to send the rows of all `tables` to a rank."""
         return [
-            transport.send(np.ascontiguousarray(row[self._index]), rank)
+            transport.send(np.ascontiguousarray(row[self.index]), rank)
             for row in _rows(tables)]
 
     def receive(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> None:
         """Receive them in place."""
-        if isinstance(self._index, slice):
+        if isinstance(self.index, slice):
             transport.wait([
-                transport.receive(row[self._index], rank) for row in _rows(tables)])
+                transport.receive(row[self.index], rank) for row in _rows(tables)])
             return
         for row in _rows(tables):
             values = np.empty(self.count)
             transport.wait([transport.receive(values, rank)])
-            row[self._index] = values
+            row[self.index] = values
 
     def of(self, table: np.ndarray) -> np.ndarray:
         """Return them of a table (r, s), without a copy where they lie side by side."""
-        chosen: np.ndarray = table[:, self._index]
+        chosen: np.ndarray = table[:, self.index]
         return chosen
 
     def copied(
@@ -64,17 +64,17 @@ class SlotRows:
         kept = kept[:len(rows)] if len(kept) >= len(rows) else [
             np.empty(self.count) for _ in rows]
         for row, copy in zip(rows, kept):
-            copy[:] = row[self._index]
+            copy[:] = row[self.index]
         return list(kept)
 
     def put(self, rows: Sequence[np.ndarray], tables: Sequence[np.ndarray]) -> None:
         """Have such copies back in tables."""
         for row, copy in zip(_rows(tables), rows):
-            row[self._index] = copy
+            row[self.index] = copy
 
     def copy(self, source: np.ndarray, target: np.ndarray) -> None:
         """Copy them from one table to another."""
-        target[:, self._index] = source[:, self._index]
+        target[:, self.index] = source[:, self.index]
 
 
 def tables_of(

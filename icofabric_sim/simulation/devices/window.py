@@ -35,7 +35,7 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import Part
 from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EACH
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
 import numpy as np
 
 # Doubles that a rank holds for each slot: state, its trials and the one that was saved,
@@ -71,8 +71,7 @@ class Slots(NamedTuple):
     def cut(self, values: np.ndarray) -> np.ndarray:
         """Slots of the window from rows (..., s) of the whole fabric."""
         runs = values.reshape(*values.shape[:-1], -1, LANES)
-        target = aligned_empty((*values.shape[:-1], self.total))
-        target[:] = 0.0
+        target = aligned_zeros((*values.shape[:-1], self.total))
         target.reshape(*runs.shape[:-2], -1, LANES)[..., :len(self.kept), :] = (
             runs[..., self.kept, :])
         target.flags.writeable = values.flags.writeable
@@ -81,8 +80,7 @@ class Slots(NamedTuple):
     def cut_runs(self, values: np.ndarray) -> np.ndarray:
         """The same of numbers that lie run by run, as many for each."""
         runs = values.reshape(-1, len(values) * LANES // self.whole)
-        target = aligned_empty((self.total // LANES, runs.shape[1]))
-        target[:] = 0.0
+        target = aligned_zeros((self.total // LANES, runs.shape[1]))
         target[:len(self.kept)] = runs[self.kept]
         return target.reshape(-1)
 
@@ -212,10 +210,8 @@ def bytes_of(
 def resting(slot_count: int, *, has_arms: bool = False) -> State:
     """Room for a state; slots without a body compute with ordinary numbers."""
     position, orientation, velocity, spin, rest = (
-        aligned_empty((rows, slot_count)) for rows in (3, 4, 3, 3, 12 * has_arms))
+        aligned_zeros((rows, slot_count)) for rows in (3, 4, 3, 3, 12 * has_arms))
     state = State(position, orientation, velocity, spin, rest if has_arms else None)
-    for values in state.rows():
-        values[:] = 0.0
     state.orientation[3] = 1.0
     return state
 
@@ -261,9 +257,7 @@ def _tractions_of(tractions: Tractions, wrench: np.ndarray, rows: slice) -> Trac
 
 
 def _zeros(count: int) -> np.ndarray:
-    room = aligned_empty((count,))
-    room[:] = 0.0
-    return room
+    return aligned_zeros((count,))
 
 
 def _exchange(

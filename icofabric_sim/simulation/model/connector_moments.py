@@ -21,7 +21,7 @@ from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, T
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import woven_spans
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
 import numpy as np
 
 
@@ -96,8 +96,7 @@ def _rows(
     scene: Scene, layout: Layout, ends: list[np.ndarray], values: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
     """Values of the connectors as seen from either end, (12, s)."""
-    rows = aligned_empty((LINK_COUNT, layout.slot_count))
-    rows[:] = 0.0
+    rows = aligned_zeros((LINK_COUNT, layout.slot_count))
     for end, link in enumerate(ends):
         rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values[end]
     return rows

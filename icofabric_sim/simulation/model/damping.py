@@ -14,7 +14,7 @@
 """Packs the damping of connectors: one coefficient for all, or one for each."""
 
 from icofabric_sim.kernels.records import Damping, LINK_COUNT, Links
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
 # Connectors that are entered at once: bounds the temporary arrays.
@@ -40,8 +40,7 @@ def at_links(
     """
     A number of each connector, (c,), at the connectors of each body, (12, s); 0 where none is.
     """
-    result = aligned_empty((LINK_COUNT, layout.slot_count))
-    result[:] = 0.0
+    result = aligned_zeros((LINK_COUNT, layout.slot_count))
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
     for start in range(0, len(bodies), _PIECE):
         piece = slice(start, start + _PIECE)

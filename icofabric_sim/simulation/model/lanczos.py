@@ -18,12 +18,15 @@ H is the Hessian of a configuration (kernels/hessian.py), M the masses and inert
 are squared frequencies [1/s^2]. From three-term recurrences: two vectors are kept, not a basis.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 import math
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
-from icofabric_sim.kernels.hessian import lanczos_steps
+from icofabric_sim.kernels.figures import group_size
+from icofabric_sim.kernels.lanczos import added_up, lanczos_steps, note_products
 from icofabric_sim.kernels.records import (
     Coulomb,
     Model,
@@ -48,8 +51,44 @@ class Largest(NamedTuple):
     weights: np.ndarray
 
 
+@dataclass
+class Tridiagonal:
+    """The matrix of an iteration, as far as it has come; off[i] couples steps i and i + 1."""
+
+    diagonal: np.ndarray  # (m,) for the steps that may be taken at most
+    off: np.ndarray
+    done: int = 0  # steps
+
+    @classmethod
+    def of(cls, most: int) -> 'Tridiagonal':
+        """Room for at most so many steps."""
+        return cls(np.zeros(most), np.zeros(most))
+
+    @property
+    def size(self) -> int:
+        """Steps until all that the start contains was found, or until now."""
+        ended = np.flatnonzero(~(self.off[:self.done] > 0.0))
+        return int(ended[0]) + 1 if len(ended) else self.done
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is nothing left to find."""
+        return self.done == len(self.diagonal) or not (self.off[:self.done] > 0.0).all()
+
+
+class Iteration(Protocol):
+    """What has a matrix, and takes steps that make it larger."""
+
+    @property
+    def matrix(self) -> Tridiagonal:
+        """Return the matrix, as far as it has come."""
+
+    def go_on(self, count: int) -> None:
+        """Take so many steps more, or those that are left."""
+
+
 class Lanczos:
-    """The tridiagonal matrix of an iteration, as far as it has come."""
+    """An iteration over a whole fabric."""
 
     def __init__(
         self, model: Model, state: State, work: Work, start: np.ndarray, most: int, *,
@@ -67,89 +106,70 @@ class Lanczos:
         self._terms = own, pairs, coulomb
         # Slots without a body are read too: they must hold numbers.
         self._moved, self._turns = np.zeros_like(work.points), np.zeros((3, start.shape[1]))
-        self.diagonal, self.off = np.zeros(most), np.zeros(most)
+        self._sums = np.zeros(-(-len(model.blocks.slot) // work.group))
+        self.matrix = Tridiagonal.of(most)
         self._portions = Portions(7 * start.shape[1])
         self.begin_with(start)
 
     def begin_with(self, start: np.ndarray) -> None:
         """Start over."""
-        self.done = 0  # steps
+        self.matrix.done = 0
         self._current, self._previous = aligned_empty(start.shape), np.zeros_like(start)
         self._current[:] = start
 
-    @property
-    def size(self) -> int:
-        """Steps until all that the start contains was found, or until now."""
-        ended = np.flatnonzero(~(self.off[:self.done] > 0.0))
-        return int(ended[0]) + 1 if len(ended) else self.done
-
-    @property
-    def ended(self) -> bool:
-        """Whether there is nothing left to find."""
-        return self.done == len(self.diagonal) or not (self.off[:self.done] > 0.0).all()
-
     def go_on(self, count: int) -> None:
         """Take so many steps more, or those that are left."""
-        last = min(self.done + count, len(self.diagonal))
-        self._steps(self.done, last, None, np.ones((1, 1)))
-        self.done = last
+        matrix = self.matrix
+        last = min(matrix.done + count, len(matrix.diagonal))
+        self._steps(matrix.done, last, None, np.ones((1, 1)))
+        matrix.done = last
 
     def combine(self, start: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Sums (j, 6, s) of the vectors of the first steps, times weights (i, j): once more."""
         shapes = np.zeros((weights.shape[1], *start.shape))
-        done = self.done
+        done = self.matrix.done
         self.begin_with(start)
         self._steps(0, len(weights), shapes, weights)
-        self.done = done
+        self.matrix.done = done
         return shapes
 
     def _steps(
         self, first: int, last: int, shapes: np.ndarray | None, weights: np.ndarray
     ) -> None:
+        matrix = self.matrix
         while first < last:
             until, started = min(first + self._portions.count, last), perf_counter()
             lanczos_steps(
                 self._model, self._state, self._work.points, self._moved, self._turns,
                 *self._terms, self._previous, self._current, self._work.acceleration,
-                self.diagonal, self.off, first, until, shapes, weights)
+                self._sums, self._work.group, matrix.diagonal, matrix.off, first, until, shapes,
+                weights)
             self._portions.note(until - first, perf_counter() - started)
-            if not (self.off[first:until] > 0.0).all():
+            if not (matrix.off[first:until] > 0.0).all():
                 # Everything is found.
                 return
             first = until
 
 
-def find_largest(run: Lanczos, upper: float, accuracy: float, every: int) -> Largest:
+def find_largest(run: Iteration, upper: float, accuracy: float, every: int) -> Largest:
     """
     Find the largest eigenvalue to a relative accuracy, tested after `every` few steps.
 
     The Ritz value approaches from below, and an eigenvalue lies within the residual of it; the
     nearer of that and of the proved bound `upper` is returned once they agree.
     """
-    value, weights = 0.0, np.ones(1)
-    while not run.ended:
+    value, weights, matrix = 0.0, np.ones(1), run.matrix
+    while not matrix.ended:
         run.go_on(every)
-        size = run.size
-        if not np.isfinite(run.diagonal[:size]).all():
+        size = matrix.size
+        if not np.isfinite(matrix.diagonal[:size]).all():
             return Largest(math.inf, weights)
         weights = np.empty(size)
-        ritz = largest_eigenvalue(run.diagonal[:size], run.off[:size - 1], weights)
-        value = min(ritz + run.off[size - 1] * abs(float(weights[-1])), max(upper, ritz))
+        ritz = largest_eigenvalue(matrix.diagonal[:size], matrix.off[:size - 1], weights)
+        value = min(ritz + matrix.off[size - 1] * abs(float(weights[-1])), max(upper, ritz))
         if value - ritz <= accuracy * abs(ritz):
             break
     return Largest(value, weights)
-
-
-def _noise(count: int, seed: int) -> np.ndarray:
-    """Normal numbers (6, n); those of few bodies are kept, as drawing takes a step's time."""
-    return (_kept_noise if count <= _FEW else _drawn_noise)(count, seed)
-
-
-def _drawn_noise(count: int, seed: int) -> np.ndarray:
-    return np.random.RandomState(seed).standard_normal((6, count))
-
-
-_kept_noise = lru_cache(maxsize=8)(_drawn_noise)
 
 
 def start_vector(
@@ -161,12 +181,38 @@ def start_vector(
     Noise has a part of every mode and no symmetry that could hide one.
     """
     start = aligned_empty((6, layout.slot_count))
-    start[:] = 0.0
-    start[:, layout.slot] = _noise(layout.body_count, seed)
-    if supports is not None:
-        start[:3] *= supports.inverse_mass > 0.0
-        start[3:] *= supports.inverse_inertia > 0.0
-    size = float(np.sqrt((start * start).sum()))
-    if size > 0.0:
-        start /= size
+    for target, row in zip(start, start_rows(layout, supports, seed)):
+        target[:] = row
+    count = len(layout.blocks.slot)
+    size = group_size(count)
+    sums = np.zeros(-(-count // size))
+    note_products(layout.blocks, start, start, sums, size, 0, len(sums), count)
+    square = added_up(sums)
+    if square > 0.0:
+        start /= math.sqrt(square)
     return start
+
+
+def start_rows(
+    layout: Layout, supports: Supports | None, seed: int = 1
+) -> Iterator[np.ndarray]:
+    """Rows (s,) of that vector, one after the other, before it is of length one."""
+    for k, values in enumerate(_noise(layout.body_count, seed)):
+        row = np.zeros(layout.slot_count)
+        row[layout.slot] = values
+        if supports is not None:
+            row *= (supports.inverse_mass[k] if k < 3 else supports.inverse_inertia[0]) > 0.0
+        yield row
+
+
+def _noise(count: int, seed: int) -> Iterator[np.ndarray]:
+    """Six rows (n,) of normal numbers; those of few bodies are kept, as drawing takes time."""
+    if count <= _FEW:
+        return iter(_kept_noise(count, seed))
+    source = np.random.RandomState(seed)
+    return (source.standard_normal(count) for _ in range(6))
+
+
+@lru_cache(maxsize=8)
+def _kept_noise(count: int, seed: int) -> np.ndarray:
+    return np.random.RandomState(seed).standard_normal((6, count))

@@ -91,9 +91,7 @@ def kinks_room(
     variety = links.variety
 
     def room(*shape: int) -> np.ndarray:
-        array = aligned_empty(shape)
-        array[:] = 0.0
-        return array
+        return aligned_zeros(shape)
 
     return Kinks(
         extension=variety.extension, compression=variety.compression,
@@ -192,14 +190,11 @@ class Layout:
         `differences`: order of the differences by which the roughness of the motion is judged.
         `damped`: with velocities of the attachment points; `metered`: with what is spent.
         """
-        points = aligned_empty((18 * self.slot_count if links is not None else 0,))
-        acceleration = aligned_empty((6, self.slot_count))
-        points[:] = 0.0
-        acceleration[:] = 0.0
+        points = aligned_zeros((18 * self.slot_count if links is not None else 0,))
+        acceleration = aligned_zeros((6, self.slot_count))
         trail = None
         if state is not None:
-            slopes = aligned_empty((_SLOPE_COUNT, self.slope_rows(state), self.slot_count))
-            slopes[:] = 0.0
+            slopes = aligned_zeros((_SLOPE_COUNT, self.slope_rows(state), self.slot_count))
             stage, start = self.like(state), self.like(state)
             for target in (stage, start):
                 copy_state(state, target)
@@ -209,8 +204,7 @@ class Layout:
         difference = aligned_empty((rows, LANES * samples))
         weights = np.array([
             (-1.0) ** k * math.comb(differences, k) for k in range(differences + 1)])
-        speeds = aligned_empty(points.shape if damped else (0,))
-        speeds[:] = 0.0
+        speeds = aligned_zeros(points.shape if damped else (0,))
         spent = self.meter() if metered else None
         group = group_size(len(self.blocks.slot))
         return Work(
@@ -224,10 +218,8 @@ class Layout:
 
     def meter(self) -> Meter:
         """Nothing has flowed yet."""
-        power, done = aligned_empty((_SLOPE_COUNT, self.slot_count)), aligned_empty(
-            (2, self.slot_count))
-        power[:] = done[:] = 0.0
-        return Meter(power, done)
+        return Meter(
+            aligned_zeros((_SLOPE_COUNT, self.slot_count)), aligned_zeros((2, self.slot_count)))
 
     def like(self, state: State) -> State:
         """Room for another state."""
@@ -255,9 +247,18 @@ def copied_state(state: State) -> State:
 def aligned_empty(shape: tuple[int, ...]) -> np.ndarray:
     """Array of doubles that begins with a cache line, so that no block straddles two."""
     count = math.prod(shape)
-    room = np.empty(count + _LINE // 8)
+    return _aligned(np.empty(count + _LINE // 8), shape)
+
+
+def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
+    """The same of zeros; pages that are never written to take no memory."""
+    count = math.prod(shape)
+    return _aligned(np.zeros(count + _LINE // 8), shape)
+
+
+def _aligned(room: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     start = -room.ctypes.data % _LINE // 8
-    return room[start:start + count].reshape(shape)
+    return room[start:start + math.prod(shape)].reshape(shape)
 
 
 def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> Layout:
@@ -371,9 +372,7 @@ def make_links(
 
 def _no_laws(layout: Layout) -> Variety:
     """Room for the laws of the connectors at each body; ordinary numbers where there is none."""
-    rows = [aligned_empty((LINK_COUNT, layout.slot_count)) for _ in range(3)]
-    for array in rows:
-        array[:] = 0.0
+    rows = [aligned_zeros((LINK_COUNT, layout.slot_count)) for _ in range(3)]
     return Variety(*rows)
 
 

@@ -53,7 +53,13 @@ from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.connector_moments import pack_moments
 from icofabric_sim.simulation.model.damping import pack_damping
 from icofabric_sim.simulation.model.electric import pack_coulomb, pack_dipole, pack_magnet
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout, make_layout, make_links
+from icofabric_sim.simulation.model.layout import (
+    aligned_empty,
+    aligned_zeros,
+    Layout,
+    make_layout,
+    make_links,
+)
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces, pack_breakage
 from icofabric_sim.simulation.model.shells import pack_own_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
@@ -138,8 +144,7 @@ class PackedScene:
         state, places = self.layout.pack(initial), self._arm_places
         if places is None or self.connectors is None:
             return state
-        rows = aligned_empty((LINK_COUNT, self.layout.slot_count))
-        rows[:] = 0.0
+        rows = aligned_zeros((LINK_COUNT, self.layout.slot_count))
         rows[places.link, places.slot] = (
             lengths_of(self.connectors, self.model, initial) if rest is None else rest)
         return state._replace(rest=rows)

@@ -18,7 +18,7 @@ from icofabric_sim.kernels.records import Shells
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.attachments import are_given, attachment_points
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
 # A point this close to a face, in parts of the inscribed radius, lies on it.
@@ -43,8 +43,7 @@ def pack_own_shells(scene: Scene, layout: Layout) -> Shells | None:
     if (woven == half_edge).all():
         return pack_shells(scene.parameters, half_edge)
     deeper = inscribed_radius(1.0) * (scene.body_half_edges - half_edge)
-    by_slot = aligned_empty((layout.slot_count,))
-    by_slot[:] = 0.0
+    by_slot = aligned_zeros((layout.slot_count,))
     by_slot[layout.slot] = deeper
     return Shells(
         _normals(), _depths(scene.parameters, half_edge), by_slot, deeper,

@@ -22,10 +22,16 @@ from typing import NamedTuple
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.frequency_bound import field_bound, frequency_bound
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.records import Loads, State
+from icofabric_sim.kernels.records import Loads, Model, State
 from icofabric_sim.kernels.wrap.forces import largest_wrapping_bound
 from icofabric_sim.simulation.model.anchor_stiffness import anchors_eigenvalue
-from icofabric_sim.simulation.model.lanczos import find_largest, Lanczos, start_vector
+from icofabric_sim.simulation.model.lanczos import (
+    find_largest,
+    Iteration,
+    Lanczos,
+    Largest,
+    start_vector,
+)
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -72,9 +78,7 @@ def largest_frequency(
         more = field_bound(model, state)
     if model.maxwell is not None:
         more += _arms_eigenvalue(packed, state)
-    if model.links is None or not (
-            model.links.stiffness > 0.0 or model.links.tables is not None
-            or model.bending is not None or model.twisting is not None):
+    if not is_springy(model):
         return Frequency(math.sqrt(more), (), 0)
     count = layout.body_count
     work = layout.room(model.links)
@@ -83,21 +87,38 @@ def largest_frequency(
         more += largest_wrapping_bound(model, state, work)
     upper = frequency_bound(
         model._replace(dipole=None, coulomb=None, wrapping=None, maxwell=None),
-        state._replace(rest=None), work)
+        state._replace(rest=None), work, 0, len(layout.blocks.slot))
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
-    most = min(LARGEST_ITERATION_COUNT, 6 * count)
-    run = Lanczos(model, state, work, start, most)
-    found = find_largest(
-        run, upper, ACCURACY if count <= _SMALL else _LARGE_ACCURACY,
-        _ITERATIONS if count <= _SMALL else _LARGE_ITERATIONS)
+    run = Lanczos(model, state, work, start, most_steps(count))
+    found = converge(run, upper, count)
     bodies: tuple[int, ...] = ()
     if locate and math.isfinite(found.value):
         shape = run.combine(start, found.weights[:, None])[0]
         share = layout.gather(shape**2).sum(axis=1)
         bodies = tuple(int(b) for b in np.argsort(-share, kind='stable')[:4] if share[b] > 0.0)
-    return Frequency(float(np.sqrt(max(found.value, 0.0) + more)), bodies, run.done)
+    return Frequency(float(np.sqrt(max(found.value, 0.0) + more)), bodies, run.matrix.done)
+
+
+def is_springy(model: Model) -> bool:
+    """Whether connectors resist at all."""
+    links = model.links
+    return links is not None and (
+        links.stiffness > 0.0 or links.tables is not None or model.bending is not None
+        or model.twisting is not None)
+
+
+def most_steps(body_count: int) -> int:
+    """Steps of an iteration at most."""
+    return min(LARGEST_ITERATION_COUNT, 6 * body_count)
+
+
+def converge(run: Iteration, upper: float, body_count: int) -> Largest:
+    """The largest eigenvalue, at most `upper`, as accurately as steps need it."""
+    if body_count <= _SMALL:
+        return find_largest(run, upper, ACCURACY, _ITERATIONS)
+    return find_largest(run, upper, _LARGE_ACCURACY, _LARGE_ITERATIONS)
 
 
 def _arms_eigenvalue(packed: PackedScene, state: State) -> float:

@@ -21,7 +21,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.tractions import FIXED, SLIDING, TURNING
 from icofabric_sim.scene.profiles import Piece
 from icofabric_sim.scene.tractions import FaceWrench
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
 # Forces that add up to less than this part of their sizes cancel: what is left is rounding.
@@ -125,8 +125,7 @@ def pack_tractions(
     def spread(field: str, count: int) -> np.ndarray | None:
         if all(getattr(sums, field) is None for sums in pack.scene):
             return None
-        flat = aligned_empty((len(mine) * count * LANES,))
-        flat[:] = 0.0
+        flat = aligned_zeros((len(mine) * count * LANES,))
         table = flat.reshape(len(mine), count, LANES)
         for row, (acting, r, lane) in zip(pack.rows, found):
             values = getattr(row.sums, field)
@@ -136,8 +135,7 @@ def pack_tractions(
 
     force, moment = spread('force', 1), spread('moment', 1)
     assert force is not None and moment is not None
-    kept = aligned_empty((len(mine) * 6 * LANES,))
-    kept[:] = 0.0
+    kept = aligned_zeros((len(mine) * 6 * LANES,))
     return Tractions(
         kept=kept, first=first, place=place, turning=spread('turning', TURNING),
         fixed=spread('fixed', FIXED), sliding=spread('sliding', SLIDING), force=force,

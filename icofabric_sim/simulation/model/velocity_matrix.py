@@ -26,7 +26,7 @@ from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.integrators.diagonal import assemble, tangent_springs
 from icofabric_sim.kernels.records import LINK_COUNT, Model, State, Variety
 from icofabric_sim.simulation.contact.pair_forces import PairForces
-from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -76,8 +76,7 @@ class VelocityMatrix:
         slots = packed.layout.slot_count
 
         def room(*shape: int) -> np.ndarray:
-            array = aligned_empty(shape)
-            array[:] = 0.0
+            array = aligned_zeros(shape)
             return array
 
         self._slopes, self._rest = room(LINK_COUNT, slots), room(LINK_COUNT, slots)

@@ -25,14 +25,12 @@ from typing import Any, TypeVar
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
-from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
-from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import Frequency
 from icofabric_sim.simulation.state_tree import StateTree
@@ -54,6 +52,7 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+from icofabric_sim.simulation.stepping.whole_state import WholeState
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -118,8 +117,10 @@ class Driver:
             control=EmbeddedControl(origin) if is_embedded else None,
             anchor_breaks=anchor_breaks)
         self.contact = ContactScheduler(self.trajectory, broad_phase)
-        self.rates = MotionRates(self.trajectory, self.contact, frequency, load_rate)
         self.calls = MethodCalls(self.trajectory, self.contact)
+        self._whole = WholeState(self.trajectory, self.calls)
+        self.rates = MotionRates(
+            self.trajectory, self.contact, self._whole, frequency, load_rate)
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
@@ -131,8 +132,8 @@ class Driver:
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance,
                 probe.slip, any_time=any_time))
         self.monitor = StepMonitor(
-            self.trajectory, self.rates, obstruction, given=self._is_given, tolerance=tolerance,
-            differences=differences)
+            self.trajectory, self.rates, self._whole, obstruction, given=self._is_given,
+            tolerance=tolerance, differences=differences)
         choice = StepChoice(method, fixed_step, is_embedded, output_period)
         self.controller: StepController = make_controller(self, choice)
         self._stepping: Stepping
@@ -254,7 +255,7 @@ class Driver:
         trajectory = self.trajectory
         trajectory.ledger.keep_work(trajectory.loads)
         trajectory.loads, self.rates.load_rate = loads, load_rate
-        place_driven(trajectory.model, loads, trajectory.state, trajectory.time)
+        trajectory.place_driven()
         self._stepping.follow_loads()
 
     def set_last_forces(self, forces: np.ndarray) -> None:
@@ -488,22 +489,19 @@ class Driver:
         """Compute the accelerations, the frequency and the step anew: the state has jumped."""
         trajectory, ledger = self.trajectory, self.trajectory.ledger
         self._stepping.restart()
-        place_driven(trajectory.model, trajectory.loads, trajectory.state, trajectory.time)
+        trajectory.place_driven()
         self.contact.forget_friction()
         self.contact.calm()
         self._search_contacts(trajectory.time)
-        trajectory.refresh()
-        for meter in trajectory.meters().values():
-            meter.done[:] = 0.0
+        self._whole.refresh()
+        trajectory.clear_meters()
         ledger.restart()
         trajectory.save()
         self.monitor.restart(exact=exact)
         self.contact.require_room()
         ledger.open(
-            self.shown.moving(trajectory.state),
-            trajectory.packed.layout.gather(trajectory.work.acceleration + anchor_accelerations(
-                trajectory.model, trajectory.loads, trajectory.state, trajectory.time)),
-            self.rates.frequency.rate, self._allowed_speed)
+            self.shown.moving(), self._whole.squares(), self.rates.frequency.rate,
+            self._allowed_speed)
         self.shown.restart()
         self.errors.probe.restart()
         # No stretch leads across the jump.

@@ -151,17 +151,18 @@ class Ledger:
         self.numbers[_BALANCE] = before.numbers[_BALANCE]
 
     def open(
-        self, moving: float, acceleration: np.ndarray, rate: float, speed: float
+        self, moving: float, squares: float, rate: float, speed: float
     ) -> None:
         """
         Begin the balance with what a health check has just found.
 
         `moving`: kinetic energy [J] of driven bodies, for which no work was needed;
-        `acceleration` (n, 6) [m/s^2, rad/s^2] of the bodies, by anchors too; `rate` [rad/s]: the
-        largest frequency;
+        `squares` [N^2/kg]: of the forces and torques of all bodies over their masses and inertias,
+        summed, by anchors too, and without that of what falls freely; `rate` [rad/s]: the largest
+        frequency;
         `speed` [1/s]: what the tolerance may add to velocities over a, and to spins.
         """
-        numbers, model = self.numbers, self._packed.model
+        numbers = self.numbers
         masses = self._packed.masses
         mass, inertia = float(masses.mass.mean()), float(masses.inertia.mean())
         self.earlier_work -= moving
@@ -175,16 +176,8 @@ class Ledger:
             self.kinetic + self.stored + self.height
             - self.work + self.spent)
         # What the forces at the start can set free, at least: health checks may find the fabric
-        # back where it began. What falls freely does not come back.
-        if model.gravity is not None and not self._packed.held:
-            acceleration = acceleration - np.append(model.gravity.acceleration, np.zeros(3))
-        # Forces without bounds end the run where the step is chosen.
-        with np.errstate(over='ignore', invalid='ignore'):
-            squares = (acceleration**2).reshape(-1, 2, 3).sum(axis=2)
-            set_free = (0.5 * float((masses.mass * squares[:, 0]).sum() + (
-                masses.inertia * squares[:, 1]).sum()) / rate**2
-                        if 0.0 < rate < math.inf else 0.0)
-        self.scale = set_free
+        # back where it began. Forces without bounds end the run where the step is chosen.
+        self.scale = 0.5 * squares / rate**2 if 0.0 < rate < math.inf else 0.0
         self.floor = self._least_floor = 0.5 * speed**2 * self.bodies * (
             mass / self.inverse_size + inertia)
         self.worst = self.error = 0.0

@@ -26,7 +26,7 @@ from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
-from icofabric_sim.simulation.stepping.methods import Beside
+from icofabric_sim.simulation.stepping.methods import Beside, Elsewhere
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
@@ -92,7 +92,7 @@ class MethodCalls:
         """Begin trial steps where the state of the trajectory is."""
         trajectory = self._trajectory
         loads, state, _, work = trajectory.for_steps()
-        with self._or_lost():
+        with self.or_lost():
             beside.begin(trajectory.model, loads, state, work, self._contact.watching())
 
     def compare_beside(
@@ -103,22 +103,29 @@ class MethodCalls:
 
         Returns how far they lead apart, as `Beside.apart` says.
         """
-        with self._or_lost():
+        with self.or_lost():
             beside.branch(self._trajectory.model)
         for which, length, total in (('half', 0.5 * step, 2 * count), ('ahead', step, count)):
             done = 0
             while done < total:
                 started, portion = perf_counter(), min(total - done, self._trial_portion())
-                with self._or_lost():
+                with self.or_lost():
                     beside.take(which, start, done, length, portion)
                 self.portions.note(portion, perf_counter() - started)
                 done += portion
                 leaving.check()
-        with self._or_lost():
+        with self.or_lost():
             return beside.apart()
 
+    def hold(self, elsewhere: Elsewhere) -> None:
+        """Have the state of the trajectory with those who answer for it."""
+        trajectory = self._trajectory
+        loads, state, _, work = trajectory.for_steps()
+        with self.or_lost():
+            elsewhere.hold(trajectory.model, loads, state, work, self._contact.watching())
+
     @contextmanager
-    def _or_lost(self) -> Iterator[None]:
+    def or_lost(self) -> Iterator[None]:
         """End the run where those who take the steps fail."""
         try:
             yield

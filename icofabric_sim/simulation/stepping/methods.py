@@ -16,13 +16,16 @@
 from collections.abc import Callable
 from functools import partial
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TYPE_CHECKING
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 import numpy as np
+
+if TYPE_CHECKING:
+    from icofabric_sim.simulation.model.stability import Frequency
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
 KINK_ORDER = 4
@@ -83,6 +86,10 @@ class Beside(Protocol):
     def apart(self) -> tuple[float, float]:
         """Return the largest squares of distances [m^2] and of differences of orientations."""
 
+
+class Elsewhere(Protocol):
+    """Holds the state of a run, and answers what is asked of the whole of it."""
+
     def save(self, saved: State) -> bool:
         """Save the state of the run there, if it is there alone; whether that was done."""
 
@@ -92,6 +99,23 @@ class Beside(Protocol):
 
         Of the state of the run, (7,); None where it is in the arrays of this process.
         """
+
+    def hold(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        """Have the state of a run in which nothing touches there; the next three ask of it."""
+
+    def refresh(self, time: float) -> None:
+        """Compute the accelerations of the state at `time` [s]."""
+
+    def examine(self, time: float, ledger: np.ndarray) -> int:
+        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+
+    def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
+        """Have sums (2, g) of squares of accelerations, as `note_squares` of released.py."""
+
+    def largest(self) -> 'Frequency | None':
+        """The largest frequency of the fabric; None where it is not found there."""
 
 
 class Method(NamedTuple):
@@ -121,6 +145,8 @@ class Method(NamedTuple):
     holder: 'StateHolder | None' = None
     # Who takes trial steps there; None: the state comes here for them.
     beside: 'Beside | None' = None
+    # Who answers for the state there; None: it comes here whatever is asked.
+    elsewhere: 'Elsewhere | None' = None
 
     @property
     def runs_through_contacts(self) -> bool:

@@ -21,12 +21,11 @@ from icofabric_sim.kernels.records import Loads
 from icofabric_sim.simulation.model.stability import (
     fastest_motion,
     Frequency,
-    largest_frequency,
-    with_anchors,
 )
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.faults import fastest_term, stiffest_term, unsafe_step
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.whole_state import WholeState
 import numpy as np
 
 # A step below this part of the stability limit would never come to an end.
@@ -43,11 +42,11 @@ class MotionRates:
     """Rates [rad/s] of what steps must follow, in the configuration that was examined last."""
 
     def __init__(
-        self, trajectory: Trajectory, contact: ContactScheduler, fabric: Frequency,
-        load_rate: float
+        self, trajectory: Trajectory, contact: ContactScheduler, whole: WholeState,
+        fabric: Frequency, load_rate: float
     ) -> None:
         """Begin with the largest frequency of the `fabric`, and the `load_rate` [rad/s]."""
-        self._trajectory, self._contact = trajectory, contact
+        self._trajectory, self._contact, self._whole = trajectory, contact, whole
         # The largest frequency of the fabric alone, and the rate of the loads alone.
         self.fabric, self.load_rate = fabric, load_rate
 
@@ -67,14 +66,7 @@ class MotionRates:
 
     def measure(self) -> None:
         """Compute the largest frequency of the fabric anew."""
-        self.fabric = self._largest()
-
-    def _largest(self, *, locate: bool = False) -> Frequency:
-        trajectory = self._trajectory
-        packed, state = trajectory.packed, trajectory.state
-        return with_anchors(
-            largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
-            trajectory.time)
+        self.fabric = self._whole.frequency()
 
     def fastest(self, *, contacts: bool = True, losses: bool = True) -> float:
         """
@@ -112,7 +104,7 @@ class MotionRates:
 
     def fastest_bodies(self) -> tuple[int, ...]:
         """Bodies that take the largest part in the fastest vibration of the fabric."""
-        return self._largest(locate=True).bodies
+        return self._whole.frequency(locate=True).bodies
 
     def _terms(self) -> dict[str, float]:
         """Rates [rad/s] by what they are of, in the order of `Term`."""
@@ -158,7 +150,7 @@ class MotionRates:
                 f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
                 'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
                 'never lets shells pass through each other')
-        trajectory.fail(unsafe_step(step, self.limit, self._largest(locate=True), time))
+        trajectory.fail(unsafe_step(step, self.limit, self._whole.frequency(locate=True), time))
 
 
 def _is_anchored(loads: Loads) -> bool:

@@ -77,12 +77,14 @@ class ShownEnergies:
             _, energy = look_at_anchors(trajectory.model, trajectory.loads, state, time)
             self.anchors = float(energy)
 
-    def moving(self, state: State) -> float:
-        """Kinetic energy [J] of driven bodies."""
+    def moving(self, state: State | None = None) -> float:
+        """Kinetic energy [J] of driven bodies in a `state`; None: the present one."""
         trajectory = self._trajectory
-        if trajectory.loads.drives is None:
+        loads = trajectory.for_steps()[0]
+        if loads.drives is None:
             return 0.0
-        return float(energy_of_drives(trajectory.model, trajectory.loads, state))
+        return float(energy_of_drives(
+            trajectory.model, loads, trajectory.state if state is None else state))
 
     def state_tree(self) -> dict[str, Any]:
         """Where the balance begins, as an entry; none without a body force."""

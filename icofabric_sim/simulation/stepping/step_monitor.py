@@ -26,6 +26,7 @@ from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.whole_state import WholeState
 from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
@@ -58,8 +59,8 @@ class StepMonitor:
     """Checks that a state is finite and its energy balances, and looks into the shells."""
 
     def __init__(
-        self, trajectory: Trajectory, rates: MotionRates, obstruction: Obstruction, *,
-        given: bool, tolerance: float, differences: int
+        self, trajectory: Trajectory, rates: MotionRates, whole: WholeState,
+        obstruction: Obstruction, *, given: bool, tolerance: float, differences: int
     ) -> None:
         """
         Check the `trajectory`; `given`: its step is, else it is chosen for the `tolerance` [1/s].
@@ -67,6 +68,7 @@ class StepMonitor:
         `differences`: order of those by which the roughness of the motion is judged.
         """
         self._trajectory, self._rates, self.obstruction = trajectory, rates, obstruction
+        self._whole = whole
         self._is_given, self._tolerance, self._differences = given, tolerance, differences
         # Steps since the last check, and from one to the next.
         self.since_check = 0
@@ -96,12 +98,7 @@ class StepMonitor:
         if exact:
             self._rates.measure()
         ledger.high, ledger.low, ledger.spin_weight = math.inf, 0.0, 1.0
-        model = trajectory.model
-        # A state that comes from ranks or a device comes without its attachment points.
-        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
-        monitor.examine(
-            model, trajectory.loads, trajectory.state, trajectory.work, trajectory.time,
-            ledger.numbers)
+        self._whole.examine()
         if self._is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every check: the bound may be three times as high, its own growth says nothing.

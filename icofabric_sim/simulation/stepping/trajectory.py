@@ -22,6 +22,7 @@ from typing import Any, NoReturn
 
 from icofabric_sim.kernels.contact.forces import touch_all
 from icofabric_sim.kernels.contact.losses import touch_ahead
+from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.records import (
     ContactLosses,
@@ -42,7 +43,7 @@ from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.ledger import Ledger
-from icofabric_sim.simulation.stepping.methods import Beside, KINK_ORDER, Method
+from icofabric_sim.simulation.stepping.methods import Elsewhere, KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
@@ -206,11 +207,11 @@ class Trajectory:
         return float(np.abs(self.state.position).max()) if bounds is None else float(bounds[6])
 
     def _bounds(self) -> np.ndarray | None:
-        beside = self.method.beside
-        if beside is None:
+        elsewhere = self.method.elsewhere
+        if elsewhere is None:
             return None
         try:
-            return beside.bounds()
+            return elsewhere.bounds()
         except ElsewhereError as error:
             self.lose_steps(error)
 
@@ -241,7 +242,8 @@ class Trajectory:
 
     def save(self, time: float | None = None) -> None:
         """Save the state, of the present or of a `time` [s]."""
-        if self.method.beside is not None and self._is_saved_there(self.method.beside):
+        elsewhere = self.method.elsewhere
+        if elsewhere is not None and self._is_saved_there(elsewhere):
             self.note_saved(self.time if time is None else time)
             return
         copy_state(self.state, self.saved)
@@ -251,10 +253,10 @@ class Trajectory:
         self._save_stretches()
         self.note_saved(self.time if time is None else time)
 
-    def _is_saved_there(self, beside: Beside) -> bool:
+    def _is_saved_there(self, elsewhere: Elsewhere) -> bool:
         """Have the state saved where it is; whether that could be done."""
         try:
-            return beside.save(self._saved)
+            return elsewhere.save(self._saved)
         except ElsewhereError as error:
             self.lose_steps(error)
 
@@ -359,6 +361,17 @@ class Trajectory:
         """Return the stretches of friction springs at the state, or in the `model` of a trial."""
         losses = contact_losses((model or self.model).contacts)
         return None if losses is None else losses.stretch
+
+    def place_driven(self) -> None:
+        """Put driven bodies where their paths are."""
+        if self._loads.drives is not None:
+            place_driven(self.model, self.loads, self.state, self.time)
+
+    def clear_meters(self) -> None:
+        """Nothing has flowed yet."""
+        if self._work.spent is not None or self._work.given is not None:
+            for meter in self.meters().values():
+                meter.done[:] = 0.0
 
     def meters(self) -> dict[str, Meter]:
         """Return the meters of energy that flows by velocities and by a body force, by name."""

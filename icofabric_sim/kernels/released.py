@@ -1,0 +1,53 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What the forces of a state could set free: the squares of its accelerations, weighted by masses.
+
+Added up over groups of blocks, and the groups in their order, as in figures.py.
+"""
+
+from icofabric_sim.kernels.masses import weights_of
+from icofabric_sim.kernels.records import Blocks, Masses
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
+from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, where
+import numpy as np
+
+
+@compiled
+def note_squares(
+    blocks: Blocks, masses: Masses | None, acceleration: np.ndarray, fall: np.ndarray,
+    sums: np.ndarray, size: int, first: int, last: int, end: int
+) -> None:
+    """
+    Squares of accelerations (6, s) over groups first to last of `size` blocks, into sums (2, g).
+
+    Linear ones [m/s^2] without a `fall` (3,) times masses, and angular ones [rad/s^2] times
+    inertias, both in the units of `weights_of`. None from block `end` on.
+    """
+    for group in range(first, last):
+        linear, angular = splat(0.0), splat(0.0)
+        for block in range(group * size, min(group * size + size, end)):
+            s = blocks.slot[block]
+            heavy, slow = weights_of(masses, s)
+            line, turn = splat(0.0), splat(0.0)
+            for k in range(3):
+                a = load(acceleration, k, s) - splat(fall[k])
+                b = load(acceleration, k + 3, s)
+                line, turn = fma(a, a, line), fma(b, b, turn)
+            # Slots without a body fall, too.
+            there = bits(blocks.alive[block])
+            linear = linear + where(there, heavy * line, splat(0.0))
+            angular = angular + where(there, slow * turn, splat(0.0))
+        sums[0, group], sums[1, group] = sum_of_lanes(linear), sum_of_lanes(angular)

@@ -1,0 +1,81 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""An iteration of Lanczos whose vectors lie with all ranks: the first rank has its matrix."""
+
+import math
+from typing import Any
+
+from icofabric_sim.kernels.lanczos import added_up
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps
+from icofabric_sim.simulation.devices.sharing import Sharing
+from icofabric_sim.simulation.model.lanczos import start_rows, Tridiagonal
+import numpy as np
+
+
+class SharedIteration:
+    """The steps of `Lanczos`, each of which all ranks take; on the first of them."""
+
+    def __init__(self, sharing: Sharing, own: PartSteps, run: Arrays, most: int) -> None:
+        """Begin about the state of a run that the ranks hold, for at most so many steps."""
+        self._sharing, self.matrix = sharing, Tridiagonal.of(most)
+        layout, transport = sharing.packed.layout, sharing.transport
+        sharing.order('begin_iteration')
+        self._own = own.iteration(run)
+        for k, row in enumerate(start_rows(layout, sharing.packed.model.supports)):
+            requests: list[Any] = []
+            for rank in sharing.others:
+                requests += sharing.rows[rank].send(transport, [row[None]], rank)
+            sharing.rows[0].copy(row[None], self._own.start[k:k + 1])
+            transport.wait(requests)
+        # Upper bound of the largest eigenvalue [1/s^2].
+        self.bound = float(sharing.largest_of(self._own.bound())[0])
+        self._sums = np.zeros(sharing.group_count)
+        self._length = math.sqrt(self._added_up(self._own.square()))
+
+    @property
+    def is_held(self) -> bool:
+        """Whether nothing can move."""
+        return not self._length > 0.0
+
+    def go_on(self, count: int) -> None:
+        """Take so many steps more, or those that are left."""
+        matrix = self.matrix
+        last = min(matrix.done + count, len(matrix.diagonal))
+        if matrix.done == 0:
+            self._do('begin', self._length)
+        for step in range(matrix.done, last):
+            alpha = self._sum('multiply')
+            beta = float(matrix.off[step - 1]) if step > 0 else 0.0
+            matrix.diagonal[step] = alpha
+            matrix.off[step] = math.sqrt(self._sum('subtract', alpha, beta))
+            if not matrix.off[step] > 0.0:
+                # Everything is found.
+                break
+            self._do('shift', 1.0 / float(matrix.off[step]))
+        matrix.done = last
+
+    def end(self) -> None:
+        """Let the vectors go."""
+        self._sharing.order('end_iteration')
+
+    def _do(self, name: str, *numbers: float) -> Any:
+        self._sharing.order('iterate', name, *numbers)
+        return getattr(self._own, name)(*numbers)
+
+    def _sum(self, name: str, *numbers: float) -> float:
+        return self._added_up(self._do(name, *numbers))
+
+    def _added_up(self, own: np.ndarray) -> float:
+        self._sharing.gather_sums(own, self._sums)
+        return float(added_up(self._sums))

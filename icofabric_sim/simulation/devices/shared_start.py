@@ -1,0 +1,46 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The start of a run whose state no process has whole, and its largest frequency."""
+
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.devices.leader import SharedSteps
+from icofabric_sim.simulation.devices.shared_state import SharedState
+from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.unpacked import Unpacked
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.stability import Frequency
+from icofabric_sim.simulation.stepping.methods import facts_of
+
+
+def begin_apart(
+    transport: Transport, packed: PackedScene, initial: InitialState, loads: Loads, *,
+    half_edge: float
+) -> tuple[Unpacked, Frequency] | None:
+    """
+    Return the state and its largest frequency, before the method of the steps is known.
+
+    None where terms count that only one process adds up.
+    """
+    if loads.anchors is not None or loads.drives is not None or packed.model.maxwell is not None:
+        return None
+    unpacked = Unpacked(packed.layout, initial)
+    # No step is taken: any method will do.
+    steps = SharedSteps(
+        transport, packed, facts_of('leapfrog'), given=True, half_edge=half_edge,
+        unpacked=unpacked)
+    state = SharedState(steps)
+    state.hold(packed.model, loads, unpacked.state, packed.layout.room(packed.model.links), None)
+    frequency = state.largest()
+    return None if frequency is None else (unpacked, frequency)

@@ -1,0 +1,109 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What is asked of the whole state of a run, where ranks have it; see whole_state.py."""
+
+from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
+from icofabric_sim.simulation.devices.leader import SharedSteps
+from icofabric_sim.simulation.devices.shared_iteration import SharedIteration
+from icofabric_sim.simulation.model.stability import (
+    converge,
+    Frequency,
+    is_springy,
+    most_steps,
+)
+import numpy as np
+
+
+class SharedState:
+    """Answers for it, on the first rank."""
+
+    def __init__(self, steps: SharedSteps) -> None:
+        """Ask those who take the `steps`."""
+        self._steps, self._sharing = steps, steps.holder
+        self._is_ready = False  # what iterations need
+
+    def save(self, saved: State) -> bool:
+        """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        if not self._steps.is_apart:
+            return False
+        with self._steps.together():
+            return self._steps.save(saved)
+
+    def bounds(self) -> np.ndarray | None:
+        """
+        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
+
+        Of the state of the run, (7,); None where it is here.
+        """
+        if not self._steps.is_apart:
+            return None
+        with self._steps.together():
+            self._sharing.order('bounds')
+            return self._sharing.largest_of(self._steps.own_bounds())
+
+    def hold(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        """Have the state of a run in which nothing touches with the ranks."""
+        with self._steps.together():
+            self._steps.hold(model, loads, state, work, watch)
+
+    def refresh(self, time: float) -> None:
+        """Compute the accelerations of the state at `time` [s]."""
+        with self._steps.together():
+            self._steps.refresh(time)
+
+    def examine(self, time: float, ledger: np.ndarray) -> int:
+        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+        with self._steps.together():
+            return self._steps.examine(time, ledger)
+
+    def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
+        """Have sums (2, g) of squares of accelerations, as `note_squares` of released.py."""
+        own, run = self._steps.held
+        with self._steps.together():
+            self._sharing.order('squares', fall)
+            self._sharing.gather_sums(own.squares(run.work, fall), sums)
+
+    def largest(self) -> Frequency | None:
+        """
+        The largest frequency of the fabric, as `largest_frequency` of model/stability.py.
+
+        None where terms count that only one process adds up.
+        """
+        packed = self._sharing.packed
+        model, count = packed.model, packed.layout.body_count
+        if any(term is not None for term in (
+                model.dipole, model.coulomb, model.maxwell, model.wrapping)):
+            return None
+        if not is_springy(model):
+            return Frequency(0.0, (), 0)
+        own, arrays = self._steps.held
+        if not self._is_ready:
+            # By then all ranks find it.
+            own.make_iteration_ready(arrays)
+            self._is_ready = True
+        with self._steps.together():
+            run = SharedIteration(self._sharing, own, arrays, most_steps(count))
+            try:
+                if run.is_held:
+                    return Frequency(0.0, (), 0)
+                if not np.isfinite(run.bound):
+                    # Numbers too large to multiply: nothing is safe.
+                    return Frequency(np.inf, (), 0)
+                found = converge(run, run.bound, count)
+                return Frequency(
+                    float(np.sqrt(max(found.value, 0.0))), (), run.matrix.done)
+            finally:
+                run.end()

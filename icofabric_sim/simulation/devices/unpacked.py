@@ -1,0 +1,67 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The state in which a run starts, body by body, until ranks have their parts of it.
+
+So the first rank need not have all of it in arrays for kernels: `Layout.pack`, part by part.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from icofabric_sim.kernels.records import State
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
+import numpy as np
+
+
+class Unpacked:
+    """A state that has not been packed, and the room that it belongs into."""
+
+    def __init__(self, layout: Layout, initial: InitialState) -> None:
+        """Make room for the state, of which no part is there yet."""
+        self._initial = initial
+        self._bodies = np.full(layout.slot_count, -1, np.int32)
+        self._bodies[layout.slot] = np.arange(layout.body_count, dtype=np.int32)
+        self.state = State(*(
+            aligned_zeros((values.shape[1], layout.slot_count)) for values in initial))
+
+    def rows(self, index: Any) -> Iterator[np.ndarray]:
+        """Rows of the state at some slots, in the order of `State.rows`."""
+        number = self._bodies[index]
+        there = number >= 0
+        number = number[there]
+        for values in self._initial:
+            for k in range(values.shape[1]):
+                # A unit orientation, so that slots without a body compute with ordinary numbers.
+                row = np.full(len(there), float(values.shape[1] == 4 and k == 3))
+                row[there] = values[number, k]
+                yield row
+
+    def put(self, slots: SlotRows | None = None) -> None:
+        """Have the state at some slots in its room; None: at all."""
+        index = slice(None) if slots is None else slots.index
+        rows = self.rows(index)
+        for table in self.state.rows():
+            for target in table:
+                target[index] = next(rows)
+
+
+def complete(layout: Layout, state: State) -> None:
+    """Have ordinary numbers in slots of no block, which no rank has."""
+    runs = np.ones(layout.slot_count // LANES, bool)
+    runs[layout.blocks.slot // LANES] = False
+    state.orientation[3].reshape(-1, LANES)[runs] = 1.0

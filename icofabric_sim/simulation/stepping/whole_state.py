@@ -1,0 +1,116 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What is asked of the whole state of a run, wherever it is: forces, figures, the largest frequency.
+
+Who takes the steps may have the state, and answer for it (`Elsewhere` in methods.py); else this
+process looks at it. The sums are the same bits.
+"""
+
+from icofabric_sim.kernels import monitor
+from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.lanczos import added_up
+from icofabric_sim.kernels.masses import units_of
+from icofabric_sim.kernels.released import note_squares
+from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
+from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
+from icofabric_sim.simulation.stepping.method_calls import MethodCalls
+from icofabric_sim.simulation.stepping.methods import Elsewhere
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
+
+
+class WholeState:
+    """Asks it."""
+
+    def __init__(self, trajectory: Trajectory, calls: MethodCalls) -> None:
+        """Ask the state of the `trajectory`, by `calls` where others have it."""
+        self._trajectory, self._calls = trajectory, calls
+
+    def refresh(self) -> None:
+        """Compute its accelerations."""
+        trajectory, elsewhere = self._trajectory, self._elsewhere()
+        if elsewhere is None:
+            trajectory.refresh()
+            return
+        with self._calls.or_lost():
+            elsewhere.refresh(trajectory.time)
+
+    def examine(self) -> None:
+        """Have the figures of a health check in the ledger."""
+        trajectory, elsewhere = self._trajectory, self._elsewhere()
+        numbers = trajectory.ledger.numbers
+        if elsewhere is not None:
+            with self._calls.or_lost():
+                elsewhere.examine(trajectory.time, numbers)
+            return
+        model = trajectory.model
+        # A state that comes from ranks or a device comes without its attachment points.
+        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        monitor.examine(
+            model, trajectory.loads, trajectory.state, trajectory.work, trajectory.time, numbers)
+
+    def squares(self) -> float:
+        """
+        Squares of forces and torques over masses and inertias of all bodies, summed [N^2/kg].
+
+        By anchors, too, and without the weight of what falls freely, which does not come back.
+        Accelerations are those of `refresh`.
+        """
+        trajectory, elsewhere = self._trajectory, self._elsewhere()
+        packed, model, work = trajectory.packed, trajectory.model, trajectory.for_steps()[3]
+        fall = np.zeros(3)
+        if model.gravity is not None and not packed.held:
+            fall = model.gravity.acceleration
+        count = len(model.blocks.slot)
+        sums = np.zeros((2, -(-count // work.group)))
+        if elsewhere is not None:
+            with self._calls.or_lost():
+                elsewhere.squares(fall, sums)
+        else:
+            acceleration = trajectory.work.acceleration
+            if trajectory.loads.anchors is not None:
+                acceleration = acceleration + anchor_accelerations(
+                    model, trajectory.loads, trajectory.state, trajectory.time)
+            note_squares(
+                model.blocks, model.masses, acceleration, fall, sums, work.group, 0,
+                sums.shape[1], count)
+        mass, inertia = units_of(model.masses, model.inverse_mass, model.inverse_inertia)
+        return float(mass * added_up(sums[0]) + inertia * added_up(sums[1]))
+
+    def frequency(self, *, locate: bool = False) -> Frequency:
+        """Find the largest frequency of the fabric; `locate`: with the bodies of its vibration."""
+        trajectory, found = self._trajectory, None
+        elsewhere = None if locate else self._elsewhere()
+        if elsewhere is not None:
+            with self._calls.or_lost():
+                found = elsewhere.largest()
+        if found is not None:
+            return found
+        packed, state = trajectory.packed, trajectory.state
+        return with_anchors(
+            largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
+            trajectory.time)
+
+    def _elsewhere(self) -> Elsewhere | None:
+        """Who has the state, and answers for it; None: this process looks at it."""
+        trajectory = self._trajectory
+        elsewhere, (loads, _, _, work) = trajectory.method.elsewhere, trajectory.for_steps()
+        # What touches, anchors, paths, and what is spent are added up here alone.
+        if elsewhere is None or not (
+                trajectory.model.contacts is None and loads.anchors is None
+                and loads.drives is None and work.spent is None and work.given is None):
+            return None
+        self._calls.hold(elsewhere)
+        return elsewhere
