@@ -229,12 +229,14 @@ def bound_and_energies(
 
 
 @compiled
-def frequency_bound(model: Model, state: State, work: Work, first: int, last: int) -> float:
-    """
-    Upper bound of the largest squared frequency [1/s^2], see `block_bound`.
+def frequency_bound(model: Model, state: State, work: Work) -> float:
+    """Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`."""
+    return bound_of_blocks(model, state, work, 0, model.blocks.slot.shape[0])
 
-    Of blocks first to last: that of a fabric is the largest of all of its blocks.
-    """
+
+@compiled
+def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: int) -> float:
+    """The part of blocks first to last in it: of all parts the largest is the bound."""
     largest = splat(0.0)
     for block in range(first, last):
         bound, _, _, _, _ = bound_and_energies(

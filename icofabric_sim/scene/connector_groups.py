@@ -22,6 +22,7 @@ from collections.abc import Mapping
 
 from icofabric_sim.geometry.icosahedron import NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.weave import Weave
 import numpy as np
 
 # Codes of opposite edges differ in the last bit.
@@ -51,17 +52,19 @@ def alike_everywhere(parameters: Parameters) -> bool:
 
 
 def grouped_connectors(
-    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: np.ndarray,
-    edges: np.ndarray
+    parameters: Parameters, groups: Mapping[str, np.ndarray], weave: Weave
 ) -> dict[str, np.ndarray]:
     """
     Which connectors belong to each of `connector_groups`, (c,) bool, in order of names.
 
-    Of the connectors between `bodies` (c, 2), which join the `edges` (c, 2), those count that lead
-    from one group of bodies to the other and are of the direction, where these are given. Of
-    several groups that hold a connector the last counts.
+    Of the connectors of the `weave` those count that lead from one group of bodies to the other
+    and are of the direction, where these are given. Of several groups that hold a connector the
+    last counts.
     """
-    members = {}
+    members: dict[str, np.ndarray] = {}
+    if not parameters.names('connector_groups'):
+        return members
+    bodies, edges = weave.connector_bodies, weave.connector_edges
     for name in parameters.names('connector_groups'):
         prefix = f'connector_groups.{name}'
         chosen, said = np.ones(len(bodies), bool), []
@@ -117,17 +120,18 @@ def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
 
 
 def chosen_connectors(
-    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], bodies: np.ndarray
+    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], weave: Weave
 ) -> np.ndarray | None:
     """
-    Numbers of the connectors, with their `bodies` (c, 2), between the two groups of `key`.
+    Numbers of the connectors of the `weave` between the two groups of `key`.
 
     None, for all, where it is empty.
     """
     if not parameters[key].strip():
         return None
     first, second = two_groups(parameters, key)
-    chosen = np.flatnonzero(connectors_between(groups[first], groups[second], bodies))
+    chosen = np.flatnonzero(connectors_between(
+        groups[first], groups[second], weave.connector_bodies))
     if not len(chosen):
         raise ParameterError(
             key, f'{key} {first!r} {second!r}: no connector leads from one to the other; name two '

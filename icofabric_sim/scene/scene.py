@@ -72,6 +72,7 @@ from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
 from icofabric_sim.scene.tables import read_time_table
 from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
 from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
+from icofabric_sim.scene.weave_connect import Connections
 from icofabric_sim.scene.weave_geometry import (
     geometry_from_angle,
     geometry_from_length,
@@ -90,8 +91,7 @@ _SMALL = 2**27  # bytes for which the free memory is not read
 class SceneConnectors:
     """Connectors of a scene, sorted by (lower body, its edge, other body)."""
 
-    bodies: np.ndarray  # (c, 2) int32
-    edges: np.ndarray  # (c, 2) int8 codes, see icosahedron.NAMED_EDGES
+    connections: Connections  # which bodies they join, found where that is asked for
     attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
     woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
@@ -101,6 +101,16 @@ class SceneConnectors:
     damping: np.ndarray  # (c,) or (1,) [N s/m]
     arms: MaxwellArms | None  # that make standard linear solids of them, if any does
     limits: BreakLimits | None  # lengths at which they break, if any can
+
+    @property
+    def bodies(self) -> np.ndarray:
+        """Bodies that they join, (c, 2) int32."""
+        return self.connections.whole.bodies
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Edges that they join there, (c, 2) int8 codes, see icosahedron.NAMED_EDGES."""
+        return self.connections.whole.edges
 
     @property
     def stiffness(self) -> float | np.ndarray:
@@ -114,7 +124,7 @@ class SceneConnectors:
 
     def __len__(self) -> int:
         """Count the connectors."""
-        return len(self.bodies)
+        return self.connections.count
 
     @cached_property
     def points_body(self) -> np.ndarray:
@@ -209,10 +219,11 @@ class Scene:
         position = weave.position if not loose else np.vstack(
             [weave.position] + [[checked[f'bodies.{name}.position']] for name in loose]
         )
-        orientation = np.vstack(
-            [np.broadcast_to(weave.orientation, (len(weave.position), 4))]
-            + [[initial.unit_quaternion(f'bodies.{name}.orientation', checked)] for name in loose]
-        )
+        orientation = np.broadcast_to(weave.orientation, (len(weave.position), 4))
+        if loose:
+            orientation = np.vstack([orientation] + [
+                [initial.unit_quaternion(f'bodies.{name}.orientation', checked)]
+                for name in loose])
         length = woven_lengths(checked, weave)
         groups = _groups(checked, selectors.Bodies(position, weave.grid, geometry.pitch))
         supports = make_supports(checked, groups, len(position))
@@ -222,9 +233,8 @@ class Scene:
         for name in checked.names('tractions'):
             group = f'tractions.{name}.group'
             require_alike(half_edges, groups[checked[group]], shell, group)
-        members = grouped_connectors(
-            checked, groups, weave.connector_bodies, weave.connector_edges)
-        own = members, len(weave.connector_bodies)
+        members = grouped_connectors(checked, groups, weave)
+        own = members, weave.connector_count
         laws = make_laws(checked, length, *own)
         moments = make_moments(checked, shell, groups, len(position))
         if any(checked['field.magnetic']):
@@ -244,8 +254,7 @@ class Scene:
             position=position,
             orientation=orientation,
             connectors=SceneConnectors(
-                weave.connector_bodies,
-                weave.connector_edges,
+                weave.connections,
                 attachment_points(checked, geometry.half_edge),
                 length,
                 *laws,
@@ -271,7 +280,7 @@ class Scene:
             published_bodies=published_bodies(checked, groups),
             framed_bodies=framed_bodies(checked, groups),
             published_connectors=chosen_connectors(
-                checked, 'publish.connectors', groups, weave.connector_bodies),
+                checked, 'publish.connectors', groups, weave),
             files=files,
         )
 

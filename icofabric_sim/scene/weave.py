@@ -24,7 +24,7 @@ from typing import Final, get_args, Literal, NamedTuple, Sequence
 
 from icofabric_sim.scene.region import NAME as REGION
 from icofabric_sim.scene.region import Region
-from icofabric_sim.scene.weave_connect import connect_grid, Fastest, no_connectors
+from icofabric_sim.scene.weave_connect import connect_grid, Connections, Fastest
 from icofabric_sim.scene.weave_geometry import (
     checked_box,
     PLACES_LIMIT,
@@ -72,16 +72,25 @@ class Weave:
     position: np.ndarray  # (N, 3) [m], world
     # Unit quaternion x, y, z, w, body to world: (4,) of all bodies, (N, 4) of each in a radial one
     orientation: np.ndarray
-    connector_bodies: np.ndarray  # (C, 2) int32, the lower body first
-    connector_edges: np.ndarray  # (C, 2) int8, `icosahedron.NAMED_EDGES` at those bodies
+    connections: Connections  # the connectors, found where they are asked for
 
     @property
     def body_count(self) -> int:
         return len(self.position)
 
     @property
+    def connector_bodies(self) -> np.ndarray:
+        """Bodies of the connectors, (C, 2) int32, the lower one first."""
+        return self.connections.whole.bodies
+
+    @property
+    def connector_edges(self) -> np.ndarray:
+        """Edges that they join there, (C, 2) int8, see `icosahedron.NAMED_EDGES`."""
+        return self.connections.whole.edges
+
+    @property
     def connector_count(self) -> int:
-        return len(self.connector_bodies)
+        return self.connections.count
 
 
 class WeaveEstimate(NamedTuple):
@@ -160,13 +169,15 @@ def build_weave(
     _refuse_empty(len(grid), kind, variant, size, region)
     cut = upright or region is not None
     fastest: Fastest = 'y' if is_turned(variant) and not cut else 'x'
-    connectors = connect_grid(grid, variant, fastest=fastest) if connected else no_connectors()
+    connections = Connections(
+        grid if connected else grid[:0], variant, fastest=fastest,
+        count=None if cut or not connected else table_count(variant, size))
     position = turned_points(rotation, grid) if kind == 'bias' else grid.astype(np.float64)
     position *= geometry.pitch
     position += origin
     return Weave(
         kind, variant, size, geometry, grid, position, body_orientation(kind, variant, azimuth),
-        connectors.bodies, connectors.edges)
+        connections)
 
 
 def estimate_weave(

@@ -18,12 +18,18 @@ Each pair of points at a diagonal of a unit square is connected as Table 5 says;
 from the direction alone. Works for slabs and for fabrics cut in any way.
 """
 
+from bisect import bisect_right
+from collections.abc import Iterator
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 from icofabric_sim.scene.weave_tables import fabric_direction, TABLE_5
 import numpy as np
 
 Fastest = Literal['x', 'y']
+
+# Bodies whose connectors are found at once: bounds the temporary arrays.
+_PIECE = 1 << 18
 
 
 class Connectors(NamedTuple):
@@ -33,63 +39,135 @@ class Connectors(NamedTuple):
     edges: np.ndarray  # (C, 2) int8, edge codes at those bodies
 
 
-def no_connectors() -> Connectors:
-    """Return the connectors of a fabric without any."""
-    return Connectors(np.empty((0, 2), np.int32), np.empty((0, 2), np.int8))
-
-
-def grid_keys(grid: np.ndarray, fastest: Fastest) -> tuple[np.ndarray, np.ndarray]:
+class Keys:
     """
-    Return an int64 key (N,) for each grid point, and the strides (3,) of x, y and z in it.
+    An int64 key for each grid point (N, 3), and the strides (3,) of x, y and z in it.
 
     Keys grow with the order of the points: by z, then y, then x, or for fastest 'y' by z, then x,
     then y. A step to a neighbour is the addition of its strides, and never meets another point.
     """
-    points = np.asarray(grid, np.int64)
-    lowest = points.min(axis=0)
-    # One empty place more on each axis, so that a step over the border ends nowhere.
-    extent = [int(length) + 2 for length in points.max(axis=0) - lowest]
-    if extent[0] * extent[1] * extent[2] > 2**62:
-        raise ValueError(f'weave.size: grid points spread over {extent} places are too far apart')
-    strides = np.array(
-        [1, extent[0], extent[0] * extent[1]] if fastest == 'x'
-        else [extent[1], 1, extent[0] * extent[1]], np.int64)
-    return (points - lowest) @ strides, strides
+
+    def __init__(self, grid: np.ndarray, fastest: Fastest) -> None:
+        """Of one point at least."""
+        self._grid, self._lowest = grid, np.asarray(grid.min(axis=0), np.int64)
+        # One empty place more on each axis, so that a step over the border ends nowhere.
+        extent = [int(last - first) + 2 for first, last in zip(self._lowest, grid.max(axis=0))]
+        if extent[0] * extent[1] * extent[2] > 2**62:
+            raise ValueError(
+                f'weave.size: grid points spread over {extent} places are too far apart')
+        self.strides = np.array(
+            [1, extent[0], extent[0] * extent[1]] if fastest == 'x'
+            else [extent[1], 1, extent[0] * extent[1]], np.int64)
+
+    def of(self, chosen: slice) -> np.ndarray:
+        """Keys of some of the points."""
+        return np.asarray((self._grid[chosen] - self._lowest) @ self.strides)
+
+    def __getitem__(self, number: int) -> int:
+        """Key of one point."""
+        return int(self.of(slice(number, number + 1))[0])
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self._grid)
 
 
-def connect_grid(grid: np.ndarray, variant: int, *, fastest: Fastest = 'x') -> Connectors:
+class Connections:
     """
-    Connect all icosahedra at grid points (N, 3), given in strictly increasing order.
+    Connectors between all icosahedra at grid points (N, 3), given in strictly increasing order.
 
     The order is by (z, y, x), or for fastest 'y' by (z, x, y). All points must have one parity of
     x + y + z; of the variant only the orientation of the bodies counts, so any parity will do.
+    Those of many bodies are found piece by piece, and kept where they are asked for as a whole.
     """
-    count = len(grid)
-    if count == 0:
-        return no_connectors()
-    parity = np.bitwise_xor.reduce(grid, axis=1) & 1
-    if bool(np.any(parity != parity[0])):
-        raise ValueError('the grid points of a weave must have x + y + z all even or all odd')
-    key, strides = grid_keys(grid, fastest)
-    if not bool(np.all(key[1:] > key[:-1])):
-        raise ValueError(f'the grid points of a weave must come in order, {fastest} fastest')
-    # The neighbours that come later: the same 6 of 12 at every body, already in order.
-    steps = sorted(
-        (edge, int(np.dot(fabric_direction(variant, direction), strides)))
-        for edge, direction in TABLE_5)
-    steps = [(edge, step) for edge, step in steps if step > 0]
-    partner = np.empty((count, len(steps)), np.int32)
-    for column, (_, step) in enumerate(steps):
-        wanted = key + step
-        place = np.searchsorted(key, wanted)
-        place[place == count] = 0
-        partner[:, column] = np.where(key[place] == wanted, place, -1)
-    present = partner >= 0
-    bodies = np.empty((np.count_nonzero(present), 2), np.int32)
-    bodies[:, 0] = np.repeat(np.arange(count, dtype=np.int32), np.count_nonzero(present, axis=1))
-    bodies[:, 1] = partner[present]
-    edges = np.empty(bodies.shape, np.int8)
-    codes = np.array([edge for edge, _ in steps], np.int8)
-    edges[:, 0] = np.broadcast_to(codes, partner.shape)[present]
-    np.bitwise_xor(edges[:, 0], 1, out=edges[:, 1])
-    return Connectors(bodies, edges)
+
+    def __init__(
+        self, grid: np.ndarray, variant: int, *, fastest: Fastest = 'x', count: int | None = None
+    ) -> None:
+        """Judge the grid; nothing is connected yet. `count`: of the connectors, if it is known."""
+        self._grid, self._count = grid, count
+        self._steps: list[tuple[int, int]] = []
+        if not len(grid):
+            return
+        self._keys = Keys(grid, fastest)
+        parity = int(np.bitwise_xor.reduce(grid[0]) & 1)
+        last = -1
+        for start in range(0, len(grid), _PIECE):
+            piece = slice(start, start + _PIECE)
+            if bool(np.any((np.bitwise_xor.reduce(grid[piece], axis=1) & 1) != parity)):
+                raise ValueError(
+                    'the grid points of a weave must have x + y + z all even or all odd')
+            key = self._keys.of(piece)
+            if not (int(key[0]) > last and bool(np.all(key[1:] > key[:-1]))):
+                raise ValueError(
+                    f'the grid points of a weave must come in order, {fastest} fastest')
+            last = int(key[-1])
+        # The neighbours that come later: the same 6 of 12 at every body, already in order.
+        self._steps = [(edge, step) for edge, step in sorted(
+            (edge, int(np.dot(fabric_direction(variant, direction), self._keys.strides)))
+            for edge, direction in TABLE_5) if step > 0]
+
+    @property
+    def count(self) -> int:
+        """Count them."""
+        if self._count is None:
+            self._count = sum(
+                int(np.count_nonzero(self._partners(start) >= 0))
+                for start in range(0, len(self._grid), _PIECE))
+        return self._count
+
+    @cached_property
+    def whole(self) -> Connectors:
+        """All of them."""
+        bodies = np.empty((self.count, 2), np.int32)
+        edges = np.empty(bodies.shape, np.int8)
+        for piece, part in self._found():
+            bodies[piece], edges[piece] = part
+        return Connectors(bodies, edges)
+
+    def pieces(self) -> Iterator[tuple[slice, Connectors]]:
+        """All of them in their order, piece by piece, with the numbers of those in a piece."""
+        if len(self._grid) > _PIECE and 'whole' not in self.__dict__:
+            yield from self._found()
+            return
+        # Few are found once.
+        every = self.whole
+        for start in range(0, self.count, _PIECE):
+            piece = slice(start, min(start + _PIECE, self.count))
+            yield piece, Connectors(every.bodies[piece], every.edges[piece])
+
+    def _found(self) -> Iterator[tuple[slice, Connectors]]:
+        codes, number = np.array([edge for edge, _ in self._steps], np.int8), 0
+        for start in range(0, len(self._grid), _PIECE):
+            partner = self._partners(start)
+            present = partner >= 0
+            if not present.any():
+                continue
+            each = np.count_nonzero(present, axis=1)
+            bodies = np.empty((int(each.sum()), 2), np.int32)
+            bodies[:, 0] = np.repeat(
+                np.arange(start, start + len(partner), dtype=np.int32), each)
+            bodies[:, 1] = partner[present]
+            edges = np.empty(bodies.shape, np.int8)
+            edges[:, 0] = np.broadcast_to(codes, partner.shape)[present]
+            np.bitwise_xor(edges[:, 0], 1, out=edges[:, 1])
+            yield slice(number, number + len(bodies)), Connectors(bodies, edges)
+            number += len(bodies)
+
+    def _partners(self, start: int) -> np.ndarray:
+        """Bodies (m, 6) at the other ends of what each in the piece from `start` on begins; -1."""
+        stop = min(start + _PIECE, len(self._grid))
+        farthest = self._keys[stop - 1] + max(step for _, step in self._steps)
+        key = self._keys.of(slice(start, bisect_right(self._keys, farthest, stop)))
+        partner = np.empty((stop - start, len(self._steps)), np.int32)
+        for column, (_, step) in enumerate(self._steps):
+            wanted = key[:stop - start] + step
+            place = np.searchsorted(key, wanted)
+            place[place == len(key)] = 0
+            partner[:, column] = np.where(key[place] == wanted, start + place, -1)
+        return partner
+
+
+def connect_grid(grid: np.ndarray, variant: int, *, fastest: Fastest = 'x') -> Connectors:
+    """Connect all icosahedra at grid points (N, 3), as `Connections` says."""
+    return Connections(np.asarray(grid), variant, fastest=fastest).whole

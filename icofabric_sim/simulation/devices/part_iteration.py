@@ -20,7 +20,7 @@ border move by, 6 numbers each, and moves their attachment points itself.
 
 import math
 
-from icofabric_sim.kernels.frequency_bound import frequency_bound
+from icofabric_sim.kernels.frequency_bound import bound_of_blocks
 from icofabric_sim.kernels.hessian import multiply_blocks
 from icofabric_sim.kernels.lanczos import note_products, shift, subtract
 from icofabric_sim.kernels.records import Model, State, Work
@@ -64,7 +64,7 @@ class PartIteration:
         model, state, none = self._model, self._state, np.zeros(0, np.int32)
         vector, values, sums = self._current, aligned_empty((VECTOR, 0)), np.zeros(0)
         given = model, state, self._work.points, self._moved, self._turns, *self._roots
-        frequency_bound(model, state, self._work, 0, 0)
+        bound_of_blocks(model, state, self._work, 0, 0)
         take_vectors(vector, none, values)
         put_vectors(vector, none, values)
         divide_vectors(vector, none, 1.0)
@@ -82,7 +82,7 @@ class PartIteration:
     def bound(self) -> np.ndarray:
         """Upper bound of the largest squared frequency [1/s^2] of its bodies, (1,)."""
         exchange = self._exchange
-        return np.array([frequency_bound(
+        return np.array([bound_of_blocks(
             self._model, self._state, self._work, exchange.first, exchange.last)])
 
     def square(self) -> np.ndarray:

@@ -18,16 +18,17 @@ from icofabric_sim.kernels.outlines import fill_lengths
 from icofabric_sim.kernels.records import Connectors, Links, Maxwell, Model
 from icofabric_sim.kernels.wrap.forces import measure_wrapped
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.scene.maxwell import MaxwellArms
+from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.damping import at_links
 from icofabric_sim.simulation.model.layout import Layout
 import numpy as np
 
 
 def pack_arms(
-    arms: MaxwellArms | None, layout: Layout, links: Links, bodies: np.ndarray, edges: np.ndarray
+    connectors: SceneConnectors, layout: Layout, links: Links
 ) -> Maxwell | None:
-    """Return the arms for kernels; None without any."""
+    """Return the arms of connectors for kernels; None without any."""
+    arms = connectors.arms
     if arms is None:
         return None
     stiffness, rate = arms.stiffness, arms.rate
@@ -35,7 +36,7 @@ def pack_arms(
     if len(stiffness) == len(rate) == 1:
         return Maxwell(*most, None, None)
     return Maxwell(*most, *(
-        at_links(np.broadcast_to(values, len(bodies)), layout, links, bodies, edges)
+        at_links(np.broadcast_to(values, len(connectors)), layout, links, connectors)
         for values in (stiffness, rate)))
 
 

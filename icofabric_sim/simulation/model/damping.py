@@ -14,6 +14,7 @@
 """Packs the damping of connectors: one coefficient for all, or one for each."""
 
 from icofabric_sim.kernels.records import Damping, LINK_COUNT, Links
+from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
@@ -22,24 +23,24 @@ _PIECE = 1 << 18
 
 
 def pack_damping(
-    damping: np.ndarray, layout: Layout, links: Links | None, bodies: np.ndarray, edges: np.ndarray
+    connectors: SceneConnectors, layout: Layout, links: Links | None
 ) -> Damping | None:
-    """
-    Damping c [N s/m] of all connectors, (c,) or (1,), for kernels; None where nothing is damped.
-    """
+    """Damping c [N s/m] of all connectors for kernels; None where nothing is damped."""
+    damping = connectors.damping
     if links is None or not damping.max(initial=0.0) > 0.0:
         return None
     if len(damping) == 1:
         return Damping(float(damping[0]), None)
-    return Damping(float(damping.max()), at_links(damping, layout, links, bodies, edges))
+    return Damping(float(damping.max()), at_links(damping, layout, links, connectors))
 
 
 def at_links(
-    values: np.ndarray, layout: Layout, links: Links, bodies: np.ndarray, edges: np.ndarray
+    values: np.ndarray, layout: Layout, links: Links, connectors: SceneConnectors
 ) -> np.ndarray:
     """
     A number of each connector, (c,), at the connectors of each body, (12, s); 0 where none is.
     """
+    bodies, edges = connectors.bodies, connectors.edges
     result = aligned_zeros((LINK_COUNT, layout.slot_count))
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
     for start in range(0, len(bodies), _PIECE):

@@ -19,6 +19,7 @@ to the next grid point is everywhere the same number of slots, the neighbours of
 bodies are neighbours too, and kernels can work on whole vectors without gathering.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
 import math
@@ -48,9 +49,10 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.connector_laws import ConnectorLaws, ConnectorTables, NO_TABLES
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.weave_connect import Connections
 import numpy as np
 
-# Connectors that are entered at once: bounds the temporary arrays.
+# Bodies or connectors that are entered at once: bounds the temporary arrays.
 _PIECE = 1 << 18
 _LINE = 64  # bytes
 # Of a Runge-Kutta step and its dense output.
@@ -65,11 +67,11 @@ _CLOSER = 1.05
 
 
 class _Places(NamedTuple):
-    """A layout of the bodies of a weave."""
+    """A layout of the bodies of a weave; int32."""
 
-    slot: np.ndarray  # (n,) int64, from 0
-    order: np.ndarray  # (n,) int64: grows along the fabric, equal for bodies computed close by
-    row: np.ndarray  # (n,) int64, across the fabric: of one layer, what is side by side
+    slot: np.ndarray  # (n,) from 0
+    order: np.ndarray  # (n,): grows along the fabric, equal for bodies computed close by
+    row: np.ndarray  # (n,) across the fabric: of one layer, what is side by side
 
 
 def has_jumps(links: Links | None) -> bool:
@@ -265,54 +267,69 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
     """Lay out the bodies of a weave, at grid points (n, 3), and after them loose bodies."""
     parts = []
     if len(grid):
-        parts.append(_best_places(grid.astype(np.int64)))
+        parts.append(_best_places(grid))
     loose = body_count - len(grid)
     if loose:
-        number = np.arange(loose, dtype=np.int64)
+        number = np.arange(loose, dtype=np.int32)
         parts.append(_Places(number, number, np.zeros_like(number)))
-    slots, orders = [], []
     # One block of room on either side: a vector may begin before the first body or end after the
     # last.
-    next_slot, next_order = LANES, 0
-    for part in parts:
-        slots.append(part.slot + next_slot)
-        orders.append(part.order + next_order)
+    next_slot, next_order, slots, orders, rows = LANES, 0, [], [], []
+    for slot, order, row in parts:
+        slots.append(slot + np.int32(next_slot))
+        orders.append(order + np.int32(next_order))
+        rows.append(row)
         next_slot = _rounded_up(int(slots[-1].max()) + 1)
         next_order = int(orders[-1].max()) + 1
-    slot = np.concatenate(slots) if slots else np.zeros(0, np.int64)
-    order = np.concatenate(orders) if orders else np.zeros(0, np.int64)
-    first, members = np.unique(slot - slot % LANES, return_inverse=True)
+    slot, order, row = (_joined(arrays) for arrays in (slots, orders, rows))
+    used = np.zeros(next_slot // LANES, bool)
+    for piece in pieces(body_count):
+        used[slot[piece] // LANES] = True
+    first = LANES * np.flatnonzero(used)
+    # The block of each run of slots.
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
     # The block's place in the order is that of its first body.
     rank = np.full(len(first), np.iinfo(np.int64).max)
-    np.minimum.at(rank, members, order)
-    rows = np.zeros((2, len(first)), np.int32)
-    if parts:
-        row = np.concatenate([part.row for part in parts])
-        rows[0] = row.max(initial=0)
-        np.minimum.at(rows[0], members, row)
-        np.maximum.at(rows[1], members, row)
+    across = np.zeros((2, len(first)), np.int32)
+    across[0] = row.max(initial=0)
     alive = np.zeros(len(first), np.uint8)
-    np.bitwise_or.at(alive, members, (1 << (slot % LANES)).astype(np.uint8))
+    for piece in pieces(body_count):
+        members = number[slot[piece] // LANES]
+        np.minimum.at(rank, members, order[piece])
+        np.minimum.at(across[0], members, row[piece])
+        np.maximum.at(across[1], members, row[piece])
+        np.bitwise_or.at(alive, members, (1 << (slot[piece] % LANES)).astype(np.uint8))
     by_order = np.lexsort((first, rank))
     slot_count = next_slot + LANES
     # Rows a whole number of pages apart would share few places of the cache.
     slot_count += LANES * (1 - slot_count // LANES % 2)
     return Layout(
-        slot=slot.astype(np.int32),
+        slot=slot,
         slot_count=slot_count,
         blocks=Blocks(first[by_order].astype(np.int32), alive[by_order], 0),
         cosines=cosines,
-        rows=rows[:, by_order],
+        rows=across[:, by_order],
     )
 
 
+def _joined(arrays: list[np.ndarray]) -> np.ndarray:
+    if len(arrays) == 1:
+        return arrays[0]
+    return np.concatenate([np.zeros(0, np.int32), *arrays])
+
+
+def pieces(count: int) -> Iterator[slice]:
+    """Bodies or connectors that are looked at together: temporary arrays are small."""
+    for start in range(0, count, _PIECE):
+        yield slice(start, start + _PIECE)
+
+
 def make_links(
-    layout: Layout, grid: np.ndarray, bodies: np.ndarray, edges: np.ndarray, *,
-    laws: ConnectorLaws, half_width: float, attachment: np.ndarray | None = None,
-    tables: ConnectorTables = NO_TABLES
+    layout: Layout, grid: np.ndarray, connections: Connections, *, laws: ConnectorLaws,
+    half_width: float, attachment: np.ndarray | None = None, tables: ConnectorTables = NO_TABLES
 ) -> tuple[Layout, Links]:
     """
-    Tables of connectors, (c, 2) bodies and edge codes, by block; and the layout with their reach.
+    Tables of connectors by block; and the layout with their reach.
 
     Raises ValueError where connectors do not have the same direction at all bodies of a block.
     """
@@ -323,25 +340,10 @@ def make_links(
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
     if 18 * layout.slot_count > np.iinfo(np.int32).max:
         raise ValueError('too many bodies to number their attachment points with 32 bits')
-    # Two connectors leave each edge, to either side of it; their direction says which is which.
-    pieces = [
-        (bodies[start:start + _PIECE, [end, 1 - end]], edges[start:start + _PIECE, [end, 1 - end]])
-        for start in range(0, len(bodies), _PIECE) for end in range(2)]
-    directions: list[set[int]] = [set() for _ in range(EDGE_COUNT)]
-    for pair, codes in pieces:
-        key = np.unique(codes[:, 0].astype(np.int64) * 100 + _direction(grid, pair))
-        for edge, direction in zip((key + 50) // 100, (key + 50) % 100 - 50):
-            directions[edge].add(int(direction))
-    if max(map(len, directions)) > LINKS_PER_EDGE:
-        raise ValueError(f'more than {LINKS_PER_EDGE} directions of connectors at one edge')
-    side = np.zeros((EDGE_COUNT, 100), np.int8)
-    for edge, seen in enumerate(directions):
-        for number, direction in enumerate(sorted(seen)):
-            side[edge, direction + 50] = number
-    reach, start = 0, 0
+    side, reach = _sides(grid, connections), 0
     variety = None if laws.plain and not tables.tables else _no_laws(layout)
     packed, first_rows = _pack_tables(layout, tables)
-    for number, (pair, codes) in enumerate(pieces):
+    for piece, pair, codes in _from_either_end(connections):
         own, other = block[pair[:, 0]], block[pair[:, 1]]
         edge = codes[:, 0].astype(np.int64)
         link = LINKS_PER_EDGE * edge + side[edge, _direction(grid, pair) + 50]
@@ -355,19 +357,46 @@ def make_links(
         reach = max(reach, int(np.abs(own - other).max()))
         if variety is not None:
             for rows, values in zip(variety, laws):
-                rows[link, layout.slot[pair[:, 0]]] = values[start:start + len(pair)] if len(
-                    values) > 1 else values
+                rows[link, layout.slot[pair[:, 0]]] = values[piece] if len(values) > 1 else values
         if packed is not None:
-            packed.first[link, layout.slot[pair[:, 0]]] = first_rows[
-                tables.of[start:start + len(pair)]]
-        # Each piece comes twice, seen from either end.
-        start += len(pair) * (number % 2)
+            packed.first[link, layout.slot[pair[:, 0]]] = first_rows[tables.of[piece]]
     links = Links(
         place, present, float(max(laws.extension.max(), laws.compression.max())),
         float(laws.natural_length.max()), half_width, attachment, variety,
         packed)
     blocks = layout.blocks._replace(reach=reach)
     return replace(layout, blocks=blocks), links
+
+
+def _sides(grid: np.ndarray, connections: Connections) -> np.ndarray:
+    """
+    Which of the connectors of its edge one is, by edge and 50 more than its direction, (6, 100).
+
+    Two leave each edge, to either side of it; their direction says which is which.
+    """
+    directions: list[set[int]] = [set() for _ in range(EDGE_COUNT)]
+    for _, pair, codes in _from_either_end(connections):
+        key = np.bincount(codes[:, 0].astype(np.int64) * 100 + _direction(grid, pair) + 50)
+        for edge, direction in zip(*divmod(np.flatnonzero(key), 100)):
+            directions[edge].add(int(direction))
+        if min(map(len, directions)) == LINKS_PER_EDGE:
+            # No weave has more.
+            break
+    if max(map(len, directions)) > LINKS_PER_EDGE:
+        raise ValueError(f'more than {LINKS_PER_EDGE} directions of connectors at one edge')
+    side = np.zeros((EDGE_COUNT, 100), np.int8)
+    for row, seen in zip(side, directions):
+        row[sorted(seen)] = np.arange(len(seen))
+    return side
+
+
+def _from_either_end(
+    connections: Connections
+) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+    """Pieces of connectors, (m, 2) bodies and edges, each twice: its own end comes first."""
+    for piece, (bodies, edges) in connections.pieces():
+        for ends in ([0, 1], [1, 0]):
+            yield piece, bodies[:, ends], edges[:, ends]
 
 
 def _no_laws(layout: Layout) -> Variety:
@@ -406,9 +435,10 @@ def _best_places(grid: np.ndarray) -> _Places:
     """
     candidates = []
     if _is_compact(grid):
-        woven, flat = _woven_places(grid), _flat_places(grid)
+        woven = _woven_places(grid)
+        count, flat = _block_count(woven), _flat_places(grid)
         # Neighbours lie closer together in the first.
-        best = woven if _block_count(woven) <= _CLOSER * _block_count(flat) else flat
+        best = woven if count <= _CLOSER * _block_count(flat) else flat
         if _block_count(best) * LANES <= _GOOD * len(grid):
             return best
         candidates = [woven, flat]
@@ -417,26 +447,42 @@ def _best_places(grid: np.ndarray) -> _Places:
 
 
 def _block_count(places: _Places) -> int:
-    return int(np.count_nonzero(np.bincount(places.slot // LANES)))
+    used = np.zeros(int(places.slot.max()) // LANES + 1, bool)
+    for piece in pieces(len(places.slot)):
+        used[places.slot[piece] // LANES] = True
+    return int(np.count_nonzero(used))
 
 
 def _is_compact(grid: np.ndarray) -> bool:
     """Whether the grid points fill at least a third of the box around them."""
-    extent = np.ptp(grid, axis=0) + 1
-    return bool(np.prod(extent.astype(float)) <= 6.0 * len(grid) + 1000.0)
+    extent = np.ptp(grid, axis=0).astype(float) + 1.0
+    return bool(np.prod(extent) <= 6.0 * len(grid) + 1000.0)
 
 
-def _subgrid(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _placed(
+    grid: np.ndarray, place: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+) -> _Places:
+    """Places from those of pieces of the grid, (m, 3) int64 from 0 on."""
+    lowest, arrays = grid.min(axis=0).astype(np.int64), np.empty((3, len(grid)), np.int32)
+    for piece in pieces(len(grid)):
+        for target, values in zip(arrays, place(grid[piece] - lowest)):
+            target[piece] = _narrow(values)
+    return _Places(*arrays)
+
+
+def _extent(grid: np.ndarray) -> np.ndarray:
+    return np.ptp(grid, axis=0).astype(np.int64) + 1
+
+
+def _subgrid(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Number 0-3 of the cubic grid of each point, and its cell in that grid (n, 3)."""
-    cell = grid - grid.min(axis=0)
     return (cell[:, 0] & 1) + 2 * (cell[:, 1] & 1), cell >> 1
 
 
 def _woven_places(grid: np.ndarray) -> _Places:
     # The points of a weave are every second one of a grid, x + y + z of one parity. With rows and
     # layers of odd length these are every second number too, and half of it is the slot.
-    cell = grid - grid.min(axis=0)
-    extent = cell.max(axis=0) + 1
+    extent = _extent(grid)
 
     def length(order: tuple[int, ...]) -> tuple[int, int]:
         fast, middle, slow = order
@@ -446,26 +492,40 @@ def _woven_places(grid: np.ndarray) -> _Places:
     fast, middle, slow = min(permutations(range(3)), key=length)
     row = int(extent[fast]) | 1
     layer = row * (int(extent[middle]) | 1)
-    slot = (cell[:, slow] * layer + cell[:, middle] * row + cell[:, fast]) >> 1
-    return _Places(slot, slot, cell[:, middle])
+
+    def place(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        slot = (cell[:, slow] * layer + cell[:, middle] * row + cell[:, fast]) >> 1
+        return slot, slot, cell[:, middle]
+
+    return _placed(grid, place)
 
 
 def _flat_places(grid: np.ndarray) -> _Places:
     # Or as four interleaved cubic grids, which suits fabrics of an even number of rows. All grids
     # have cells for the whole box, so that a step to a neighbour is the same number of slots
     # everywhere.
-    number, cell = _subgrid(grid)
-    extent = cell.max(axis=0) + 1
+    extent = (_extent(grid) + 1) >> 1
     fast, middle = (0, 1) if extent[0] >= extent[1] else (1, 0)
-    flat = (cell[:, 2] * extent[middle] + cell[:, middle]) * extent[fast] + cell[:, fast]
+
+    def flat_of(cell: np.ndarray) -> np.ndarray:
+        return (cell[:, 2] * extent[middle] + cell[:, middle]) * extent[fast] + cell[:, fast]
+
     # z's parity follows from x's and y's within one weave.
-    room = _rounded_up(int(flat.max()) + 1)
-    return _Places(number * room + flat, flat, cell[:, middle])
+    lowest = grid.min(axis=0).astype(np.int64)
+    room = _rounded_up(1 + max(
+        int(flat_of(_subgrid(grid[piece] - lowest)[1]).max()) for piece in pieces(len(grid))))
+
+    def place(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        number, inner = _subgrid(cell)
+        flat = flat_of(inner)
+        return number * room + flat, flat, inner[:, middle]
+
+    return _placed(grid, place)
 
 
 def _row_places(grid: np.ndarray, axis: int) -> _Places:
     # Rows along an axis, each beginning with a block of its own; gaps within a row stay empty.
-    number, cell = _subgrid(grid)
+    number, cell = _subgrid(grid.astype(np.int64) - grid.min(axis=0))
     others = [k for k in range(3) if k != axis]
     spread = cell.max(axis=0) + 1
     row = (cell[:, others[1]] * spread[others[0]] + cell[:, others[0]]) * 4 + number
@@ -476,8 +536,14 @@ def _row_places(grid: np.ndarray, axis: int) -> _Places:
     np.maximum.at(last, member, cell[:, axis])
     blocks = (last - first + LANES) // LANES
     start = np.concatenate([[0], np.cumsum(blocks)[:-1]]) * LANES
-    slot = start[member] + cell[:, axis] - first[member]
-    return _Places(slot, slot, cell[:, others[0]])
+    slot = _narrow(start[member] + cell[:, axis] - first[member])
+    return _Places(slot, slot, _narrow(cell[:, others[0]]))
+
+
+def _narrow(values: np.ndarray) -> np.ndarray:
+    if values.max() > np.iinfo(np.int32).max:
+        raise ValueError('too many bodies to number their slots with 32 bits')
+    return values.astype(np.int32)
 
 
 def _rounded_up(count: int) -> int:

@@ -13,9 +13,10 @@
 # limitations under the License.
 """Packs a scene into the constants that kernels take."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
+import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.records import (
@@ -38,13 +39,13 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import are_given
-from icofabric_sim.scene.connector_laws import ConnectorTables
+from icofabric_sim.scene.connector_laws import ConnectorLaws, ConnectorTables
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.scene.maxwell import MaxwellArms
 from icofabric_sim.scene.paths import PathPiece
 from icofabric_sim.scene.profiles import Piece, STEADY
-from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.scene import Scene, SceneConnectors
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
 from icofabric_sim.simulation.driving import DrivePack
@@ -59,6 +60,7 @@ from icofabric_sim.simulation.model.layout import (
     Layout,
     make_layout,
     make_links,
+    pieces,
 )
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces, pack_breakage
 from icofabric_sim.simulation.model.shells import pack_own_shells
@@ -103,7 +105,8 @@ class PackedScene:
 
     model: Model
     layout: Layout
-    connectors: Connectors | None
+    list_connectors: Callable[[], Connectors] | None  # one by one, where they are asked for
+    laws: ConnectorLaws | None  # of them
     moments: Moments | None
     tables: ConnectorTables
     gravity: np.ndarray | None  # (3,) [m/s^2]
@@ -122,11 +125,16 @@ class PackedScene:
     @cached_property
     def goes_slack(self) -> bool:
         """Whether a connector is so soft on one side of its natural length that bodies fly."""
-        laws = self.connectors
+        laws = self.laws
         if laws is None:
             return False
         soft = np.minimum(laws.extension, laws.compression)
         return bool((soft <= _SLACK * np.maximum(laws.extension, laws.compression)).any())
+
+    @cached_property
+    def connectors(self) -> Connectors | None:
+        """The connectors one by one; None where there is none."""
+        return None if self.list_connectors is None else self.list_connectors()
 
     @property
     def spends(self) -> bool:
@@ -191,21 +199,20 @@ def pack_scene(
     fall = gravity + electric.force / mass
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
-    connectors = links = supports = damping = maxwell = breakage = None
+    list_connectors = links = supports = damping = maxwell = breakage = None
     if scene.connector_count:
-        bodies, edges = scene.connectors.bodies, scene.connectors.edges
         laws, half_width, points = scene.connectors.laws, _half_width(scene), None
         if are_given(scene.parameters):
             points = scene.connectors.attachment
-        connectors = Connectors(
-            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *laws, half_width, points)
+        list_connectors = cache(partial(_list_connectors, scene.connectors, half_width, points))
         layout, links = make_links(
-            layout, grid, bodies, edges, laws=laws, half_width=half_width, attachment=points,
-            tables=scene.connectors.tables)
-        damping = pack_damping(scene.connectors.damping, layout, links, bodies, edges)
-        maxwell = pack_arms(scene.connectors.arms, layout, links, bodies, edges)
+            layout, grid, scene.weave.connections, laws=laws, half_width=half_width,
+            attachment=points, tables=scene.connectors.tables)
+        damping = pack_damping(scene.connectors, layout, links)
+        maxwell = pack_arms(scene.connectors, layout, links)
         if scene.connectors.limits is not None:
-            breakage = pack_breakage(layout, links, connectors, scene.connectors.limits)
+            breakage = pack_breakage(
+                layout, links, list_connectors(), scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
     if scene.supports is not None or not masses.alike:
         supports = pack_supports(masses, scene.supports, layout)
@@ -238,11 +245,21 @@ def pack_scene(
     if body_force is not None:
         external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
-        model, layout, connectors, resisting.moments, scene.connectors.tables,
+        model, layout, list_connectors, None if list_connectors is None else laws,
+        resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
         masses, scene.supports is not None, scene.connectors.arms,
         scene.principal_inertia)
+
+
+def _list_connectors(
+    connectors: SceneConnectors, half_width: float, points: np.ndarray | None
+) -> Connectors:
+    bodies, edges = connectors.bodies, connectors.edges
+    return Connectors(
+        bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *connectors.laws, half_width,
+        points)
 
 
 def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
@@ -500,8 +517,8 @@ def expected_liveliness(
     fastest vibration as it has bodies in a row, or until the run ends.
     """
     initial, half_edge = scene.initial, scene.geometry.half_edge
-    speed = float(np.sqrt((initial.linear_velocity**2).sum(axis=1).max())) / half_edge
-    spin = float(np.sqrt((initial.angular_velocity**2).sum(axis=1).max()))
+    speed = _fastest(initial.linear_velocity) / half_edge
+    spin = _fastest(initial.angular_velocity)
     duration = scene.parameters['duration'] or np.inf
     answer = float(np.ptp(scene.weave.grid, axis=0).max() + 1) if len(scene.weave.grid) else 1.0
     if frequency > 0.0:
@@ -515,13 +532,27 @@ def expected_liveliness(
     # displaced start within a period; neither gives more than motion through a body's own size in
     # that time.
     released = unbalanced_rate(scene) / frequency if frequency > 0.0 else 0.0
-    displaced = np.abs(initial.position - scene.position).max() / half_edge * frequency
+    displaced = _farthest_apart(initial.position, scene.position) / half_edge * frequency
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
         speed, spin = max(speed, fastest / half_edge), max(spin, turning)
     for anchor in scene.anchors.values():
         speed = max(speed, anchor.path.fastest[0] / half_edge)
     return max(speed, spin, growth, float(min(max(displaced, released), frequency)))
+
+
+def _fastest(velocity: np.ndarray) -> float:
+    """Largest speed or spin of bodies, (n, 3)."""
+    return math.sqrt(max(
+        float((velocity[piece]**2).sum(axis=1).max()) for piece in pieces(len(velocity))))
+
+
+def _farthest_apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference of a coordinate."""
+    if one is other:
+        return 0.0
+    return max(
+        float(np.abs(one[piece] - other[piece]).max()) for piece in pieces(len(one)))
 
 
 def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:

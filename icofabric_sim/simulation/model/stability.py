@@ -87,7 +87,7 @@ def largest_frequency(
         more += largest_wrapping_bound(model, state, work)
     upper = frequency_bound(
         model._replace(dipole=None, coulomb=None, wrapping=None, maxwell=None),
-        state._replace(rest=None), work, 0, len(layout.blocks.slot))
+        state._replace(rest=None), work)
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)

@@ -25,9 +25,12 @@ def unbalanced_rate(scene: Scene) -> float:
     0 where all have their natural lengths. Tables count by their largest slopes; anchors pull to
     where their points are at first.
     """
+    if not (_are_strained(scene) or scene.anchors):
+        return 0.0
     force, torque = np.zeros((2, scene.body_count, 3))
     axes = cosines_from_quaternions(scene.orientation).reshape(-1, 3, 3)
-    _add_connectors(scene, axes, force, torque)
+    if _are_strained(scene):
+        _add_connectors(scene, axes, force, torque)
     _add_anchors(scene, axes, force, torque)
     if not (force.any() or torque.any()):
         return 0.0
@@ -44,16 +47,19 @@ def unbalanced_rate(scene: Scene) -> float:
     return float(max(linear.max(), angular.max()))
 
 
+def _are_strained(scene: Scene) -> bool:
+    """Whether connectors have other lengths in the weave than their natural ones."""
+    if not scene.connector_count:
+        return False
+    natural = scene.connectors.laws.natural_length
+    return bool((np.abs(scene.connectors.woven_length - natural) > 1e-12 * natural).any())
+
+
 def _add_connectors(
     scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
 ) -> None:
     """Add what connectors pull, [N] and [N m] (n, 3), with the `axes` (n, 3, 3) of the bodies."""
     connectors = scene.connectors
-    if not scene.connector_count:
-        return
-    strained = connectors.woven_length - connectors.laws.natural_length
-    if not (np.abs(strained) > 1e-12 * connectors.laws.natural_length).any():
-        return
     one, two = connectors.bodies.T
     arms = np.einsum('ceij,cei->cej', axes[connectors.bodies], connectors.points_body)
     ends = scene.position[connectors.bodies] + arms

@@ -47,7 +47,7 @@ class Obstruction:
     @property
     def is_watching(self) -> bool:
         """Whether nothing was found yet that could be."""
-        return not self.found and self._packed.connectors is not None
+        return not self.found and self._packed.model.links is not None
 
     def note(self, time: float, state: State, broken_since: np.ndarray | None) -> None:
         """
