@@ -16,8 +16,22 @@
 import os
 from pathlib import Path
 
+# Processes that share what is simulated here (ranks of MPI), each of which holds a part.
+_processes = 1
 # A limit beyond this means that there is none.
 _UNLIMITED = 2**60
+
+
+def share_among(processes: int) -> int:
+    """From now on what is simulated here is shared by so many; returns how many it was."""
+    global _processes
+    before, _processes = _processes, processes
+    return before
+
+
+def processes_sharing() -> int:
+    """Count the processes that share what is simulated here."""
+    return _processes
 
 
 def available_memory(root: Path = Path('/')) -> int:

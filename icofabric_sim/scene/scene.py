@@ -33,7 +33,7 @@ from icofabric_sim.parameters.validation import make_parameters, ParameterError,
 from icofabric_sim.scene import initial, selectors
 from icofabric_sim.scene.anchors import Anchor, make_anchors, require_whole
 from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
-from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.scene.available_memory import available_memory, processes_sharing
 from icofabric_sim.scene.body_sizes import check_sizes, make_half_edges, require_alike
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
 from icofabric_sim.scene.connector_groups import (
@@ -84,6 +84,8 @@ import numpy as np
 # Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
 # cannot fit is refused early.
 BYTES_PER_BODY = 1500
+# Where ranks share the steps: on the first of them of all bodies, on each of them of its own.
+_SHARED_EACH, _OWN_EACH = 100, 1100
 _SMALL = 2**27  # bytes for which the free memory is not read
 
 
@@ -416,7 +418,9 @@ class MemoryShort(ParameterError, MemoryError):
 
 
 def _require_memory(parameters: Parameters, bodies: int) -> None:
-    need = bodies * BYTES_PER_BODY
+    need, processes = bodies * BYTES_PER_BODY, processes_sharing()
+    if processes > 1:
+        need = bodies * (_SHARED_EACH + _OWN_EACH // processes)
     if need < _SMALL or need <= (left := available_memory()):
         return
     name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'

@@ -15,7 +15,7 @@
 import icofabric_sim as ico
 from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.scene import scene as module
-from icofabric_sim.scene.available_memory import available_memory
+from icofabric_sim.scene.available_memory import available_memory, share_among
 from icofabric_sim.scene.scene import BYTES_PER_BODY, check_parameters
 import pytest
 
@@ -75,6 +75,18 @@ def test_weave_beyond_the_memory_is_refused_before_it_is_built(little, name, val
     if bodies is not None:
         assert f'{bodies} bodies' in text
         assert f'{108_000 * BYTES_PER_BODY / 2**30:.3g} GiB' in text
+
+
+def test_of_a_fabric_that_is_shared_a_process_needs_its_part(little):
+    before = share_among(100)
+    try:
+        check_parameters(make_parameters({'weave.size': [80, 80, 80]}))
+        with pytest.raises(ico.ParameterError, match='GiB'):
+            check_parameters(make_parameters({'weave.size': [160, 160, 160]}))
+    finally:
+        assert share_among(before) == 100
+    with pytest.raises(ico.ParameterError, match='GiB'):
+        check_parameters(make_parameters({'weave.size': [80, 80, 80]}))
 
 
 def test_small_scenes_need_no_look(monkeypatch):

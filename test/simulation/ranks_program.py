@@ -26,11 +26,14 @@ from pathlib import Path
 import sys
 import time
 import traceback
+from types import MappingProxyType
 
 import icofabric_sim as ico
 from icofabric_sim.kernels.monitor import LOOKS
+from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.server import Server
+from icofabric_sim.simulation.devices.shared_state import SharedState
 import numpy as np
 
 COMMON = {
@@ -59,6 +62,7 @@ PILE = {
     'groups': {'tip': 'ids 40'}, 'loads': {'l': {'group': 'tip'}},
     'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.02}},
     'contact': {'friction': 0.5, 'damping': 5.0}}
+KINKED = {'connector': {'stiffness_extension': 500.0, 'stiffness_compression': 100.0}}
 # Slabs of rows end to end, interleaved grids, rows of a turned fabric, loose bodies; with steps
 # given and chosen; laws, moments and an anchor, masses and surface forces, and paths.
 SCENES = {
@@ -252,29 +256,60 @@ def stop(name, ranks=None):
     return ['it went on']
 
 
-def gathered(ranks, steps, **solver):
+def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
     """
-    Count how often all states come to the first rank in many steps that nobody looks at.
+    Count how often all states come to the first rank from the start on, while nobody looks.
 
-    And health checks and measurements of the accuracy in that time.
+    And health checks, measurements of the accuracy and of the largest frequency in that time; then
+    numbers of other ranks that the first one has at the end.
     """
-    simulation, calls, measured = ico.compile_scene(ico.Scene.from_parameters({
-        'weave.size': [15, 15, 15], 'contact.mode': 'never',
-        'initial_random': COMMON['initial_random'], 'solver': solver}), ranks=ranks), [], []
-    simulation.advance_steps(1)
-    probe = simulation._driver.errors.probe
-    measure, probe.measured = probe.measured, lambda *words, **named: (
-        measured.append(words), measure(*words, **named))[1]
-    gather = SharedSteps._gather
+    scene = ico.Scene.from_parameters({
+        'weave.size': [15, 15, 15], 'contact.mode': 'never', **changes,
+        'initial_random': COMMON['initial_random'], 'solver': solver})
+    calls, measured, found = [], [], []
+    gather, largest = SharedSteps._gather, SharedState.largest
     SharedSteps._gather = lambda self, *words, **named: (
         calls.append(words), gather(self, *words, **named))
+    SharedState.largest = lambda self: (found.append(1), largest(self))[1]
     try:
-        looks = simulation._driver.trajectory.ledger.numbers[LOOKS]
+        simulation = ico.compile_scene(scene, ranks=ranks)
+        simulation.advance_steps(1)
+        driver = simulation._driver
+        probe = driver.errors.probe
+        measure, probe.measured = probe.measured, lambda *words, **named: (
+            measured.append(words), measure(*words, **named))[1]
+        looks = driver.trajectory.ledger.numbers[LOOKS]
         simulation.advance_steps(steps)
-        ledger = simulation._driver.trajectory.ledger.numbers
-        return [len(calls), int(ledger[LOOKS] - looks), len(measured)]
+        driver.monitor.examine()
+        loads, *states, work = driver.trajectory.for_steps()
+        # What was saved last is with the ranks: its room here was never written to.
+        whole = [*states[0].rows(), work.acceleration, work.points.reshape(18, -1)]
+        other = np.delete(
+            np.arange(whole[0].shape[1]).reshape(-1, LANES),
+            driver.trajectory.method.holder.slots_of_first, axis=0).ravel()
+        there = sum(int(np.count_nonzero(rows[:, other])) for rows in whole)
+        return [
+            len(calls), int(driver.trajectory.ledger.numbers[LOOKS] - looks), len(measured),
+            len(found), len(other), there]
     finally:
-        SharedSteps._gather = gather
+        SharedSteps._gather, SharedState.largest = gather, largest
+
+
+def frequencies(ranks=None):
+    """The largest frequency at the start and in motion, and the steps of its iterations."""
+    found = []
+    for moments in ({}, {'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3}):
+        simulation = ico.compile_scene(ico.Scene.from_parameters({
+            **COMMON, 'weave.size': [9, 7, 15], 'masses.m': {'group': 'tip', 'mass': 0.01},
+            'connector': {**KINKED['connector'], **moments},
+            'solver': {'method': 'srkn6', 'tolerance': 1e-3}}), ranks=ranks)
+        rates = simulation._driver.rates
+        for steps in (0, 9):
+            if steps:
+                simulation.advance_steps(steps)
+                rates.measure()
+            found.append([rates.fabric.rate.hex(), rates.fabric.iterations])
+    return found
 
 
 def state_of(simulation):
@@ -344,7 +379,10 @@ def main():
                         gathered(ranks, 300, method='leapfrog', step=2e-4),
                         gathered(ranks, 300, method='leapfrog', tolerance=1e-2),
                         gathered(ranks, 40, method='srkn6', tolerance=1e-2),
-                        gathered(ranks, 40, method='srkn8', tolerance=1e-4)]
+                        gathered(ranks, 40, method='srkn8', tolerance=1e-4),
+                        gathered(ranks, 300, KINKED, method='leapfrog', tolerance=1e-2),
+                        gathered(ranks, 40, KINKED, method='srkn4', tolerance=1e-3)]
+                    found[count]['frequencies'] = frequencies(ranks)
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

@@ -41,6 +41,7 @@ import numpy as np
 import pytest
 from ranks_program import (
     COMMON,
+    frequencies,
     LONG_SCENES,
     run,
     run_ready,
@@ -187,10 +188,20 @@ def require_same_stops(names, found):
         assert what['stopped'] == expected
 
 
-def test_health_checks_and_measurements_leave_states_where_they_are(shared):
+def test_the_largest_frequency_is_found_by_all_ranks_with_the_same_bits(shared):
+    expected = frequencies()
+    assert len({rate for rate, _ in expected}) == 4
+    assert all(float.fromhex(rate) > 100.0 and steps > 5 for rate, steps in expected)
     for found in shared['found'].values():
-        for gathered, checks, measured in found['gathered']:
-            assert gathered == 0 and checks >= 4 and measured >= 1
+        assert found['frequencies'] == expected
+
+
+def test_from_the_start_on_states_are_where_the_bodies_are(shared):
+    for found in shared['found'].values():
+        for gathered, checks, measured, iterations, others, there in found['gathered']:
+            assert gathered == 0 and checks >= 4 and measured >= 1 and iterations >= 2
+            # Nor has the first rank any numbers of bodies of others.
+            assert others > 100 and there == 0
 
 
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):

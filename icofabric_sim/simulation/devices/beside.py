@@ -53,3 +53,9 @@ def bounds_of_state(state: State, bodies: np.ndarray) -> np.ndarray:
     velocity, place = state.linear_velocity[:, bodies], state.position[:, bodies]
     return np.concatenate([
         velocity.max(axis=1), (-velocity).max(axis=1), [np.abs(place).max()]])
+
+
+def fastest_square(state: State, bodies: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Largest square of a velocity less `velocity` (3,) [m^2/s^2], (1,)."""
+    apart = state.linear_velocity[:, bodies] - velocity[:, None]
+    return np.array([(apart**2).sum(axis=0).max(initial=0.0)])

@@ -21,6 +21,7 @@ from icofabric_sim.simulation.devices.beside import (
     AHEAD,
     bodies_of,
     bounds_of_state,
+    fastest_square,
     HALF,
     meter_room,
     squares_apart,
@@ -146,6 +147,14 @@ class HeldPart:
     def squares(self, fall: np.ndarray) -> None:
         """Send squares of them."""
         self._answer(self._steps.squares(self._arrays(True).work, fall))
+
+    def velocity_sums(self) -> None:
+        """Send sums of velocities."""
+        self._answer(self._steps.velocity_sums(self._arrays(True)))
+
+    def fastest_square(self, velocity: np.ndarray) -> None:
+        """Send the largest square of a velocity less `velocity`."""
+        self._answer(fastest_square(self._states[True][0], self._bodies, velocity))
 
     def begin_iteration(self) -> None:
         """Begin an iteration for the largest frequency; say what it starts with."""

@@ -51,7 +51,7 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state
+from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state, fastest_square
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
@@ -106,7 +106,7 @@ class SharedSteps:
         # Whether the state of the run is with the ranks, and whether only there.
         self._is_out = self._is_stale = False
         # The state before it is with the ranks; whether some slots of it have never been here.
-        self._unpacked, self._is_partial = unpacked, False
+        self.unpacked, self._is_partial = unpacked, False
         self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
@@ -197,6 +197,10 @@ class SharedSteps:
             self._run.state, self._run.work, self._acted, saved, keeps_work=True)
         return True
 
+    def own_fastest_square(self, velocity: np.ndarray) -> np.ndarray:
+        """As `fastest_square` of beside.py, of this rank's bodies."""
+        return fastest_square(self.held[1].state, self._bodies, velocity)
+
     def own_bounds(self) -> np.ndarray:
         """As `bounds_of_state`, of this rank's bodies."""
         assert self._run is not None
@@ -210,9 +214,9 @@ class SharedSteps:
 
     def _take_over(self) -> bool:
         """Have the whole state of the run here; whether it was with the ranks until then."""
-        if self._unpacked is not None:
-            self._unpacked.put()
-            self._unpacked = None
+        if self.unpacked is not None:
+            self.unpacked.put()
+            self.unpacked = None
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with self._transport.alone():
@@ -423,12 +427,12 @@ class SharedSteps:
         if watch is not None:
             tables += [watch.reference, watch.turned]
         requests: list[Any] = []
-        unpacked = self._unpacked if of_run else None
+        unpacked = self.unpacked if of_run else None
         if unpacked is not None:
             tables = tables[len(state.rows()):]
             # Also slots that vectors of this rank pass over.
             unpacked.put(SlotRows(LANES * self._sharing.slots_of_first))
-            self._unpacked, self._is_stale, self._is_partial = None, True, True
+            self.unpacked, self._is_stale, self._is_partial = None, True, True
         for rank in self._sharing.others:
             rows = self._sharing.rows[rank]
             if unpacked is not None:

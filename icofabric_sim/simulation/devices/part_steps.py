@@ -28,6 +28,7 @@ from icofabric_sim.kernels.contact.losses import touch_ahead
 from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
+from icofabric_sim.kernels.group_sums import note_squares, note_sums
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
 from icofabric_sim.kernels.records import (
@@ -41,7 +42,6 @@ from icofabric_sim.kernels.records import (
     Watch,
     Work,
 )
-from icofabric_sim.kernels.released import note_squares
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
@@ -202,12 +202,21 @@ class PartSteps:
             self._model, arrays.state, arrays.work, time, exchange.first, exchange.last)
 
     def squares(self, work: Work, fall: np.ndarray) -> np.ndarray:
-        """As `note_squares` of released.py, of this part."""
+        """As `note_squares` of group_sums.py, of this part."""
         exchange, model = self._exchange, self._model
         sums = np.zeros((2, -(-(exchange.last - exchange.first) // work.group)))
         note_squares(
             model.blocks, model.masses, work.acceleration, fall, sums, work.group, 0,
             sums.shape[1], exchange.last)
+        return sums
+
+    def velocity_sums(self, arrays: Arrays) -> np.ndarray:
+        """As `note_sums` of group_sums.py, of the velocities of this part."""
+        exchange, (_, state, work, _, _) = self._exchange, arrays
+        sums = np.zeros((3, -(-(exchange.last - exchange.first) // work.group)))
+        note_sums(
+            self._model.blocks, state.linear_velocity, sums, work.group, 0, sums.shape[1],
+            exchange.last)
         return sums
 
     def iteration(self, arrays: Arrays) -> PartIteration:
@@ -274,6 +283,7 @@ class PartSteps:
         note_squares(
             self._model.blocks, self._model.masses, work.acceleration, np.zeros(3),
             np.zeros((2, 0)), 1, 0, 0, 0)
+        note_sums(self._model.blocks, state.linear_velocity, np.zeros((3, 0)), 1, 0, 0, 0)
         push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
         drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
         drift_and_push(

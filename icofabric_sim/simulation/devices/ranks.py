@@ -21,6 +21,7 @@ from typing import Any, Self
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.scene.available_memory import share_among
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.devices.refusals import require_shareable
 from icofabric_sim.simulation.devices.server import Server
@@ -56,6 +57,7 @@ class Ranks:
         self._transport = Transport(communicator)
         # With which all ranks are to end, as the first one says: a launcher reports any of theirs.
         self.exit_status = 0
+        self._shared_before = 1
 
     @property
     def rank(self) -> int:
@@ -84,6 +86,7 @@ class Ranks:
 
     def __enter__(self) -> Self:
         """Begin the block that all processes run."""
+        self._shared_before = share_among(self.size)
         return self
 
     def __exit__(
@@ -91,6 +94,7 @@ class Ranks:
         trace: TracebackType | None
     ) -> None:
         """Let the others serve until the first process comes here."""
+        share_among(self._shared_before)
         if self.leads:
             if kind is None:
                 self._transport.end(self.exit_status)

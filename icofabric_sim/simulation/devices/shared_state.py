@@ -46,6 +46,8 @@ class SharedState:
 
         Of the state of the run, (7,); None where it is here.
         """
+        if self._steps.unpacked is not None:
+            return self._steps.unpacked.bounds()
         if not self._steps.is_apart:
             return None
         with self._steps.together():
@@ -70,11 +72,24 @@ class SharedState:
             return self._steps.examine(time, ledger)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
-        """Have sums (2, g) of squares of accelerations, as `note_squares` of released.py."""
+        """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""
         own, run = self._steps.held
         with self._steps.together():
             self._sharing.order('squares', fall)
             self._sharing.gather_sums(own.squares(run.work, fall), sums)
+
+    def velocity_sums(self, sums: np.ndarray) -> None:
+        """Have sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
+        own, run = self._steps.held
+        with self._steps.together():
+            self._sharing.order('velocity_sums')
+            self._sharing.gather_sums(own.velocity_sums(run), sums)
+
+    def fastest_square(self, velocity: np.ndarray) -> float:
+        """Return the largest square of a velocity less `velocity` (3,) [m^2/s^2]."""
+        with self._steps.together():
+            self._sharing.order('fastest_square', velocity)
+            return float(self._sharing.largest_of(self._steps.own_fastest_square(velocity))[0])
 
     def largest(self) -> Frequency | None:
         """

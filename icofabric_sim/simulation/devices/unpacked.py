@@ -24,7 +24,7 @@ from icofabric_sim.kernels.records import State
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
-from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
+from icofabric_sim.simulation.model.layout import aligned_zeros, Layout, pieces
 import numpy as np
 
 
@@ -50,6 +50,15 @@ class Unpacked:
                 row = np.full(len(there), float(values.shape[1] == 4 and k == 3))
                 row[there] = values[number, k]
                 yield row
+
+    def bounds(self) -> np.ndarray:
+        """As `bounds_of_state` of beside.py, of all bodies."""
+        place, _, velocity, _ = self._initial
+        found = [np.concatenate([
+            velocity[piece].max(axis=0), (-velocity[piece]).max(axis=0),
+            [np.abs(place[piece]).max()]]) for piece in pieces(len(place))]
+        largest: np.ndarray = np.max(found, axis=0)
+        return largest
 
     def put(self, slots: SlotRows | None = None) -> None:
         """Have the state at some slots in its room; None: at all."""

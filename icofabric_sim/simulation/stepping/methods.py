@@ -103,7 +103,7 @@ class Elsewhere(Protocol):
     def hold(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Have the state of a run in which nothing touches there; the next three ask of it."""
+        """Have the state of a run in which nothing touches there: what follows asks of it."""
 
     def refresh(self, time: float) -> None:
         """Compute the accelerations of the state at `time` [s]."""
@@ -112,7 +112,13 @@ class Elsewhere(Protocol):
         """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
-        """Have sums (2, g) of squares of accelerations, as `note_squares` of released.py."""
+        """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""
+
+    def velocity_sums(self, sums: np.ndarray) -> None:
+        """Have sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
+
+    def fastest_square(self, velocity: np.ndarray) -> float:
+        """Return the largest square of a velocity less `velocity` (3,) [m^2/s^2]."""
 
     def largest(self) -> 'Frequency | None':
         """The largest frequency of the fabric; None where it is not found there."""

@@ -92,6 +92,10 @@ class MotionRates:
             axis=0, initial=0.0)
         return math.sqrt(max(float(linear) / trajectory.half_edge, float(angular)))
 
+    def relative_speed(self) -> float:
+        """Largest speed [m/s] of a body beside the mean velocity of all."""
+        return self._whole.relative_speed()
+
     def fastest_term(self) -> str:
         """Name what moves or vibrates fastest, with its parameters."""
         return fastest_term(self._terms())

@@ -89,11 +89,11 @@ class Trajectory:
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)
         # Only this room has limits at which connectors break.
-        self.work = self.work._replace(breakage=packed.breakage)
+        self._work = self._work._replace(breakage=packed.breakage)
         if method.mends_kinks and packed.model.wrapping is None:
-            self.work = self.work._replace(kinks=packed.layout.kinks(packed.model.links))
+            self._work = self._work._replace(kinks=packed.layout.kinks(packed.model.links))
         if packed.external is not None:
-            self.work = self.work._replace(
+            self._work = self._work._replace(
                 given=packed.layout.meter(), external=packed.external)
         self.control = control
         # Steps of one length end at origin + index x step.
@@ -220,7 +220,7 @@ class Trajectory:
         """Power of the step with which errors of steps of one length fall."""
         if not has_jumps(self.model.links):
             return self.method.order
-        return min(self.method.order, KINK_ORDER if self.work.kinks is not None else 2)
+        return min(self.method.order, KINK_ORDER if self._work.kinks is not None else 2)
 
     @property
     def time(self) -> float:

@@ -18,11 +18,13 @@ Who takes the steps may have the state, and answer for it (`Elsewhere` in method
 process looks at it. The sums are the same bits.
 """
 
+import math
+
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.group_sums import note_squares, note_sums
 from icofabric_sim.kernels.lanczos import added_up
 from icofabric_sim.kernels.masses import units_of
-from icofabric_sim.kernels.released import note_squares
 from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
@@ -88,6 +90,25 @@ class WholeState:
                 sums.shape[1], count)
         mass, inertia = units_of(model.masses, model.inverse_mass, model.inverse_inertia)
         return float(mass * added_up(sums[0]) + inertia * added_up(sums[1]))
+
+    def relative_speed(self) -> float:
+        """Largest speed [m/s] of a body beside the mean velocity of all."""
+        trajectory, elsewhere = self._trajectory, self._elsewhere()
+        blocks, work = trajectory.model.blocks, trajectory.for_steps()[3]
+        count = len(blocks.slot)
+        sums = np.zeros((3, -(-count // work.group)))
+        if elsewhere is None:
+            velocity = trajectory.state.linear_velocity
+            note_sums(blocks, velocity, sums, work.group, 0, sums.shape[1], count)
+        else:
+            with self._calls.or_lost():
+                elsewhere.velocity_sums(sums)
+        mean = np.array([added_up(row) for row in sums]) / trajectory.packed.layout.body_count
+        if elsewhere is None:
+            apart = velocity[:, trajectory.packed.layout.slot] - mean[:, None]
+            return math.sqrt(float((apart**2).sum(axis=0).max(initial=0.0)))
+        with self._calls.or_lost():
+            return math.sqrt(elsewhere.fastest_square(mean))
 
     def frequency(self, *, locate: bool = False) -> Frequency:
         """Find the largest frequency of the fabric; `locate`: with the bodies of its vibration."""

@@ -255,9 +255,7 @@ class MeasuredStep:
                 frequency > 0.0 and has_jumps(packed.model.links)):
             return math.inf
         # Bodies that all move alike meet no crossing.
-        velocity = trajectory.state.linear_velocity[:, packed.layout.slot]
-        velocity = velocity - velocity.mean(axis=1, keepdims=True)
-        speed = float(np.sqrt((velocity**2).sum(axis=0).max(initial=0.0))) / trajectory.half_edge
+        speed = rates.relative_speed() / trajectory.half_edge
         # And what is gained while the fastest vibration turns by a radian.
         acceleration = rates.load_rate**2
         if packed.gravity is not None and packed.held:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What the forces of a state could set free: the squares of its accelerations, weighted by masses.
+Sums over all bodies that no health check forms: of velocities, and of squares of accelerations.
 
 Added up over groups of blocks, and the groups in their order, as in figures.py.
 """
@@ -23,6 +23,24 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, where
 import numpy as np
+
+
+@compiled
+def note_sums(
+    blocks: Blocks, rows: np.ndarray, sums: np.ndarray, size: int, first: int, last: int, end: int
+) -> None:
+    """
+    Add up rows (k, s) over groups first to last of `size` blocks, none from block `end` on.
+
+    Into sums (k, g).
+    """
+    for group in range(first, last):
+        for k in range(rows.shape[0]):
+            total = splat(0.0)
+            for block in range(group * size, min(group * size + size, end)):
+                there = bits(blocks.alive[block])
+                total = total + where(there, load(rows, k, blocks.slot[block]), splat(0.0))
+            sums[k, group] = sum_of_lanes(total)
 
 
 @compiled
