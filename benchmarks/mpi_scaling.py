@@ -19,6 +19,7 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
     .venv/bin/python benchmarks/mpi_scaling.py --size 273 --steps 8 --warm 8 --step 4e-4
     .venv/bin/python benchmarks/mpi_scaling.py --size 41 --scene damped --method dop8 --steps 32
     .venv/bin/python benchmarks/mpi_scaling.py --size 31 --scene pressed --step 2e-6 --steps 256
+    .venv/bin/python benchmarks/mpi_scaling.py --size 585 --ranks 100 --build
     .venv/bin/python benchmarks/mpi_scaling.py --model
 
 Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
@@ -28,7 +29,10 @@ each rank. The first steps are not counted; the accuracy is measured only where 
 At health checks each rank adds up its own bodies and keeps their state (`check`), and the first
 one waits for the sums of all; where shells touch, and where the accuracy is measured, it gathers
 the state and judges it while the others wait, and gives it back (`gather`). Both in parts of the
-time of the first. `--model` prints what the terms that were measured make of more ranks; it runs
+time of the first. `--build` runs nothing: it makes what the first of so many ranks holds of all
+bodies, a slab at rest, and the windows of the first, a middle and the last one, one by one; it
+prints how long that takes, and how much memory. `--model` prints what the terms that were measured
+make of more ranks; it runs
 nothing.
 """
 
@@ -45,6 +49,7 @@ from typing import Any
 import icofabric_sim as ico
 from icofabric_sim.kernels.figures import group_size
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.available_memory import share_among
 from icofabric_sim.simulation.devices import (
     leader,
     pair_leader,
@@ -52,7 +57,13 @@ from icofabric_sim.simulation.devices import (
     part_steps,
     sharing,
 )
+from icofabric_sim.simulation.devices.division import divide
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
+from icofabric_sim.simulation.devices.unpacked import Unpacked
+from icofabric_sim.simulation.devices.window import bytes_of, slots_of, window_of
+from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.stepping.thread_team import teams_of
+import numpy as np
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
 # Terms of the model: seconds for a body and evaluation, for a body at a health check, where it is,
@@ -174,6 +185,59 @@ def report(arguments: argparse.Namespace) -> None:
               f'{others * count / bodies:7.0f}  {lead["digest"]}')
 
 
+def build(arguments: argparse.Namespace) -> None:
+    """Make what the first of many ranks holds, and windows of some, without any of the others."""
+    (count,), bodies = arguments.ranks, 1
+    share_among(count)
+
+    def make() -> ico.Scene:
+        return ico.Scene.from_parameters({
+            'weave.size': [size] * 3, **SCENES[arguments.scene], 'gravity': [0.0, 0.0, -9.81],
+            'solver': {'method': arguments.method}})
+
+    # What is imported and compiled by then is not counted.
+    size = 5
+    pack_scene(make())
+    size, (before, _), began = arguments.size, memory(), time.perf_counter()
+
+    def note(what: str) -> None:
+        now, most = memory()
+        print(f'{what:40} {time.perf_counter() - began:8.1f} s {(now - before) / bodies:8.1f} '
+              f'B a body, at most {(most - before) / bodies:8.1f}', flush=True)
+
+    scene = make()
+    bodies = scene.body_count
+    print(f'{bodies:,} bodies, {scene.connector_count:,} connectors, {count} ranks')
+    note('scene')
+    packed = pack_scene(scene)
+    layout, model = packed.layout, packed.model
+    note('slots, blocks and connectors of them')
+    parts = divide(layout, model.links, count)
+    note('parts of all ranks')
+    unpacked = Unpacked(layout, scene.initial)
+    note('bodies by their slots')
+    for rank in sorted({0, count // 2, count - 1}):
+        part = parts[rank]
+        slots = slots_of(model, layout, part)
+        window = window_of(model, layout, part, slots, np.zeros(0, np.int64))
+        rows = SlotRows(layout.blocks.slot[part.first:part.last])
+        own = int(np.unpackbits(layout.blocks.alive[part.first:part.last]).sum())
+        for _ in unpacked.rows(rows.index):
+            pass
+        need = bytes_of(window.slot_count, kinked=False)
+        note(f'rank {rank}: window and start of {own:,}')
+        print(f'{"":40} it needs {need / own:.0f} B a body of its own, '
+              f'{8 * len(part.halo) / own:.3f} of which it hears')
+
+
+def memory() -> tuple[int, int]:
+    """Bytes that this process has, and has had at most."""
+    fields = dict(
+        line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())
+    now, most = (1024 * int(fields[name].split()[0]) for name in ('VmRSS', 'VmHWM'))
+    return now, most
+
+
 def model() -> None:
     """Print the time of an evaluation that the terms above make, for cubes of layers."""
     print(f'{"bodies":>14} {"ranks":>6} {"ms":>10} {"speed":>7} {"efficiency":>10}   of it in % '
@@ -207,11 +271,15 @@ def main() -> None:
     parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
     parser.add_argument('--scene', default='free', choices=SCENES)
     parser.add_argument('--weak', action='store_true', help='as many layers for each rank')
+    parser.add_argument(
+        '--build', action='store_true', help='what one of so many ranks makes; run nothing')
     parser.add_argument('--model', action='store_true', help='print the model, run nothing')
     parser.add_argument('--take-part', type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.model:
         model()
+    elif arguments.build:
+        build(arguments)
     elif arguments.take_part:
         take_part(arguments)
     else:

@@ -48,11 +48,11 @@ Boundary = Literal['upright', 'fabric']
 
 # Bodies and connectors are numbered with 32 bits.
 COUNT_LIMIT: Final = 2**31 - 1
-# Highest memory while building. Per body: grid 12, key 8, partners 24 with their mask 6, one
-# search 14. Per connector: numbers 8 and codes 2, and 4 while they are gathered. Measured with
-# 8,001,504 bodies: 1138 MB, where this makes 1179 MB.
-_BYTES_PER_BODY: Final = 64
-_BYTES_PER_CONNECTOR: Final = 14
+# Highest memory, with all connectors listed. Per body: grid 12, position 24, and what is under
+# way; while a part is cut out of a turned fabric more than that. Per connector: numbers 8 and
+# codes 2. Measured: 102 B a body for a slab of 8,001,504 (38 without a list), where this makes
+# 107; 105 for a turned box of 4e6, where it makes 110.
+_BYTES_PER_BODY, _BYTES_PER_CUT_BODY, _BYTES_PER_CONNECTOR = 48, 110, 10
 # An estimate lays out at most this many grid places along each side.
 _SAMPLE_PLACES: Final = 32.0
 
@@ -214,8 +214,10 @@ def estimate_weave(
     _refuse_empty(bodies, kind, variant, size, region)
     if not connected:
         connectors = 0
-    return WeaveEstimate(
-        bodies, connectors, _BYTES_PER_BODY * bodies + _BYTES_PER_CONNECTOR * connectors)
+    memory = _BYTES_PER_BODY * bodies + _BYTES_PER_CONNECTOR * connectors
+    if kind == 'bias' and boundary == 'upright':
+        memory = max(memory, _BYTES_PER_CUT_BODY * bodies)
+    return WeaveEstimate(bodies, connectors, memory)
 
 
 def rotation_matrix(orientation: np.ndarray) -> np.ndarray:

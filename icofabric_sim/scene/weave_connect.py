@@ -28,8 +28,9 @@ import numpy as np
 
 Fastest = Literal['x', 'y']
 
-# Bodies whose connectors are found at once: bounds the temporary arrays.
-_PIECE = 1 << 18
+# Bodies whose connectors are found at once: bounds the temporary arrays; and up to which they are
+# kept.
+_PIECE, _KEPT = 1 << 16, 1 << 18
 
 
 class Connectors(NamedTuple):
@@ -127,7 +128,7 @@ class Connections:
 
     def pieces(self) -> Iterator[tuple[slice, Connectors]]:
         """All of them in their order, piece by piece, with the numbers of those in a piece."""
-        if len(self._grid) > _PIECE and 'whole' not in self.__dict__:
+        if len(self._grid) > _KEPT and 'whole' not in self.__dict__:
             yield from self._found()
             return
         # Few are found once.

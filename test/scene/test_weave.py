@@ -172,17 +172,20 @@ def test_estimates(variant):
         assert guess.connectors == pytest.approx(weave.connector_count, rel=margin)
         bare = estimate_weave(kind, variant, size, GEOMETRY, boundary=boundary, connected=False)
         assert (bare.bodies, bare.connectors) == (guess.bodies, 0)
-        assert bare.memory < guess.memory
+        assert bare.memory <= guess.memory
+        if kind == 'orthogonal':
+            assert bare.memory < guess.memory
 
 
 def test_memory_estimate_is_about_what_building_takes():
-    size = (60, 60, 60)
+    size = (110, 110, 110)
     guess = estimate_weave('bias', 0, size, GEOMETRY).memory
     tracemalloc.start()
     try:
         weave = build_weave('bias', 0, size, GEOMETRY)
+        assert len(weave.connector_bodies) == weave.connector_count
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert weave.body_count > 100_000
+    assert weave.body_count > 600_000
     assert 0.6 * guess < peak < 1.1 * guess

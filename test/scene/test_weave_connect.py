@@ -23,6 +23,7 @@ from icofabric_sim.geometry.icosahedron import (
     NAMED_EDGES,
     vertices,
 )
+from icofabric_sim.scene import weave_connect
 from icofabric_sim.scene.weave_connect import connect_grid
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
 from icofabric_sim.scene.weave_index import centre_rule, slab_count
@@ -196,6 +197,28 @@ def test_far_apart_points_need_no_large_table():
     assert as_rows(connect_grid(grid, 2)) == [(1, EAST, 2, WEST)]
     assert len(connect_grid(grid[:0], 0).bodies) == 0
     assert len(connect_grid(grid[1:2], 0).bodies) == 0
+
+
+@pytest.mark.parametrize('variant', [0, 3])
+@pytest.mark.parametrize('size', [(6, 5, 4), (1, 40, 1), (23, 2, 3)])
+def test_pieces_are_those_of_the_whole(size, variant, monkeypatch):
+    grid, fastest = slab_grid(variant, size), 'y' if variant == 3 else 'x'
+    whole = connect_grid(grid, variant, fastest=fastest)
+    monkeypatch.setattr(weave_connect, '_PIECE', 7)
+    monkeypatch.setattr(weave_connect, '_KEPT', 0)
+    found = weave_connect.Connections(grid, variant, fastest=fastest)
+    assert found.count == len(whole.bodies) == connector_count(variant, size)
+    numbers, parts = [], []
+    for number, part in found.pieces():
+        numbers.append(np.arange(number.start, number.stop))
+        parts.append(part)
+    if parts:
+        assert np.array_equal(np.concatenate(numbers), np.arange(found.count))
+        assert np.array_equal(np.vstack([part.bodies for part in parts]), whole.bodies)
+        assert np.array_equal(np.vstack([part.edges for part in parts]), whole.edges)
+        assert len(parts) > 3
+    assert np.array_equal(found.whole.bodies, whole.bodies)
+    assert (found.count > 0) == (min(size) > 1)
 
 
 def test_wrong_points_are_refused():

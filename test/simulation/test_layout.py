@@ -16,7 +16,9 @@
 from fabrics import make_scene, STATE
 from icofabric_sim.kernels.records import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene import weave_connect
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.simulation.model import layout as layout_module
 from icofabric_sim.simulation.model.layout import make_layout
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np
@@ -126,6 +128,33 @@ def test_unconnected_bodies_have_slots_and_no_links():
     layout = make_layout(np.zeros((0, 3), np.int32), 3 * LANES + 1)
     assert len(layout.blocks.slot) == 4
     assert [bin(byte).count('1') for byte in layout.blocks.alive] == [LANES] * 3 + [1]
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'weave.variant': 1}, {'weave.kind': 'bias'},
+    {f'bodies.b{k}.position': [1.0, 0.1 * k, 0.0] for k in range(9)},
+    {'connector_groups.g.direction': 'up down', 'connector_groups.g.stiffness_extension': 300.0}])
+def test_what_is_made_in_pieces_is_that_of_the_whole(changes, monkeypatch):
+    scene = make_scene((5, 6, 7), changes)
+    packed = pack_scene(scene)
+    assert scene.body_count > 7 * 11
+    monkeypatch.setattr(layout_module, '_PIECE', 11)
+    monkeypatch.setattr(weave_connect, '_PIECE', 11)
+    monkeypatch.setattr(weave_connect, '_KEPT', 0)
+    # Made anew, so that no connectors are listed yet.
+    pieces = pack_scene(make_scene((5, 6, 7), changes))
+    for one, other in (
+            (packed.layout, pieces.layout), (packed.layout.blocks, pieces.layout.blocks),
+            (packed.model.links, pieces.model.links)):
+        names = 'slot', 'rows', 'alive', 'place', 'present', 'reach', 'slot_count', 'stiffness'
+        for name in names:
+            if hasattr(one, name):
+                assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    if packed.model.links.variety is not None:
+        for one, other in zip(packed.model.links.variety, pieces.model.links.variety):
+            assert np.array_equal(one, other)
+    listed = packed.connectors, pieces.connectors
+    assert np.array_equal(listed[0].first, listed[1].first) and len(listed[0].first) > 300
 
 
 def test_large_slabs_fill_their_blocks():
