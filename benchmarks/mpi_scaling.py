@@ -29,11 +29,11 @@ each rank. The first steps are not counted; the accuracy is measured only where 
 At health checks each rank adds up its own bodies and keeps their state (`check`), and the first
 one waits for the sums of all; where shells touch, and where the accuracy is measured, it gathers
 the state and judges it while the others wait, and gives it back (`gather`). Both in parts of the
-time of the first. `--build` runs nothing: it makes what the first of so many ranks holds of all
-bodies, a slab at rest, and the windows of the first, a middle and the last one, one by one; it
-prints how long that takes, and how much memory. `--model` prints what the terms that were measured
-make of more ranks; it runs
-nothing.
+time of the first. Memory of the first rank is what it had at most by the end of the steps, and
+after the state was shown. `--build` runs nothing: it makes what the first of so many ranks holds
+of all bodies, a slab at rest, and the windows of the first, a middle and the last one, one by one;
+it prints how long that takes, and how much memory. `--model` prints what the terms that were
+measured make of more ranks; it runs nothing.
 """
 
 import argparse
@@ -116,7 +116,7 @@ def scene_of(arguments: argparse.Namespace, layers: int) -> ico.Scene:
 def take_part(arguments: argparse.Namespace) -> None:
     """What each process does: print what it found as one line of JSON."""
     steps = arguments.steps
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peak()
     found: dict[str, object] = {}
     with ico.Ranks() as ranks, teams_of(1):
         if ranks.leads:
@@ -141,14 +141,19 @@ def take_part(arguments: argparse.Namespace) -> None:
             found['seconds'] = (time.perf_counter() - began) / steps
             found['gather'] = gathering.seconds / steps
             found['check'] = checking.seconds / steps
+            found['steps_memory'] = peak() - before
             digest = hashlib.sha256(simulation.snapshot().position.tobytes())
             holder: Any = simulation._driver.trajectory.method.holder
             found.update(
                 bodies=scene.body_count, digest=digest.hexdigest()[:12],
                 halos=[] if holder is None else [tuple(halo) for halo in holder.halos])
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found.update(rank=ranks.rank, memory=1024 * (after - before))
+    found.update(rank=ranks.rank, memory=peak() - before)
     print(json.dumps(found), flush=True)
+
+
+def peak() -> int:
+    """The most bytes that this process has had."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def measure(arguments: argparse.Namespace, count: int, layers: int) -> list[dict[str, Any]]:
@@ -167,7 +172,7 @@ def report(arguments: argparse.Namespace) -> None:
     """Print a row for each number of ranks."""
     print(f'{"ranks":>5} {"bodies":>10} {"ms/step":>9} {"ns/body":>8} {"gather":>7} '
           f'{"check":>6} {"speed":>6} {"halo kB":>8} {"least":>8} '
-          f'{"B/body, first":>14} {"others":>7}  bits')
+          f'{"B/body, first":>14} {"shown":>7} {"others":>7}  bits')
     first = 0.0
     for count in arguments.ranks:
         layers = arguments.size * count if arguments.weak else arguments.size
@@ -181,8 +186,8 @@ def report(arguments: argparse.Namespace) -> None:
         others = max((rank['memory'] for rank in ranks[1:]), default=0)
         print(f'{count:5} {bodies:10,} {1e3 * each:9.3f} {1e9 / speed:8.2f} '
               f'{lead["gather"] / each:7.1%} {lead["check"] / each:6.1%} {speed / first:6.2f} '
-              f'{halo / 1e3:8.1f} {least / 1e3:8.1f} {lead["memory"] / bodies:14.0f} '
-              f'{others * count / bodies:7.0f}  {lead["digest"]}')
+              f'{halo / 1e3:8.1f} {least / 1e3:8.1f} {lead["steps_memory"] / bodies:14.0f} '
+              f'{lead["memory"] / bodies:7.0f} {others * count / bodies:7.0f}  {lead["digest"]}')
 
 
 def build(arguments: argparse.Namespace) -> None:
