@@ -418,9 +418,10 @@ class MemoryShort(ParameterError, MemoryError):
 
 
 def _require_memory(parameters: Parameters, bodies: int) -> None:
-    need, processes = bodies * BYTES_PER_BODY, processes_sharing()
+    need, processes, of, way = bodies * BYTES_PER_BODY, processes_sharing(), '', ''
     if processes > 1:
         need = bodies * (_SHARED_EACH + _OWN_EACH // processes)
+        of, way = f' on the first of {processes} ranks', ', or take more ranks'
     if need < _SMALL or need <= (left := available_memory()):
         return
     name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
@@ -429,7 +430,7 @@ def _require_memory(parameters: Parameters, bodies: int) -> None:
     raise MemoryShort(
         name,
         f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
-        f'memory, but {left / 2**30:.3g} GiB are free here; choose a smaller one',
+        f'memory{of}, but {left / 2**30:.3g} GiB are free here; choose a smaller one{way}',
     )
 
 

@@ -312,6 +312,36 @@ def frequencies(ranks=None):
     return found
 
 
+def jumps(ranks=None):
+    """States of a run that is put elsewhere, pushed, and begun again."""
+    simulation = ico.compile_scene(ico.Scene.from_parameters({
+        **COMMON, 'weave.size': [7, 7, 9],
+        'solver': {'method': 'leapfrog', 'tolerance': 0.1}}), ranks=ranks)
+    generator, found = np.random.default_rng(5), []
+
+    def note():
+        found.append([
+            state_of(simulation), simulation.status.step.hex(),
+            simulation.status.largest_frequency.hex(), simulation.error_estimate.hex(),
+            simulation.status.step_count])
+
+    note()
+    simulation.advance_steps(70)
+    simulation.set_state(linear_velocity=0.05 * generator.standard_normal(
+        (simulation.scene.body_count, 3)))
+    note()
+    simulation.advance_steps(70)
+    simulation.apply_body_wrench(5, force=(0.1, 0.0, 0.0))
+    simulation.advance_steps(70)
+    note()
+    for begin_again in (simulation.reset, simulation.reset_time):
+        begin_again()
+        note()
+        simulation.advance_steps(70)
+        note()
+    return found
+
+
 def state_of(simulation):
     snapshot = simulation.snapshot()
     digest = hashlib.sha256()
@@ -383,6 +413,7 @@ def main():
                         gathered(ranks, 300, KINKED, method='leapfrog', tolerance=1e-2),
                         gathered(ranks, 40, KINKED, method='srkn4', tolerance=1e-3)]
                     found[count]['frequencies'] = frequencies(ranks)
+                    found[count]['jumps'] = jumps(ranks)
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

@@ -42,6 +42,7 @@ import pytest
 from ranks_program import (
     COMMON,
     frequencies,
+    jumps,
     LONG_SCENES,
     run,
     run_ready,
@@ -194,6 +195,15 @@ def test_the_largest_frequency_is_found_by_all_ranks_with_the_same_bits(shared):
     assert all(float.fromhex(rate) > 100.0 and steps > 5 for rate, steps in expected)
     for found in shared['found'].values():
         assert found['frequencies'] == expected
+
+
+def test_a_run_that_is_put_elsewhere_goes_on_with_the_same_bits(shared):
+    expected = json.loads(json.dumps(jumps()))
+    digests = [state[0] for state, *_ in expected]
+    # Two starts are the first one again; of one the loads have begun before.
+    assert digests[0] == digests[3] == digests[5] and len(set(digests)) == 5
+    for found in shared['found'].values():
+        assert found['jumps'] == expected
 
 
 def test_from_the_start_on_states_are_where_the_bodies_are(shared):
