@@ -120,10 +120,12 @@ class Connections:
     @cached_property
     def whole(self) -> Connectors:
         """All of them."""
-        bodies = np.empty((self.count, 2), np.int32)
+        bodies, filled = np.empty((self.count, 2), np.int32), 0
         edges = np.empty(bodies.shape, np.int8)
         for piece, part in self._found():
             bodies[piece], edges[piece] = part
+            filled = piece.stop
+        assert filled == self.count
         return Connectors(bodies, edges)
 
     def pieces(self) -> Iterator[tuple[slice, Connectors]]:

@@ -19,6 +19,7 @@ from icofabric_sim.simulation.devices.shared_iteration import SharedIteration
 from icofabric_sim.simulation.model.stability import (
     converge,
     Frequency,
+    has_bounded_terms,
     is_springy,
     most_steps,
 )
@@ -99,8 +100,7 @@ class SharedState:
         """
         packed = self._sharing.packed
         model, count = packed.model, packed.layout.body_count
-        if any(term is not None for term in (
-                model.dipole, model.coulomb, model.maxwell, model.wrapping)):
+        if has_bounded_terms(model):
             return None
         if not is_springy(model):
             return Frequency(0.0, (), 0)

@@ -39,8 +39,9 @@ from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, 
 import numpy as np
 
 # Doubles that a rank holds for each slot: state, its trials and the one that was saved,
-# accelerations of the first three, points; and what steps need that follow where slopes jump.
-_DOUBLES_EACH, _KINKS_EACH = 4 * 13 + 3 * 6 + 18, 12 + 48 + 36 + 6 + 18 + 18
+# accelerations of the first three, points, and constants (1e7 bodies on two ranks: 96 in all); and
+# what steps need that follow where slopes jump.
+_DOUBLES_EACH, _KINKS_EACH = 4 * 13 + 3 * 6 + 18 + 8, 12 + 48 + 36 + 6 + 18 + 18
 
 # Slopes of the stages, what a stage and the start of a step are, of both states; speeds of points.
 _PAIR_EACH = 2 * (16 * 13 + 2 * 13 + 18)

@@ -101,6 +101,12 @@ def largest_frequency(
     return Frequency(float(np.sqrt(max(found.value, 0.0) + more)), bodies, run.matrix.done)
 
 
+def has_bounded_terms(model: Model) -> bool:
+    """Whether terms count that `largest_frequency` adds by a bound, and the iteration lacks."""
+    return any(term is not None for term in (
+        model.dipole, model.coulomb, model.maxwell, model.wrapping))
+
+
 def is_springy(model: Model) -> bool:
     """Whether connectors resist at all."""
     links = model.links
