@@ -353,19 +353,23 @@ def state_of(simulation):
         name: float(value).hex() for name, value in snapshot.energy.items()}]
 
 
+# What ranks do with an order.
+DO = Server._do
+
+
 def fail(ranks, victim):
     """
     Let a rank fail many orders after somebody has looked; what the first one says and keeps then.
     """
     if ranks.rank == victim:
-        do, calls = Server._do, []
+        calls = []
 
         def done(self, *arguments):
             if calls or arguments[0] == 'gather':
                 calls.append(arguments)
             if len(calls) > 80:
                 raise MemoryError('no room')
-            do(self, *arguments)
+            DO(self, *arguments)
 
         Server._do = done
     said = ''
@@ -385,6 +389,46 @@ def fail(ranks, victim):
     except ico.RankError as error:
         said = str(error)
     return said
+
+
+def fail_unseen(ranks, victim, begins_again):
+    """
+    Let a rank fail before anybody has looked; what the first one says, and whether it is back.
+
+    At the start, or at where the run began again.
+    """
+    steps = []
+
+    def done(self, *arguments):
+        # Steps of the run, not of trials beside it.
+        if arguments[0] == 'take' and arguments[2].is_checked:
+            steps.append(arguments)
+        if ranks.rank == victim and len(steps) > 3:
+            raise MemoryError('no room')
+        DO(self, *arguments)
+
+    Server._do = done
+    said, back = '', False
+    try:
+        with ranks:
+            if ranks.leads:
+                scene = ico.Scene.from_parameters(SCENES['slab, leapfrog'])
+                simulation = ico.compile_scene(scene, ranks=ranks)
+                if begins_again:
+                    simulation.advance_steps(10)
+                    simulation.reset()
+                try:
+                    simulation.advance_to(1.0)
+                except ico.SimulationError as error:
+                    said = str(error)
+                state = simulation.snapshot()
+                back = all(np.array_equal(one, other) for one, other in (
+                    (state.position, scene.initial.position),
+                    (state.linear_velocity, scene.initial.linear_velocity)))
+    except ico.RankError as error:
+        said = str(error)
+    Server._do = DO
+    return [said, back]
 
 
 def main():
@@ -425,8 +469,14 @@ def main():
     last = groups[min(3, world.size)]
     said = fail(ico.Ranks(last), 1) if last != MPI.COMM_NULL else ''
     heard = world.gather(said, root=0)
+    unseen = []
+    for begins_again in (False, True):
+        pair = world.Split(0 if world.rank < 2 else MPI.UNDEFINED)
+        found_there = fail_unseen(
+            ico.Ranks(pair), 1, begins_again) if pair != MPI.COMM_NULL else None
+        unseen.append(world.gather(found_there, root=0))
     if world.rank == 0:
-        print(json.dumps({'found': found, 'heard': heard}))
+        print(json.dumps({'found': found, 'heard': heard, 'unseen': unseen}))
     # Those that are done do not keep the others from their processors.
     request = world.Ibarrier()
     while not request.Test():

@@ -225,6 +225,15 @@ def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared
     assert members[1:] == [reason, reason]
 
 
+def test_a_rank_that_fails_before_anybody_has_looked_leaves_the_start(shared):
+    reason = 'rank 1 of 2 has failed: MemoryError: no room'
+    for begins_again, (first, second, *outsiders) in enumerate(shared['unseen']):
+        said, is_back = first
+        assert said.startswith(f'{reason}; the last good state, of t = ') and is_back
+        assert ('t = 0 s' in said) == (not begins_again)
+        assert second[0] == reason and outsiders == [None, None]
+
+
 def test_a_record_of_ranks_is_identical_to_one_process(tmp_path, capsys):
     scene = tmp_path / 'scene.yaml'
     scene.write_text(

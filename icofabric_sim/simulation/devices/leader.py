@@ -14,10 +14,10 @@
 """
 The first rank's side: a method whose steps all ranks take, each of its part.
 
-The run, its driver and all that judges it are on the first rank and have the arrays of the whole
-fabric. Between two health checks states stay where they are computed; they are gathered where the
-first rank looks at them: at a health check, and whenever the trajectory is asked for its state.
-So every sum is the one that a single process forms.
+The run, its driver and all that judges it are on the first rank, with arrays for the whole fabric.
+States stay where they are computed; they are gathered whenever the trajectory is asked for its
+state, and at health checks where shells touch. Sums over all bodies are formed over groups of
+blocks (kernels/figures.py): so they are those of a single process.
 """
 
 from collections.abc import Iterator
@@ -105,6 +105,8 @@ class SharedSteps:
         self._touches = False
         # Whether the state of the run is with the ranks, and whether only there.
         self._is_out = self._is_stale = False
+        # Whether a step was taken since the ranks got it.
+        self._is_moved = False
         # The state before it is with the ranks; whether some slots of it have never been here.
         self.unpacked, self._is_partial = unpacked, False
         self._own: PartSteps | None = None
@@ -193,6 +195,9 @@ class SharedSteps:
         if not self.is_apart or self._run is None or self._acted is None or (
                 self._contacts is not None):
             return False
+        if not self._is_moved and self._sharing.begun is None:
+            # Where a run begins again: should ranks fail, it is what is left.
+            return False
         self._sharing.save(
             self._run.state, self._run.work, self._acted, saved, keeps_work=True)
         return True
@@ -245,7 +250,7 @@ class SharedSteps:
         if not (of_run and self._is_out):
             self._scatter(arrays, contacts, of_run=of_run)
         if of_run:
-            self._is_out = self._is_stale = True
+            self._is_out = self._is_stale = self._is_moved = True
         blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
         is_watched = of_run and watch is not None
         is_guarded_here = of_run and is_guarded(contacts, ledger)
@@ -433,6 +438,7 @@ class SharedSteps:
             # Also slots that vectors of this rank pass over.
             unpacked.put(SlotRows(LANES * self._sharing.slots_of_first))
             self.unpacked, self._is_stale, self._is_partial = None, True, True
+            self._sharing.begun = unpacked
         for rank in self._sharing.others:
             rows = self._sharing.rows[rank]
             if unpacked is not None:
@@ -447,6 +453,9 @@ class SharedSteps:
                     np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
             requests += [self._transport.send(row, rank) for row in more]
         self._transport.wait(requests)
+        if unpacked is not None:
+            unpacked.set_aside()
+        self._is_moved = self._is_moved and not of_run
         if contacts is not None and mine is not None:
             own = self._sharing.contacts.remembered(contacts, 0)
             for target, values in zip(remembered_by(mine), own):

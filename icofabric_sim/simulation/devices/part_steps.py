@@ -267,6 +267,11 @@ class PartSteps:
         loads, state, work, contacts, watch = arrays
         model, kinks = self.model_with(contacts), work.kinks
         none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
+        place_all(self._model, state, work, 0, 0)
+        take_poses(state, no_slots, _room(0))
+        put_poses(self._model, state, work, no_slots, _room(0))
+        if not self._weights.stages:
+            return
         if watch is not None:
             ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
         if contacts is not None:
@@ -277,7 +282,6 @@ class PartSteps:
                 lead = contacts.losses.lead
                 take_motions(state, lead, no_slots, _room(0, MOTION))
                 put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
-        place_all(self._model, state, work, 0, 0)
         note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
         keep_accelerations(self._model, state, work, 0.0, 0, 0)
         note_squares(
@@ -289,8 +293,6 @@ class PartSteps:
         drift_and_push(
             model, loads, state, work, kinks, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none,
             no_slots)
-        take_poses(state, no_slots, _room(0))
-        put_poses(self._model, state, work, no_slots, _room(0))
         if kinks is not None:
             begin_kinked(model, loads, kinks, state, work, 0.0, 1.0, 0, 0)
             strike_foretold(model, loads, kinks, state, work, 1.0, 1.0, 0, 0)

@@ -36,10 +36,10 @@ def begin_apart(
     if loads.anchors is not None or loads.drives is not None or packed.model.maxwell is not None:
         return None
     unpacked = Unpacked(packed.layout, initial)
-    # No step is taken: any method will do.
+    # No step is taken.
+    none = facts_of('leapfrog')._replace(kicks=(), drifts=())
     steps = SharedSteps(
-        transport, packed, facts_of('leapfrog'), given=True, half_edge=half_edge,
-        unpacked=unpacked)
+        transport, packed, none, given=True, half_edge=half_edge, unpacked=unpacked)
     state = SharedState(steps)
     state.hold(packed.model, loads, unpacked.state, packed.layout.room(packed.model.links), None)
     frequency = state.largest()

@@ -41,6 +41,14 @@ class SharedState:
         with self._steps.together():
             return self._steps.save(saved)
 
+    def put_begun(self, saved: State) -> bool:
+        """Have the state in which the run began in `saved`, if no later one has been here."""
+        begun = self._sharing.begun
+        if begun is None:
+            return False
+        begun.put(room=saved)
+        return True
+
     def bounds(self) -> np.ndarray | None:
         """
         Return the largest velocities and minus the least [m/s], and the largest coordinate [m].

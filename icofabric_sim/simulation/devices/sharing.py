@@ -33,6 +33,7 @@ from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
+from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, window_of
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
@@ -80,6 +81,8 @@ class Sharing:
         # Where what ranks have saved belongs here; what had flowed, once it has been brought.
         self._saved_for: tuple[State, Loads, np.ndarray | None, bool, bool] | None = None
         self._flows: dict[str, np.ndarray] = {}
+        # The state in which the run began, until one that was saved has come here.
+        self.begun: Unpacked | None = None
         self._require_room()
         transport.holders.add(self)
         # At the end of the interpreter there is no further order that it could go with.
@@ -154,6 +157,7 @@ class Sharing:
         if keeps_work:
             loads.earlier_work[:] = done
         self._flows = {'work': done} if spent is None else {'work': done, 'spent': spent}
+        self.begun = None
 
     def gather_figures(self, own: np.ndarray, figures: np.ndarray) -> float:
         """

@@ -18,6 +18,7 @@ So the first rank need not have all of it in arrays for kernels: `Layout.pack`, 
 """
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 from icofabric_sim.kernels.records import State
@@ -33,11 +34,20 @@ class Unpacked:
 
     def __init__(self, layout: Layout, initial: InitialState) -> None:
         """Make room for the state, of which no part is there yet."""
-        self._initial = initial
-        self._bodies = np.full(layout.slot_count, -1, np.int32)
-        self._bodies[layout.slot] = np.arange(layout.body_count, dtype=np.int32)
+        self._layout, self._initial = layout, initial
         self.state = State(*(
             aligned_zeros((values.shape[1], layout.slot_count)) for values in initial))
+
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        """Numbers of the bodies by their slots; -1 where there is none."""
+        numbers = np.full(self._layout.slot_count, -1, np.int32)
+        numbers[self._layout.slot] = np.arange(self._layout.body_count, dtype=np.int32)
+        return numbers
+
+    def set_aside(self) -> None:
+        """All ranks have their parts: keep no more than the scene does."""
+        self.__dict__.pop('_bodies', None)
 
     def rows(self, index: Any) -> Iterator[np.ndarray]:
         """Rows of the state at some slots, in the order of `State.rows`."""
@@ -60,11 +70,11 @@ class Unpacked:
         largest: np.ndarray = np.max(found, axis=0)
         return largest
 
-    def put(self, slots: SlotRows | None = None) -> None:
-        """Have the state at some slots in its room; None: at all."""
+    def put(self, slots: SlotRows | None = None, room: State | None = None) -> None:
+        """Have the state at some slots in its room, or another one; None: at all."""
         index = slice(None) if slots is None else slots.index
         rows = self.rows(index)
-        for table in self.state.rows():
+        for table in (room or self.state).rows():
             for target in table:
                 target[index] = next(rows)
 

@@ -229,9 +229,9 @@ def loads_of(loads: Loads, part: Part, slots: Slots, *, stages: int = 0) -> Load
         tractions = _tractions_of(tractions, loads.wrench[rows], rows)
     return loads._replace(
         start=start, wrench=loads.wrench[rows].copy(), lanes=loads.lanes[rows].copy(),
-        work=_zeros(LANES * (last - first)),
-        earlier_work=_zeros(LANES * (last - first) * (stages > 0)),
-        power=_zeros(stages * LANES * (last - first)).reshape(
+        work=aligned_zeros((LANES * (last - first),)),
+        earlier_work=aligned_zeros((LANES * (last - first) * (stages > 0),)),
+        power=aligned_zeros((stages * LANES * (last - first),)).reshape(
             stages, LANES * (last - first) * (stages > 0)),
         drives=drives, tractions=tractions)
 
@@ -255,10 +255,6 @@ def _tractions_of(tractions: Tractions, wrench: np.ndarray, rows: slice) -> Trac
         place=place, turning=cut(tractions.turning), fixed=cut(tractions.fixed),
         sliding=cut(tractions.sliding), kept=cut(tractions.kept), force=cut(tractions.force),
         moment=cut(tractions.moment))
-
-
-def _zeros(count: int) -> np.ndarray:
-    return aligned_zeros((count,))
 
 
 def _exchange(

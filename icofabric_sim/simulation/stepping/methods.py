@@ -93,6 +93,9 @@ class Elsewhere(Protocol):
     def save(self, saved: State) -> bool:
         """Save the state of the run there, if it is there alone; whether that was done."""
 
+    def put_begun(self, saved: State) -> bool:
+        """Have the state in which the run began in `saved`, if no later one has been here."""
+
     def bounds(self) -> np.ndarray | None:
         """
         Return the largest velocities and minus the least [m/s], and the largest coordinate [m].

@@ -185,6 +185,10 @@ class Trajectory:
 
     def lose_steps(self, error: ElsewhereError) -> NoReturn:
         """End the run at its saved state: what ranks or a device had since then is lost."""
+        elsewhere = self.method.elsewhere
+        if elsewhere is not None and elsewhere.put_begun(self._saved):
+            # Nothing has flowed by then.
+            self._flows_at = math.nan, None
         # A later one was lost with them.
         self.saved_time = self._saved_here
         self.return_to_saved()
