@@ -185,10 +185,10 @@ class SharedSteps:
         own.refresh(run, time)
         self._is_stale = True
 
-    def examine(self, time: float, ledger: np.ndarray) -> int:
-        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+    def examine(self, time: float, ledger: np.ndarray) -> None:
+        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
         self._ledger = Ledger.over(ledger)
-        return self._examine(self.held[1], time, self._ledger)
+        self._examine(self.held[1], time, self._ledger)
 
     def save(self, saved: State) -> bool:
         """Have the ranks save the state of the run, if they alone have it; whether they did."""

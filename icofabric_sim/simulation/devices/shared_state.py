@@ -75,10 +75,10 @@ class SharedState:
         with self._steps.together():
             self._steps.refresh(time)
 
-    def examine(self, time: float, ledger: np.ndarray) -> int:
-        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+    def examine(self, time: float, ledger: np.ndarray) -> None:
+        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
         with self._steps.together():
-            return self._steps.examine(time, ledger)
+            self._steps.examine(time, ledger)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
         """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""

@@ -111,8 +111,8 @@ class Elsewhere(Protocol):
     def refresh(self, time: float) -> None:
         """Compute the accelerations of the state at `time` [s]."""
 
-    def examine(self, time: float, ledger: np.ndarray) -> int:
-        """Status bits of the state at `time` [s], as `examine` of kernels/monitor.py."""
+    def examine(self, time: float, ledger: np.ndarray) -> None:
+        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
         """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""
