@@ -313,10 +313,10 @@ def frequencies(ranks=None):
     return found
 
 
-def jumps(ranks=None):
+def jumps(ranks=None, contact='never'):
     """States of a run that is put elsewhere, pushed, and begun again."""
     simulation = ico.compile_scene(ico.Scene.from_parameters({
-        **COMMON, 'weave.size': [7, 7, 9],
+        **COMMON, 'weave.size': [7, 7, 9], 'contact.mode': contact,
         'solver': {'method': 'leapfrog', 'tolerance': 0.1}}), ranks=ranks)
     generator, found = np.random.default_rng(5), []
 
@@ -462,7 +462,7 @@ def main():
                         gathered(ranks, 300, KINKED, method='leapfrog', tolerance=1e-2),
                         gathered(ranks, 40, KINKED, method='srkn4', tolerance=1e-3)]
                     found[count]['frequencies'] = frequencies(ranks)
-                    found[count]['jumps'] = jumps(ranks)
+                    found[count]['jumps'] = [jumps(ranks, mode) for mode in ('never', 'auto')]
                 left = steps_taken(ranks)
         if ranks.leads:
             found[count]['left'] = state_of(left)

@@ -40,6 +40,7 @@ from icofabric_sim.kernels.monitor import (
     examine,
     judge_roughness,
     least_scale,
+    LEDGER_COUNT,
     looks_inside,
     ROUGHER,
     save,
@@ -113,7 +114,7 @@ class SharedSteps:
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
         self._acted: Loads | None = None  # also where they are empty
-        self._ledger = Ledger.over(np.zeros(0))
+        self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
