@@ -186,7 +186,7 @@ def combine(
 ) -> None:
     """Y + h sum of w_j slope_j of a block, for as many slopes as there are weights."""
     turn = rows_of(source.orientation)
-    row = combine_rows(source.position, slopes, np.int64(0), weights, h, target.position, s)
+    row = combine_rows(source.position, slopes, 0, weights, h, target.position, s)
     row = combine_rows(turn, slopes, row, weights, h, rows_of(target.orientation), s)
     row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
     row = combine_rows(
@@ -374,7 +374,7 @@ def rates_of_rows(
     last = model.blocks.slot.shape[0]
     read_rows(y, slot, state)
     place_blocks(model, loads, state, work, 0.0, 0, last)
-    find_slopes(model, loads, state, work, 0.0, slope, np.int64(0), 0, last)
+    find_slopes(model, loads, state, work, 0.0, slope, 0, 0, last)
     copy_rows(slope, slot, result)
 
 

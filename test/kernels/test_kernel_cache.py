@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import icofabric_sim
 from icofabric_sim.kernels.runtime import disk_cache, wait_notice
+from icofabric_sim.kernels.runtime.compiled import _NoCache, compiled
 from package_imports import imports_of, MODULES
 import pytest
 
@@ -503,6 +504,22 @@ def test_pieces_of_a_wait_add_up(monkeypatch):
     piece(2.0, 0.0)
     assert told[3:] == [1.0]
     assert waiting.seconds == 24.75
+
+
+def test_a_kernel_is_compiled_once_for_numbers_of_the_source_and_others():
+    @compiled
+    def doubled(number):
+        return 2 * number
+
+    @compiled
+    def added(number, is_more):
+        return doubled(number) + doubled(3) + doubled(-7 if is_more else 5)
+
+    # From disk nothing would be compiled.
+    for kernel in (doubled, added):
+        kernel._kept = kernel._as_part()._kept = _NoCache()
+    assert added(4, True) == 8 + 6 - 14 and added(4, False) == 8 + 6 + 10
+    assert len(doubled._as_part().overloads) == 1
 
 
 def test_a_kernel_keeps_its_machine_code_while_another_thread_compiles():

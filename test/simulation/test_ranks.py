@@ -20,6 +20,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from types import SimpleNamespace
 import weakref
 
 import icofabric_sim as ico
@@ -27,6 +28,7 @@ from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.devices import transport
 from icofabric_sim.simulation.devices.division import divide, halo_bytes
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.refusals import (
@@ -34,6 +36,7 @@ from icofabric_sim.simulation.devices.refusals import (
     require_shareable_method,
 )
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
+from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, slots_of, window_of
 from icofabric_sim.simulation.model.packing import pack_scene
 from mpi_launcher import launcher
@@ -409,6 +412,40 @@ def test_one_rank_is_one_process():
     assert simulation.status.rank_count == 1 and simulation.status.halo_bytes == 0
     with pytest.raises(ValueError, match="the ranks have ended with their 'with' block"):
         ico.compile_scene(scene, ranks=ranks)
+
+
+def test_who_waits_where_others_compute_sleeps_instead_of_offering(monkeypatch):
+    """Who offers a crowded processor has it back behind all others, who sleeps before them."""
+    mpi = pytest.importorskip('mpi4py.MPI')
+    ranks = Transport(mpi.COMM_SELF)
+    now, offers, naps, taken = [1.0], [], [], [1e-6]
+
+    def offer():
+        offers.append(taken[0])
+        now[0] += taken[0]
+
+    def sleep(seconds):
+        naps.append(seconds)
+        now[0] += seconds
+
+    monkeypatch.setattr(transport, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    monkeypatch.setattr(transport, 'os', SimpleNamespace(sched_yield=offer))
+
+    def wait(count):
+        """Wait until it has slept so often; how often it has offered and slept."""
+        offers.clear(), naps.clear()
+        ranks._wait_until(lambda: len(naps) >= count)
+        return len(offers), len(naps)
+
+    # Nobody takes it: it is offered for 2 ms, and naps grow with the time that has been waited.
+    assert wait(1)[0] == pytest.approx(2000, abs=2)
+    assert wait(500)[1] == 500 and naps[0] == 5e-5 and 1e-4 < naps[-1] <= 2e-3
+    # Somebody computes on it for 3 ms: nothing is offered for a while, by the next wait neither.
+    taken[0] = 3e-3
+    assert wait(20) == (1, 20)
+    assert wait(20) == (0, 20)
+    now[0] += 0.1
+    assert wait(20) == (1, 20)
 
 
 def test_without_mpi_ranks_say_what_is_missing(monkeypatch, capsys):

@@ -110,9 +110,8 @@ ANY = 1e300
 _MISSED = 1e300
 
 # Numbers of slopes: the first, that of the first stage, that of the end, the first of the dense
-# output. Integers of the source would be types of their own, and all of the right-hand side
-# compiled once more for each.
-FIRST, SECOND, LAST, DENSE = (np.int64(number) for number in (0, 1, 12, 13))
+# output.
+FIRST, SECOND, LAST, DENSE = 0, 1, 12, 13
 
 
 class Pair(NamedTuple):

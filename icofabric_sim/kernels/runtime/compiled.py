@@ -30,6 +30,7 @@ from icofabric_sim.kernels.runtime.parts import compiling
 from numba.core import config, event
 from numba.core.caching import NullCache
 from numba.core.registry import cpu_target, CPUDispatcher
+from numba.core.types import unliteral
 
 _PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
 
@@ -96,6 +97,16 @@ class _Part(CPUDispatcher):
 
     def _compilation_chain_init_hook(self) -> None:
         """Types of other packages, which Numba looks for before it reads those of arguments."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """
+        How another kernel calls this one: with numbers of the source as with any others.
+
+        To Numba each is a type of its own, for which all would be compiled once more.
+        """
+        return super().get_call_template(
+            tuple(unliteral(kind) for kind in args),
+            {name: unliteral(kind) for name, kind in kws.items()})
 
     def compile(self, sig: Any) -> Any:
         """Compile for such arguments, or load what is on disk."""

@@ -54,6 +54,14 @@ def _source_files() -> list[tuple[str, int]]:
     return sorted((path, os.stat(path).st_ctime_ns) for path in paths)
 
 
+def _is_as_stamped() -> bool:
+    """Whether the source is still what was stamped; a file that came later has no part in it."""
+    try:
+        return all(os.stat(path).st_ctime_ns == changed for path, changed in _FILES)
+    except OSError:
+        return False
+
+
 def _source_stamp() -> tuple[str, str]:
     """
     Source of all kernels together, because they call each other, and the compiler's version.
@@ -94,6 +102,10 @@ class _CacheFile(IndexDataCacheFile):
 
     def _save_index(self, overloads: Any) -> None:
         super()._save_index(overloads)
+        if len(overloads) > 1:
+            # Its first entry has cleared the folder. To look through thousands of files at each
+            # of them would be a part of the time of compiling.
+            return
         pattern = self._data_name_pattern.partition('{number:d}')[0]
         used = set(overloads.values())
         for path in glob.glob(os.path.join(glob.escape(self._cache_path), f'{pattern}*.nbc')):
@@ -168,7 +180,7 @@ class KernelCache(FunctionCache):
         Not where a source has changed since they were stamped: it may have been read afterwards.
         """
         try:
-            if _source_files() != _FILES:
+            if not _is_as_stamped():
                 return
             with _one_writer(self._cache_path):
                 super().save_overload(sig, data)

@@ -89,6 +89,16 @@ class _KernelLibrary(JITCodeLibrary):
     Reading what others would link took half of the time that loading did.
     """
 
+    def _optimize_final_module(self) -> None:
+        # Once: Numba's run before this one is for references, of which kernels count hardly any.
+        full = self._codegen._module_pass_manager()
+        if isinstance(full, tuple):
+            manager, builder = full
+            manager.run(self._final_module, builder)
+        else:
+            # As Numba had it before LLVM's new pass managers.
+            super()._optimize_final_module()
+
     def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, tuple[str, ...]]]:
         """Return what a cache holds of it: machine code, and the names that it defines."""
         self._ensure_finalized()

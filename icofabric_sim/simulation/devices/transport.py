@@ -17,7 +17,7 @@ Messages between ranks, by mpi4py: orders, arrays, poses, and the word that a ra
 No rank waits for ever: one that waits checks for that word now and then.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 import math
@@ -33,12 +33,16 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
 
 _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
-# Polls for a message between two checks whether a rank has failed; how many of them keep the
-# processor, and after how many this process sleeps between them.
-_LOOKS, _EAGER, _PATIENCE = 64, 50, 20_000
-# How long an idle rank looks before it sleeps between looks, and for how long then: at least, at
-# most [s], and in parts of the time that it has been idle.
+# Looks for a message between two checks whether a rank has failed, and how many looks keep the
+# processor.
+_LOOKS, _EAGER = 64, 50
+# For how long a rank that waits offers the processor between looks before it sleeps there, and for
+# how long then: at least, at most [s], and in parts of the time that it has waited.
 _AWAKE, _NAP, _LONGEST_NAP, _PART = 2e-3, 5e-5, 2e-3, 0.01
+# A processor that was offered and away for longer [s] has gone to somebody who computes on and on.
+# Who sleeps is let in before them, and who offers behind them; so for a while [s] nothing is
+# offered.
+_TAKEN, _CROWDED = 2e-3, 0.02
 # How long a rank that has failed waits for the others to hear of it [s].
 _FAREWELL = 5.0
 # Messages that no rank will take, or send, after a failure: their bytes stay where they are.
@@ -68,6 +72,8 @@ class Transport:
         self.holders: weakref.WeakSet[Holder] = weakref.WeakSet()
         # Small messages under way: kept until they have left.
         self._sent: list[Any] = []
+        # Until when others compute on these processors, as far as one can tell.
+        self._crowded_until = 0.0
         self.has_ended = False
         # Which rank has failed, and why.
         self._failure = ''
@@ -126,14 +132,7 @@ class Transport:
 
     def next_order(self) -> Any:
         """Wait for an order of the first rank."""
-        since = time.monotonic()
-        while not self._comm.Iprobe(source=0, tag=_ORDER):
-            self.require_health()
-            idle = time.monotonic() - since
-            if idle < _AWAKE:
-                os.sched_yield()
-            else:
-                time.sleep(min(max(_NAP, _PART * idle), _LONGEST_NAP))
+        self._wait_until(self._comm.Iprobe, 0, _ORDER)
         return _round(self._comm.recv(source=0, tag=_ORDER))
 
     def answer(self, what: Any) -> None:
@@ -144,9 +143,7 @@ class Transport:
         """Wait for an answer of each of the other ranks, in their order."""
         found = []
         for rank in range(1, self.size):
-            while not self._comm.Iprobe(source=rank, tag=_ORDER):
-                self.require_health()
-                os.sched_yield()
+            self._wait_until(self._comm.Iprobe, rank, _ORDER)
             found.append(self._comm.recv(source=rank, tag=_ORDER))
         return found
 
@@ -175,25 +172,36 @@ class Transport:
         return bool(found[0])
 
     def wait(self, requests: Sequence[Any]) -> None:
+        """Wait until all of them are done."""
+        try:
+            self._wait_until(self._mpi.Request.Testall, requests)
+        except RankError:
+            _unsent.extend(requests)
+            raise
+
+    def _wait_until(self, is_so: Callable[..., bool], *arguments: Any) -> None:
         """
-        Wait until all of them are done.
+        Look until it is so, or a rank has failed.
 
         At once as a rule; else the processor is offered to others, which may be the ranks that are
-        waited for, and after a while left to them.
+        waited for, and after a while, or where it is crowded, left to them.
         """
-        looks = 0
-        while not self._mpi.Request.Testall(requests):
+        looks, since = 0, 0.0
+        while not is_so(*arguments):
             looks += 1
             if looks % _LOOKS == 0:
-                try:
-                    self.require_health()
-                except RankError:
-                    _unsent.extend(requests)
-                    raise
-            if looks > _PATIENCE:
-                time.sleep(_NAP)
-            elif looks > _EAGER:
+                self.require_health()
+            if looks <= _EAGER:
+                continue
+            now = time.monotonic()
+            since = since or now
+            if now - since < _AWAKE and now >= self._crowded_until:
                 os.sched_yield()
+                back = time.monotonic()
+                if back - now > _TAKEN:
+                    self._crowded_until = back + _CROWDED
+            else:
+                time.sleep(min(max(_NAP, _PART * (now - since)), _LONGEST_NAP))
 
     @property
     def has_failed(self) -> bool:
