@@ -261,7 +261,7 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
     Count how often all states come to the first rank from the start on, while nobody looks.
 
     And health checks, measurements of the accuracy and of the largest frequency in that time; then
-    numbers of other ranks that the first one has at the end.
+    numbers of other ranks that the first one has at the end. Last, how often after a reset.
     """
     scene = ico.Scene.from_parameters({
         'weave.size': [15, 15, 15], 'contact.mode': 'never', **changes,
@@ -288,9 +288,16 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
             np.arange(whole[0].shape[1]).reshape(-1, LANES),
             driver.trajectory.method.holder.slots_of_first, axis=0).ravel()
         there = sum(int(np.count_nonzero(rows[:, other])) for rows in whole)
-        return [
+        counts = [
             len(calls), int(driver.trajectory.ledger.numbers[LOOKS] - looks), len(measured),
             len(found), len(other), there]
+        # Begun again, with a step after which ranks save what they have.
+        simulation.reset()
+        simulation.advance_steps(1)
+        calls.clear()
+        simulation.advance_steps(steps)
+        driver.monitor.examine()
+        return [*counts, len(calls)]
     finally:
         SharedSteps._gather, SharedState.largest = gather, largest
 

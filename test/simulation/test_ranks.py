@@ -213,10 +213,12 @@ def test_a_run_that_is_put_elsewhere_goes_on_with_the_same_bits(shared):
 
 def test_from_the_start_on_states_are_where_the_bodies_are(shared):
     for found in shared['found'].values():
-        for gathered, checks, measured, iterations, others, there in found['gathered']:
+        for gathered, checks, measured, iterations, others, there, again in found['gathered']:
             assert gathered == 0 and checks >= 4 and measured >= 1 and iterations >= 2
             # Nor has the first rank any numbers of bodies of others.
             assert others > 100 and there == 0
+            # Once a step was taken, ranks save what they have after a reset, too.
+            assert again == 0
 
 
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):
