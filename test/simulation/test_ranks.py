@@ -417,7 +417,7 @@ def test_one_rank_is_one_process():
 
 
 def test_who_waits_where_others_compute_sleeps_instead_of_offering(monkeypatch):
-    """Who offers a crowded processor has it back behind all others, who sleeps before them."""
+    """Processes that compute go before one that offers the processor, and after one that wakes."""
     mpi = pytest.importorskip('mpi4py.MPI')
     ranks = Transport(mpi.COMM_SELF)
     now, offers, naps, taken = [1.0], [], [], [1e-6]
@@ -435,7 +435,8 @@ def test_who_waits_where_others_compute_sleeps_instead_of_offering(monkeypatch):
 
     def wait(count):
         """Wait until it has slept so often; how often it has offered and slept."""
-        offers.clear(), naps.clear()
+        offers.clear()
+        naps.clear()
         ranks._wait_until(lambda: len(naps) >= count)
         return len(offers), len(naps)
 

@@ -39,9 +39,9 @@ _LOOKS, _EAGER = 64, 50
 # For how long a rank that waits offers the processor between looks before it sleeps there, and for
 # how long then: at least, at most [s], and in parts of the time that it has waited.
 _AWAKE, _NAP, _LONGEST_NAP, _PART = 2e-3, 5e-5, 2e-3, 0.01
-# A processor that was offered and away for longer [s] has gone to somebody who computes on and on.
-# Who sleeps is let in before them, and who offers behind them; so for a while [s] nothing is
-# offered.
+# An offer that takes longer [s] went to a process that uses its whole time slice. The scheduler
+# puts whoever offers behind such a process, and lets whoever wakes from sleep in before it, so for
+# a while [s] waits sleep.
 _TAKEN, _CROWDED = 2e-3, 0.02
 # How long a rank that has failed waits for the others to hear of it [s].
 _FAREWELL = 5.0
