@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Compiled kernels on disk: never stale, never in the way, and a wait for them is explained.
+Compiled kernels on disk: never stale, never in the package, and a wait for them is explained.
 
 Each case runs small kernels in new processes, in a copy of the package.
 """
@@ -85,7 +85,7 @@ class Ran(NamedTuple):
 
 class Copy:
     """
-    A copy of the package with two kernels more, a user's home, and processes that use them.
+    A copy of the package with two more kernels, a user's home, and processes that use them.
 
     It takes the bytecode along: without it each process would read all sources anew.
     """
@@ -94,12 +94,13 @@ class Copy:
         self.folder, self.home = folder, folder / 'home'
         self.home.mkdir()
         self.kernels = folder / 'icofabric_sim' / 'kernels'
+        self.cache = self.home / '.cache' / 'icofabric_sim' / 'kernels'
         if of is not None:
             shutil.copytree(of.kernels.parent, self.kernels.parent)
+            shutil.copytree(of.cache, self.cache)
             return
         shutil.copytree(
-            Path(icofabric_sim.__file__).parent, self.kernels.parent,
-            ignore=shutil.ignore_patterns('*.nb[ci]'))
+            Path(icofabric_sim.__file__).parent, self.kernels.parent)
         self.write('callee', CALLEE)
         self.write('caller', CALLER)
 
@@ -127,10 +128,13 @@ class Copy:
         assert done.returncode == 0, done.stderr
         return Ran(**json.loads(done.stdout), said=done.stderr)
 
+    def files(self, ending='nb?'):
+        """Return the cache files of the two kernels."""
+        return sorted(self.cache.glob(f'*/kernels/trial_*.{ending}'))
+
     def entries(self, ending='nb?'):
-        """Cache files beside the kernels, with times of writing."""
-        found = (self.kernels / '__pycache__').glob(f'trial_*.{ending}')
-        return {path.name: path.stat().st_mtime_ns for path in found}
+        """Return their names with times of writing."""
+        return {path.name: path.stat().st_mtime_ns for path in self.files(ending)}
 
 
 @pytest.fixture
@@ -154,7 +158,7 @@ def used(used_once, tmp_path):
 def test_edited_callee_in_another_file_gives_the_new_result(copy):
     first = copy.run()
     assert first.value == 12.0 and (first.hits, first.misses) == (0, 1)
-    assert Path(first.folder) == copy.kernels / '__pycache__'
+    assert Path(first.folder).parents[1] == copy.cache
     written = copy.entries()
     # An index for each, and entries of what Python calls, of its part, and of the callee's.
     assert len(written) == 5
@@ -164,8 +168,10 @@ def test_edited_callee_in_another_file_gives_the_new_result(copy):
     copy.write('callee', CALLEE.replace('2.0', '3.0'))
     edited = copy.run()
     assert edited.value == 13.0 and edited.misses == 1
-    # What is of no use any more is gone.
-    assert len(copy.entries('nbc')) == 3 and not set(copy.entries('nbc')) & set(written)
+    # The kernels of the first source are kept for a copy that still has it.
+    assert len(copy.entries('nbc')) == 6
+    copy.write('callee', CALLEE)
+    assert copy.run().hits == 1
 
 
 # Both have a function of the same name and type in them: an overload made by a lambda.
@@ -297,6 +303,41 @@ def test_another_compiler_compiles_anew(module, used):
     assert other.value == 12.0 and (other.hits, other.misses) == (0, 1)
 
 
+def test_nothing_is_written_into_the_package(copy):
+    """Files that pip did not install stay behind and shadow an editable install."""
+    before = sorted(copy.kernels.parent.rglob('*'))
+    assert copy.run(PYTHONDONTWRITEBYTECODE='').misses == 1 and copy.entries()
+    new = set(copy.kernels.parent.rglob('*')) - set(before)
+    assert {path.suffix for path in new} <= {'.pyc', ''}
+
+
+def test_copies_of_one_source_share_their_kernels(used, tmp_path):
+    other = tmp_path / 'other'
+    other.mkdir()
+    shutil.copytree(used.kernels.parent, other / 'icofabric_sim')
+    again = subprocess.run(
+        [sys.executable, '-c', RUN.format(prelude='', action='')], cwd=other, check=True,
+        env={**os.environ, 'HOME': str(used.home), 'XDG_CACHE_HOME': ''}, capture_output=True,
+        text=True, timeout=300)
+    assert Ran(**json.loads(again.stdout)).hits == 1
+
+
+def test_kernels_of_sources_long_unused_are_removed(used):
+    """The most recently used are kept, and folders of other names."""
+    for number in range(disk_cache._MAX_STAMP_COUNT + 3):
+        folder = used.cache / f'{number:016x}'
+        folder.mkdir()
+        os.utime(folder, (1.6e9 + number, 1.6e9 + number))
+    (used.cache / 'notes').mkdir()
+    used.write('callee', CALLEE.replace('2.0', '3.0'))
+    assert used.run().value == 13.0
+    kept = {path.name for path in used.cache.iterdir()}
+    # The new source, that of `used`, and the latest of the others.
+    assert len(kept) == disk_cache._MAX_STAMP_COUNT + 1 and 'notes' in kept
+    assert f'{disk_cache._MAX_STAMP_COUNT + 2:016x}' in kept and f'{4:016x}' not in kept
+    assert len(used.entries('nbc')) == 6
+
+
 def block(folder):
     """Make `folder` impossible to create: permissions would not bind root."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -304,23 +345,19 @@ def block(folder):
     folder.write_text('not a folder')
 
 
-def test_package_that_cannot_be_written_uses_the_users_cache_folder(copy):
-    block(copy.kernels / '__pycache__')
-    first, second = copy.run(), copy.run()
-    assert first.value == second.value == 12.0
-    assert (first.hits, second.hits) == (0, 1)
-    assert Path(first.folder).is_relative_to(copy.home / '.cache')
-    assert 'once on a machine' in first.said and not second.said
-    # Another place can be named.
-    elsewhere = copy.run(NUMBA_CACHE_DIR=str(copy.folder / 'named'))
-    assert Path(elsewhere.folder).is_relative_to(copy.folder / 'named') and elsewhere.misses == 1
+def test_another_cache_folder_can_be_named(copy):
+    for name in ('NUMBA_CACHE_DIR', 'XDG_CACHE_HOME'):
+        ran = copy.run(**{name: str(copy.folder / name)})
+        assert Path(ran.folder).is_relative_to(copy.folder / name) and ran.misses == 1
+    assert not copy.entries()
 
 
-def test_run_without_any_folder_to_write_says_so_and_works(copy):
-    block(copy.kernels / '__pycache__')
+@pytest.mark.parametrize('home', ['blocked', 'missing'])
+def test_run_without_any_folder_to_write_says_so_and_works(home, copy):
     block(copy.home / '.cache')
+    changes = {} if home == 'blocked' else {'HOME': '/dev/null/home'}
     for _ in range(2):
-        ran = copy.run()
+        ran = copy.run(**changes)
         assert ran.value == 12.0 and ran.folder is None
         assert ran.said.count('\n') == 1
         assert 'every start' in ran.said and 'NUMBA_CACHE_DIR' in ran.said
@@ -342,9 +379,8 @@ def test_full_disk_is_no_end_of_a_run(copy):
 @pytest.mark.parametrize(
     ('caller', 'callee'), [({'nbi': 0.5}, {'nbc': 0.0}), ({'nbc': 0.5}, {'nbi': 0.0})])
 def test_damaged_files_are_compiled_anew(caller, callee, used):
-    for name in used.entries():
-        path = used.kernels / '__pycache__' / name
-        share = (caller if 'caller' in name else callee).get(name[-3:], 1.0)
+    for path in used.files():
+        share = (caller if 'caller' in path.name else callee).get(path.name[-3:], 1.0)
         path.write_bytes(path.read_bytes()[:int(share * path.stat().st_size)])
     ran = used.run()
     assert ran.value == 12.0 and ran.misses == 1
@@ -402,7 +438,6 @@ def test_a_kernel_on_disk_is_loaded_without_the_compiler(used):
 
 
 def test_plain_twin_needs_no_cache(copy):
-    block(copy.kernels / '__pycache__')
     block(copy.home / '.cache')
     ran = copy.run(NUMBA_DISABLE_JIT='1')
     assert ran.value == 12.0 and ran.hits is None and not ran.said

@@ -30,8 +30,8 @@ COMPILING = 'compiling the kernels of this kind of scene, which takes 20 s to a 
 STILL_COMPILING = 'still compiling the kernels'
 _ONCE = 'once on a machine: later starts take them from disk'
 _ALWAYS = (
-    'at every start: neither the folder of the package nor the cache folder of the user can be '
-    'written; NUMBA_CACHE_DIR=FOLDER names another place for compiled kernels')
+    'at every start: the cache folder of the user cannot be written; NUMBA_CACHE_DIR=FOLDER '
+    'names another place for compiled kernels')
 
 
 class KernelsMissing(Exception):

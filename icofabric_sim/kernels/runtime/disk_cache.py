@@ -12,14 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Compiled kernels on disk: what an entry depends on, where it lies, and what may go wrong with it.
+Store compiled kernels on disk: cache keys, the cache folder, and recovery from disk errors.
 
-Beside the package where that can be written, else in the user's cache folder; NUMBA_CACHE_DIR
-names another place. Nothing that is wrong with the disk ends a run: the kernel is then compiled.
+Kernels lie in the user's cache folder, below a stamp of their source; NUMBA_CACHE_DIR names
+another folder. They never lie in the package: pip leaves files that it did not install, and
+such a remnant shadows an editable install. A disk error never ends a run: the kernel is compiled.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import fcntl
 from functools import cache
 import glob
@@ -27,12 +28,17 @@ import hashlib
 import logging
 import os
 from pathlib import Path
+import re
+import shutil
+import tempfile
 from typing import Any
 import uuid
 
 from icofabric_sim.kernels.runtime.lane_types import LANES
 import llvmlite
 from llvmlite import binding
+import numba
+from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import _nrt
 
@@ -43,6 +49,10 @@ _PACKAGE = Path(__file__).resolve().parents[2]
 # The rooms that compiled functions come from and take constants from. Neither imports another
 # room (test/kernels/test_kernel_cache.py reads their imports).
 _STAMPED = ('geometry', 'kernels')
+# A folder of compiled kernels takes some 100 MB. Installations and working trees that share the
+# cache folder rarely have more different sources in use.
+_MAX_STAMP_COUNT = 12
+_STAMP_NAME = re.compile('[0-9a-f]{16}')
 
 
 def _source_files() -> list[tuple[str, int]]:
@@ -78,6 +88,104 @@ def _source_stamp() -> tuple[str, str]:
 
 _FILES = _source_files()
 _STAMP = _source_stamp()
+
+
+def kernel_cache_folder() -> str:
+    """
+    Return the folder of all compiled kernels, whatever source they were compiled from.
+
+    Raises
+    ------
+    OSError
+        If neither NUMBA_CACHE_DIR nor XDG_CACHE_HOME is set and the user has no home folder.
+    """
+    if config.CACHE_DIR:
+        return os.path.abspath(os.path.join(config.CACHE_DIR, 'icofabric_sim'))
+    # Programs ignore a relative XDG_CACHE_HOME (XDG Base Directory Specification).
+    user = os.environ.get('XDG_CACHE_HOME', '')
+    if not os.path.isabs(user):
+        user = os.path.expanduser('~/.cache')
+    if not os.path.isabs(user):
+        raise OSError('the user has no home folder')
+    return os.path.join(user, 'icofabric_sim', 'kernels')
+
+
+@cache
+def _prepare_stamp_folder(root: str) -> str:
+    """
+    Return the folder below `root` for kernels of this source, and remove those long unused.
+
+    The time of change of a folder is that of its last use.
+    """
+    name = hashlib.sha256(repr((_STAMP, numba.__version__)).encode()).hexdigest()[:16]
+    folder = os.path.join(root, name)
+    is_new = not os.path.isdir(folder)
+    os.makedirs(folder, exist_ok=True)
+    with suppress(OSError):  # a shared folder that this user may only read
+        os.utime(folder)
+        if is_new:
+            _remove_unused(root)
+    return folder
+
+
+def _remove_unused(root: str) -> None:
+    """Remove the kernels of other sources but the most recently used."""
+    with os.scandir(root) as entries:
+        folders = [one for one in entries if _STAMP_NAME.fullmatch(one.name) and one.is_dir()]
+    folders.sort(key=lambda one: one.stat().st_mtime_ns, reverse=True)
+    for folder in folders[_MAX_STAMP_COUNT:]:
+        shutil.rmtree(folder.path, ignore_errors=True)
+
+
+class _Locator:
+    """The place of one kernel in the cache folder, by the protocol of Numba's locators."""
+
+    def __init__(self, function: Callable[..., Any], path: str) -> None:
+        self._path, self._line = path, function.__code__.co_firstlineno
+        source = Path(path).resolve()
+        name = (
+            str(source.parent.relative_to(_PACKAGE)) if source.is_relative_to(_PACKAGE)
+            else hashlib.sha256(str(source).encode()).hexdigest()[:16])
+        self._folder = os.path.join(_prepare_stamp_folder(kernel_cache_folder()), name)
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], path: str) -> Any:
+        """Return the locator, or None if the folder cannot be written."""
+        try:
+            locator = cls(function, path)
+            locator.ensure_cache_path()
+        except OSError:
+            return None
+        return locator
+
+    def ensure_cache_path(self) -> None:
+        """Create the folder. Raise OSError if nothing can be written there."""
+        _require_writable(self._folder)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return self._folder
+
+    def get_source_stamp(self) -> bytes:
+        """Return a hash of the source file."""
+        return _hash_of_file(self._path)
+
+    def get_disambiguator(self) -> str:
+        """Return the line of the function, which tells it from others of its name."""
+        return str(self._line)
+
+
+@cache
+def _require_writable(folder: str) -> None:
+    """Create `folder`. Raise OSError if nothing can be written there."""
+    os.makedirs(folder, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()
+
+
+@cache
+def _hash_of_file(path: str) -> bytes:
+    """Return a hash of the content of a source file as this process has first read it."""
+    return hashlib.sha256(Path(path).read_bytes()).digest()
 
 
 class _CacheFile(IndexDataCacheFile):
@@ -133,6 +241,8 @@ def _provide_runtime() -> None:
 
 class _Entries(CompileResultCacheImpl):
     """What is kept of a kernel: what a call of it needs."""
+
+    _locator_classes = [_Locator]
 
     def reduce(self, cres: Any) -> Any:
         """
