@@ -99,8 +99,9 @@ def kernel_cache_folder() -> str:
     OSError
         If neither NUMBA_CACHE_DIR nor XDG_CACHE_HOME is set and the user has no home folder.
     """
-    if config.CACHE_DIR:
-        return os.path.abspath(os.path.join(config.CACHE_DIR, 'icofabric_sim'))
+    named = getattr(config, 'CACHE_DIR', '')
+    if named:
+        return os.path.abspath(os.path.join(named, 'icofabric_sim'))
     # Programs ignore a relative XDG_CACHE_HOME (XDG Base Directory Specification).
     user = os.environ.get('XDG_CACHE_HOME', '')
     if not os.path.isabs(user):
