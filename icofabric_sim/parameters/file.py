@@ -21,6 +21,7 @@ the file, the line, the parameter and the remedy.
 """
 
 from collections.abc import Iterator, Sequence
+import logging
 import os
 import re
 import stat
@@ -36,6 +37,7 @@ __all__ = [
     'check_ros_arguments', 'dump_parameters', 'flatten_parameters', 'load_parameter_file',
     'ParameterFileError', 'parse_parameter_override', 'Value']
 
+_LOGGER = logging.getLogger('icofabric_sim')
 _LARGEST_FILE = 16 * 1024 * 1024  # bytes
 
 # rcl/src/rcl/lexer.c: what a name on the command line may consist of.
@@ -64,9 +66,15 @@ class _Rule(NamedTuple):
 def load_parameter_file(
         path: str | os.PathLike[str], *, node_name: str = 'icofabric',
         namespace: str = '/') -> dict[str, Value]:
-    """Dotted names and values that the node gets from a parameter file."""
+    """
+    Return the dotted names and values that the node gets from a parameter file.
+
+    Warns if no section of the file is for the node.
+    """
     parameters = ParameterSet(full_node_name(node_name, namespace))
     parameters.add_file(_read(path), os.fspath(path))
+    for notice in parameters.notices():
+        _LOGGER.warning('%s', notice)
     return parameters.parameters()
 
 
@@ -90,8 +98,8 @@ def check_ros_arguments(
     Dotted names and values that the node gets from its command line.
 
     Follows parameter files, overrides, and renamings of the node (`-r __node:=x`, `-r __ns:=/y`)
-    in all `--ros-args` sections, in order; all else is left to rclpy. Sentences about overrides
-    that ROS lets without effect are appended to `notices`.
+    in all `--ros-args` sections, in order; all else is left to rclpy. Sentences about files and
+    overrides without effect are appended to `notices`.
     """
     files_and_rules: list[str | _Rule] = []
     remaps: list[re.Match[str]] = []
@@ -127,7 +135,7 @@ def check_ros_arguments(
             parameters.add_file(_read(given), given)
     result = parameters.parameters()
     if notices is not None:
-        notices.extend(parameters.hidden_overrides())
+        notices.extend(parameters.notices())
     return result
 
 

@@ -18,6 +18,7 @@ Facts: rcl 9.2 (ROS 2 Jazzy), rcl_yaml_param_parser/src/parse.c and namespace.c;
 node takes: rclpy/src/rclpy/node.cpp.
 """
 
+from collections.abc import Collection
 import re
 from typing import Any, NamedTuple
 
@@ -98,6 +99,13 @@ def full_node_name(node_name: str, namespace: str) -> str:
     """Name of a node with its namespace, as rclpy joins them."""
     namespace = namespace.strip('/')
     return f'/{namespace}/{node_name}' if namespace else f'/{node_name}'
+
+
+def unused_notice(source: str, sections: Collection[str], node: str) -> str:
+    """Return a sentence that names the `sections` of `source`, none of which is for `node`."""
+    return (
+        f'{source} has no section for the node {node}, so none of its parameters is used; its '
+        f'sections: {", ".join(sections) or "none"}; name one /** or {node}')
 
 
 def section_matches(section: str, node: str) -> bool:

@@ -30,6 +30,7 @@ from icofabric_sim.parameters.rcl_parameters import (
     origin,
     section_matches,
     Setting,
+    unused_notice,
     Value,
     what_is_wrong_with_section,
 )
@@ -69,10 +70,12 @@ class ParameterSet:
         self._sections: dict[str, _Section] = {}
         # Names that the present document has given, by section, and where.
         self._written: dict[tuple[str, str], Origin] = {}
+        self._unused_files: list[str] = []
 
     def add_file(self, data: bytes, source: str) -> None:
         """Take the text of one parameter file; `source` is its name in messages."""
         trees = make_trees(read_events(data, source))
+        sections: dict[str, None] = {}
         if not trees:
             raise ParameterFileError(f'{source}: the file is empty; {FORM}')
         for tree in trees:
@@ -80,7 +83,9 @@ class ParameterSet:
                 raise ParameterFileError(
                     f'{source}:{tree.line}: expected the name of a node; {FORM}')
             self._written.clear()
-            self._walk_names(tree, '', source)
+            self._walk_names(tree, '', source, sections)
+        if not any(section_matches(name, self.node) for name in sections):
+            self._unused_files.append(unused_notice(source, sections, self.node))
 
     def add_override(self, section: str, name: str, text: str, source: str) -> None:
         """Take one value of the command line, for the nodes of `section`."""
@@ -101,10 +106,14 @@ class ParameterSet:
         return {name: setting.value for name, setting in kept.items()
                 if with_ros_own or is_own_parameter(name)}
 
-    def hidden_overrides(self) -> list[str]:
-        """One sentence for each override without effect, because ROS prefers another section."""
+    def notices(self) -> list[str]:
+        """
+        Return one sentence for each file and each override without effect.
+
+        A file has none if its sections are for other nodes, an override if ROS prefers a section.
+        """
         kept = self._kept()
-        return [
+        return self._unused_files + [
             f'{setting.origin} has no effect: ROS takes {name!r} from {kept[name].origin}, whose '
             f'section comes later; write -p {self.node.rpartition("/")[2]}:{name}:=...'
             for section in self._own_sections() for name, entries in section.entries.items()
@@ -120,7 +129,9 @@ class ParameterSet:
         return {name: entries.kept() for section in self._own_sections()
                 for name, entries in section.entries.items()}
 
-    def _walk_names(self, tree: Tree, path: str, source: str) -> None:
+    def _walk_names(
+        self, tree: Tree, path: str, source: str, sections: dict[str, None]
+    ) -> None:
         pairs = tree.pairs()
         lines: dict[str, int] = {}
         for index, (key, value) in enumerate(pairs):
@@ -150,6 +161,7 @@ class ParameterSet:
                         f'behind {SECTION_KEY} of {path!r}; begin a new section with the whole '
                         'name')
                 self._sections.setdefault(path, _Section())
+                sections[path] = None
                 self._walk_parameters(value, '', path, source)
             elif not value.is_map:
                 raise ParameterFileError(
@@ -159,7 +171,8 @@ class ParameterSet:
                     f'{where}: {key.text!r} below {path!r}: ROS loses the name of the node where '
                     'a part of it has a slash; write the whole name as one key')
             else:
-                self._walk_names(value, f'{path}/{key.text}' if path else key.text, source)
+                self._walk_names(
+                    value, f'{path}/{key.text}' if path else key.text, source, sections)
 
     def _walk_parameters(self, tree: Tree, prefix: str, section: str, source: str) -> None:
         ours = section_matches(section, self.node)

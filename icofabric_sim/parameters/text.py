@@ -14,6 +14,7 @@
 """Parameters as Python dictionaries: nested to flat, and flat to the text of a parameter file."""
 
 from collections.abc import Iterator, Mapping
+import logging
 import math
 import os
 import re
@@ -21,12 +22,18 @@ import sys
 from typing import Any
 
 from icofabric_sim.checks import shown
-from icofabric_sim.parameters.rcl_parameters import full_node_name, section_matches, Value
+from icofabric_sim.parameters.rcl_parameters import (
+    full_node_name,
+    section_matches,
+    unused_notice,
+    Value,
+)
 from icofabric_sim.parameters.rcl_scalars import Scalar
 from icofabric_sim.parameters.sections import is_own_parameter
 from icofabric_sim.parameters.yaml_events import ParameterFileError, SECTION_KEY
 import numpy as np
 
+_LOGGER = logging.getLogger('icofabric_sim')
 # A YAML key must end within 1024 characters; escapes take up to ten each.
 _LONGEST_NAME = 100
 _PLAIN_KEY = re.compile('[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
@@ -51,6 +58,9 @@ def flatten_parameters(
             'load_scene(path) reads a file')
     node = full_node_name(node_name, namespace)
     sections = list(_sections(nested, ''))
+    if sections and not any(section_matches(path, node) for path, _ in sections):
+        _LOGGER.warning(
+            '%s', unused_notice('the dictionary', [path for path, _ in sections], node))
     flat: dict[str, Value] = {}
     for path, section in sections if sections else [('/**', nested)]:
         if section_matches(path, node):

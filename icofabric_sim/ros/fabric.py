@@ -28,6 +28,7 @@ from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.ros.answers import Answers
@@ -40,7 +41,7 @@ from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Presence, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
-from icofabric_sim.ros.start import importing, READY, StopSignals
+from icofabric_sim.ros.start import FAILED, importing, INTERRUPTED, READY, StopSignals
 from icofabric_sim.ros.verbs import Verbs
 from icofabric_sim.running.diagnostics import (
     HealthReport,
@@ -327,8 +328,22 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
         # Nothing tells when an answer has arrived, and it goes with the process that sent it.
         deadline = time.monotonic() + _LAST_DELIVERY
         server.serve(lambda: time.monotonic() > deadline)
-    status = 1 if node.runner.failure else 0
+    status = _exit_status(node, interrupted=signals.received)
     signals.ignore(status)
     node.destroy_node()
     gc.freeze()  # the collection at the end of the process takes half a second otherwise
     return status
+
+
+def _exit_status(node: FabricNode, *, interrupted: bool) -> int:
+    """Return the exit status of a node that is closed, after a last log line if `interrupted`."""
+    run, duration = node.runner, node.runner.parameters['duration']
+    if run.failure:
+        return FAILED
+    if not interrupted or run.finished:
+        return 0
+    _LOGGER.info(
+        'interrupted at t = %.9g s%s%s', seconds(run.now),
+        f' of {duration:g} s' if duration > 0.0 else '',
+        '' if node.bag.path is None else f'; the record is {node.bag.path}')
+    return INTERRUPTED if duration > 0.0 else 0

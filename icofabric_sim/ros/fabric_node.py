@@ -48,8 +48,8 @@ def main(argv: list[str] | None = None) -> int:
     """
     Entry point of `fabric_node`; without `argv` it ends the process.
 
-    Exit status: 0 done, also by SIGINT or SIGTERM; 1 the simulation failed, 2 bad input, 130
-    interrupted before it ran.
+    Exit status: 0 done, also by SIGINT or SIGTERM if the scene has no `duration`; 1 the simulation
+    failed, 2 bad input, 130 interrupted before it ran or before its `duration` had passed.
     """
     if argv is None:
         end_process(main(sys.argv))
@@ -101,12 +101,12 @@ def _run(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None') -> i
         from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.ros.ros_parameters import make_start_parameters
 
-    parameters = make_start_parameters(check_ros_arguments(arguments[1:]))
+    notices: list[str] = []
+    parameters = make_start_parameters(check_ros_arguments(arguments[1:], notices=notices))
     with importing():
-        from icofabric_sim.ros.process import log_to_ros, Presence, start_ros
+        from icofabric_sim.ros.process import Presence, start_ros
 
-    start_ros(arguments)
-    log_to_ros()
+    start_ros(arguments, notices)
     presence = Presence()
     with importing():
         from icofabric_sim.ros.fabric import FabricNode, run_node

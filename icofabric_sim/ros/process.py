@@ -13,7 +13,7 @@
 # limitations under the License.
 """A node as a process: its start, its signals, its log, and a spin that no request can end."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import logging
 import os
 import re
@@ -51,14 +51,21 @@ _RCL_PLACE = re.compile(r', at /[^,]*\.c:[0-9]+')
 _shared_memory: SharedMemory | None = None
 
 
-def start_ros(arguments: list[str]) -> None:
-    """Begin with ROS; a command line that it does not take is a ValueError."""
+def start_ros(arguments: list[str], notices: Iterable[str] = ()) -> None:
+    """
+    Begin with ROS and its log, which gets the `notices` as warnings.
+
+    A command line that ROS does not take is a ValueError.
+    """
     global _shared_memory
     _shared_memory = SharedMemory()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         raise ValueError(f'command line: {plain_reason(error)}') from error
+    log_to_ros()
+    for notice in notices:
+        logging.getLogger('icofabric_sim').warning('%s', notice)
 
 
 class Presence:

@@ -82,7 +82,9 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.running.replay.replay_parameters import begin_of, judge_options
 
-    options = judge_options(check_ros_arguments(arguments[1:]), own[0] if own else None)
+    notices: list[str] = []
+    options = judge_options(
+        check_ros_arguments(arguments[1:], notices=notices), own[0] if own else None)
     from icofabric_sim.running.replay.source import ReplaySource
 
     path = Path(options['bag']).expanduser()
@@ -90,11 +92,10 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
         source = ReplaySource(path, fabric=options['fabric'], inputs=options['inputs'])
     begin_of(options, source.start, source.end)
     with importing():
-        from icofabric_sim.ros.process import log_to_ros, start_ros
+        from icofabric_sim.ros.process import start_ros
         from icofabric_sim.ros.replay import ReplayNode, run_replay
 
-    start_ros(arguments)
-    log_to_ros()
+    start_ros(arguments, notices)
     node = ReplayNode(options, source)
     signals.only_note()
     return run_replay(node, options, signals)

@@ -37,6 +37,7 @@ from rclpy.subscription import Subscription
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool, Trigger
 
+VIEWER = 'icofabric_viewer'  # name of the node
 DEFAULTS: dict[str, Any] = {
     'fabric': '/icofabric', 'host': '127.0.0.1', 'port': 8080, 'rate': 60.0, 'read_only': False}
 _FLAGS = ('pause', 'record')
@@ -132,7 +133,7 @@ class ViewerNode(Node):
     def __init__(self) -> None:
         """Read the parameters; ValueError names one that makes no sense."""
         require_viser()
-        super().__init__('icofabric_viewer')
+        super().__init__(VIEWER)
         options = {}
         for name, default in DEFAULTS.items():
             try:

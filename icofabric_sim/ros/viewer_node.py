@@ -55,10 +55,12 @@ def main(argv: list[str] | None = None) -> int:
             raise ValueError(f'{" ".join(own)!r} is not an argument of viewer_node\n{_USAGE}')
         check_domain()
         with importing():
-            from icofabric_sim.ros.process import log_to_ros, start_ros
-            from icofabric_sim.ros.viewer import run_viewer, ViewerNode
-        start_ros(argv)
-        log_to_ros()
+            from icofabric_sim.parameters.file import check_ros_arguments
+            from icofabric_sim.ros.process import start_ros
+            from icofabric_sim.ros.viewer import run_viewer, VIEWER, ViewerNode
+        notices: list[str] = []
+        check_ros_arguments(argv[1:], node_name=VIEWER, notices=notices)
+        start_ros(argv, notices)
         node = ViewerNode()
         signals.only_note()
         return run_viewer(node, signals)

@@ -314,6 +314,25 @@ def test_an_override_without_effect_is_told(tmp_path):
     assert len(notices) == 1
 
 
+def test_a_file_for_other_nodes_is_reported_by_all_readers(tmp_path, caplog):
+    """A file that names several nodes, this one among them, is not."""
+    other, shared = tmp_path / 'other.yaml', tmp_path / 'shared.yaml'
+    other.write_text('/a: {ros__parameters: {a: 1}}\nlab: {b: {ros__parameters: {a: 2}}}\n')
+    shared.write_text(other.read_text() + 'icofabric: {ros__parameters: {a: 3}}\n')
+    files = ['--ros-args', '--params-file', str(other), '--params-file', str(shared)]
+    notices = []
+    assert check_ros_arguments(files, notices=notices) == {'a': 3}
+    assert load_parameter_file(other) == {} and load_parameter_file(shared) == {'a': 3}
+    assert flatten_parameters({'/a': {'ros__parameters': {'a': 1}}}) == {}
+    notices += caplog.messages
+    assert len(notices) == 3 and notices[0] == notices[1]
+    for words in ('other.yaml', '/a, lab/b', '/icofabric'):
+        assert words in notices[0]
+    assert '/a;' in notices[2] and '/icofabric' in notices[2]
+    assert check_ros_arguments([*files[:3], '-r', '__node:=a'], notices=notices) == {'a': 1}
+    assert len(notices) == 3
+
+
 def test_python_dictionaries():
     values = flatten_parameters({
         'use_sim_time': True,

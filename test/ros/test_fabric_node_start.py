@@ -99,11 +99,16 @@ def test_stray_arguments_are_refused_and_help_ends():
 
 def test_duration_ends_the_node(tmp_path):
     """Under another name and namespace; the bag holds the state at the very end."""
+    other = tmp_path / 'other.yaml'
+    other.write_text('/icofabric: {ros__parameters: {duration: 100.0}}\n')
     with NodeProcess(
-            tmp_path / 'log', '-r', '__ns:=/lab', '-r', '__node:=left', scene=SCENES /
-            'free_slab.yaml', parameters={'duration': 0.21, 'record.path': tmp_path / 'bag'},
+            tmp_path / 'log', '-r', '__ns:=/lab', '-r', '__node:=left',
+            '--params-file', str(other), scene=SCENES / 'free_slab.yaml',
+            parameters={'duration': 0.21, 'record.path': tmp_path / 'bag'},
     ) as node:
         assert node.wait() == 0
+        [warning] = node.lines('has no section for the node')
+        assert '[WARN]' in warning and '/icofabric;' in warning and '/lab/left' in warning
         assert 'Traceback' not in node.log() and '[ERROR]' not in node.log()
     with BagReader(tmp_path / 'bag') as bag:
         poses = list(bag.messages(['/lab/left/poses']))
@@ -112,6 +117,20 @@ def test_duration_ends_the_node(tmp_path):
         _, statuses = decode_diagnostic_array(list(bag.messages(['/diagnostics']))[-1][2])
         assert statuses[0].name == '/lab/left' and statuses[0].message == 'finished'
         assert bag.custom['failure'] == 'none'
+
+
+def test_interrupt_before_the_duration_has_passed(tmp_path):
+    """Status 130 and a last line with the time; the bag is closed."""
+    with NodeProcess(tmp_path / 'log', parameters={
+            'duration': 100.0, 'record.path': tmp_path / 'bag'}) as node:
+        wait_for(lambda: node.lines(node.READY), 'a node that runs', node=node)
+        time.sleep(0.3)
+        assert node.stop() == 130
+        last = node.log().splitlines()[-1]
+    assert f' s of 100 s; the record is {tmp_path / "bag"}' in last
+    with BagReader(tmp_path / 'bag') as bag:
+        assert f'interrupted at t = {bag.end_time / 1e9:.9g} s' in last
+        assert bag.end_time > 0
 
 
 def test_listeners_get_the_last_state_before_the_node_ends(tmp_path):
