@@ -33,7 +33,7 @@ from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Server
-from icofabric_sim.ros.ros_parameters import is_foreign
+from icofabric_sim.ros.ros_parameters import as_meant, is_foreign
 from icofabric_sim.ros.start import StopSignals
 from icofabric_sim.running.replay.player import Player, ReplayStatus
 from icofabric_sim.running.replay.replay_parameters import (
@@ -142,7 +142,10 @@ class ReplayNode(AnsweringNode):
 
     def _judge(self, parameter: Parameter) -> Any:
         name = parameter.name
-        value = judge_option(name, parameter.value)
+        value = parameter.value
+        if name in OPTIONS:
+            value = as_meant(value, OPTIONS[name].default)
+        value = judge_option(name, value)
         if not OPTIONS[name].live:
             raise ReplayParameterError(
                 f'{name} is fixed once the node runs; start it with the other value')

@@ -18,11 +18,11 @@ Parameters of the scene as parameters of a node: descriptors, judgement of chang
 from array import array
 from collections.abc import Callable, Iterable, Mapping
 from importlib.util import find_spec
-import re
 from typing import Any
 
 from icofabric_sim.checks import shown
 from icofabric_sim.parameters.changes import changed_names, rebuilds, require_changeable
+from icofabric_sim.parameters.rcl_scalars import resolve_scalar
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
     find_specification,
@@ -51,10 +51,6 @@ _QUICK_BODIES = 20_000
 # piece by piece may grow to so many parameters, and so much text in them; a file may hold more.
 LONGEST_NAME, LONGEST_TEXT = 1000, 16_384  # characters, of all values of a change together
 MOST_GIVEN, MOST_TEXT = 2000, 65_536
-# What YAML 1.1 takes for a text, and Python writes for a number.
-_EXPONENT = re.compile(r'[+-]?[0-9]+(\.[0-9]*)?e[+-]?[0-9]+')
-_NUMBER = r'[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?'
-_TEXT_LIST = re.compile(rf'\[\s*{_NUMBER}(\s*,\s*{_NUMBER})*\s*\]')
 _HUGE = 1.7976931348623157e308
 
 
@@ -186,7 +182,9 @@ class ParameterGate:
                 held = None if name in earlier else self.accepted.get(name)
                 if isinstance(held, str) and str(parameter.value) == held:
                     continue  # also a text of digits, which tools send as a number
-                value = judge(name, _as_meant(name, parameter.value))
+                # The words of contact.mode are truth values in YAML.
+                default = name == 'contact.mode' or find_specification(name).default
+                value = judge(name, as_meant(parameter.value, default))
                 if held is not None and _same(value, held):
                     continue  # e.g. of a dump that is loaded again; also where it is fixed
                 if not _same(value, self.accepted.get(name)):
@@ -234,26 +232,31 @@ class ParameterGate:
         return Scene.from_parameters(changed)
 
 
-def _as_meant(name: str, value: Any) -> Any:
+def as_meant(value: Any, default: Any) -> Any:
     """
-    The value that is meant where a number is: tools send some as texts.
+    Return the `value` that a parameter file gives where a tool has sent a text in its place.
 
-    `ros2 param load` writes each value as Python does and reads it as YAML 1.1, to which 1e-06 is
-    a text, and a list that has such an item is one text.
+    `ros2 param load` and `set` read YAML 1.1, to which 1e-06 and 1.5E3 are texts, and write a list
+    that has such an item as one text. `default` has the type that is meant.
     """
     if isinstance(value, array):
         value = list(value)
-    default = find_specification(name).default
-    if isinstance(default, list) and isinstance(default[0], float):
-        if isinstance(value, str) and _TEXT_LIST.fullmatch(value):
-            return [float(item) for item in value[1:-1].split(',')]
-        if isinstance(value, list):
-            return [_as_number(item) for item in value]
-    return _as_number(value) if isinstance(default, float) else value
+    if not isinstance(default, list):
+        return _resolved(value, type(default))
+    is_text = isinstance(value, str) and value[:1] == '[' and value[-1:] == ']'
+    items = value[1:-1].split(',') if is_text else value
+    if not isinstance(items, list):
+        return value
+    resolved = [_resolved(item, type(default[0])) for item in items]
+    return value if is_text and any(isinstance(item, str) for item in resolved) else resolved
 
 
-def _as_number(value: Any) -> Any:
-    return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
+def _resolved(value: Any, kind: type) -> Any:
+    """Return what ROS reads from the text `value` in a file, if it is of the `kind`."""
+    if not isinstance(value, str) or kind is str:
+        return value
+    found = resolve_scalar(value.strip(' \'"'))
+    return found if type(found) in (kind, int if kind is float else kind) else value
 
 
 def _same(one: Any, other: Any) -> bool:
