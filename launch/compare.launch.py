@@ -23,13 +23,16 @@ beside world, so that a viewer shows both.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
+from icofabric_sim.ros.launch_arguments import (
+    refuse_unknown_arguments,
+    typed_value,
+    write_parameters,
+)
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 SIDES = ('left', 'right')
 # Argument after the name of the side, parameter that it sets, its type.
@@ -88,11 +91,11 @@ def start_nodes(context):
     for side in SIDES:
         own_scene = f'{side}_scene' if given(f'{side}_scene') else 'scene'
         own = {
-            parameter: ParameterValue(LaunchConfiguration(f'{side}_{name}'), value_type=kind)
+            parameter: typed_value(f'{side}_{name}', given(f'{side}_{name}'), kind)
             for name, parameter, kind in OVERRIDES if given(f'{side}_{name}')}
         if given('real_time_factor'):
-            own['real_time_factor'] = ParameterValue(
-                LaunchConfiguration('real_time_factor'), value_type=float)
+            own['real_time_factor'] = typed_value(
+                'real_time_factor', given('real_time_factor'), float)
         if side == 'right':
             # Exactly one clock; and a frame of its own, which stands beside the other.
             own |= {'publish_clock': False, 'frame_id': 'right_world'}
@@ -103,19 +106,13 @@ def start_nodes(context):
             namespace=side,
             parameters=[
                 str(find_scene(share, own_scene, given(own_scene))),
-                *([own] if own else [])],
+                *write_parameters(side, own)],
             output='screen',
             emulate_tty=True,
             # The end of a long recording takes time to write.
             sigterm_timeout='30', sigkill_timeout='30'))
     frames = []
-    try:
-        apart = float(given('distance')) != 0.0
-    except ValueError:
-        raise RuntimeError(
-            f'distance:={given("distance")} is not a number; give it in metres; '
-            f'--show-args lists all arguments') from None
-    if apart:
+    if typed_value('distance', given('distance'), float) != 0.0:
         frames.append(Node(
             package='tf2_ros',
             executable='static_transform_publisher',

@@ -19,13 +19,16 @@ Plays a recorded run, and shows it in RViz if asked.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
+from icofabric_sim.ros.launch_arguments import (
+    refuse_unknown_arguments,
+    typed_value,
+    write_parameters,
+)
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 # Argument, its type, and what it means; an empty one leaves the default of replay_node.
 OPTIONS = (
@@ -64,15 +67,15 @@ def start_nodes(context):
         raise RuntimeError(
             f'bag:={bag} does not exist; give a bag folder, or a bag file; '
             '--show-args lists all arguments')
-    given = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=value_type)
-        for name, value_type, _ in OPTIONS if LaunchConfiguration(name).perform(context)}
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in OPTIONS}
+    options = {
+        name: typed_value(name, given[name], kind) for name, kind, _ in OPTIONS if given[name]}
     player = Node(
         package='icofabric_sim',
         executable='replay_node',
         name='icofabric',
         namespace=namespace,
-        parameters=[{'bag': str(bag.resolve()), **given}],
+        parameters=write_parameters(namespace, {'bag': str(bag.resolve()), **options}),
         output='screen',
         emulate_tty=True)
     view = Node(

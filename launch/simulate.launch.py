@@ -21,13 +21,16 @@ Starts the simulation of one scene, and RViz beside it if asked.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from icofabric_sim.ros.launch_arguments import refuse_unknown_arguments
+from icofabric_sim.ros.launch_arguments import (
+    refuse_unknown_arguments,
+    typed_value,
+    write_parameters,
+)
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 # Argument, parameter that it sets, its type; an empty argument leaves the scene's own value.
 OVERRIDES = (
@@ -83,10 +86,10 @@ def find_scene(share, scene):
 def start_nodes(context):
     share = Path(get_package_share_directory('icofabric_sim'))
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in OVERRIDES}
     overrides = {
-        parameter: ParameterValue(LaunchConfiguration(argument), value_type=value_type)
-        for argument, parameter, value_type in OVERRIDES
-        if LaunchConfiguration(argument).perform(context)}
+        parameter: typed_value(name, given[name], kind)
+        for name, parameter, kind in OVERRIDES if given[name]}
     prefix = f'/{namespace}' if namespace else ''
     logger = f'{prefix}/icofabric'[1:].replace('/', '.')
     fabric = Node(
@@ -95,7 +98,7 @@ def start_nodes(context):
         name='icofabric',
         namespace=namespace,
         parameters=[str(find_scene(share, LaunchConfiguration('scene').perform(context))),
-                    *([overrides] if overrides else [])],
+                    *write_parameters(namespace, overrides)],
         arguments=['--ros-args', '--log-level',
                    [f'{logger}:=', LaunchConfiguration('log_level')]],
         output='screen',

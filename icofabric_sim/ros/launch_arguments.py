@@ -11,12 +11,20 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Arguments of the launch files: undeclared ones are refused, not ignored."""
+"""Arguments of the launch files: undeclared ones are refused, the others keep their types."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import difflib
+import math
 import os
 import sys
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+from icofabric_sim.parameters.rcl_scalars import resolve_scalar
+from icofabric_sim.parameters.text import dump_parameters
+
+_KINDS = {bool: 'true or false', int: 'an integer', float: 'a number'}
 
 
 def refuse_unknown_arguments(
@@ -43,3 +51,32 @@ def refuse_unknown_arguments(
             raise RuntimeError(
                 f'{word}: {name} has no argument {given}; {hint}it takes {", ".join(names)}; '
                 '--show-args says what they mean')
+
+
+def typed_value(argument: str, text: str, kind: type) -> Any:
+    """Return the value of a launch argument, or raise RuntimeError that names it."""
+    if kind is str:
+        return text
+    value: Any = resolve_scalar(text)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind or kind is float and not math.isfinite(value):
+        raise RuntimeError(
+            f'{argument}:={text} is not {_KINDS[kind]}; --show-args lists all arguments')
+    return value
+
+
+def write_parameters(namespace: str, values: Mapping[str, Any]) -> list[str]:
+    """
+    Write a parameter file for the node `icofabric`, and return its path in a list.
+
+    Files that launch itself writes have texts such as 1e3 and y without quotes, and ROS reads
+    these as numbers and truth values. Without `values` there is no file.
+    """
+    if not values:
+        return []
+    node = f'{namespace and "/" + namespace}/icofabric'
+    with NamedTemporaryFile(
+            'w', encoding='utf-8', prefix='launch_params_', suffix='.yaml', delete=False) as file:
+        file.write(dump_parameters(values).replace('/**', node, 1))
+    return [file.name]

@@ -18,6 +18,7 @@ from pathlib import Path
 import sys
 from types import ModuleType
 
+from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.validation import find_specification, make_parameters
 from icofabric_sim.running.replay.replay_parameters import OPTIONS
 import pytest
@@ -55,17 +56,10 @@ class Configuration(Recorded):
         return context[self.arguments[0]]
 
 
-class Value(Recorded):
-
-    def of(self, context):
-        """What a node would get."""
-        text, kind = self.arguments[0].perform(context), self.named['value_type']
-        return text.lower() == 'true' if kind is bool else kind(text)
-
-
 @pytest.fixture
-def launched(monkeypatch):
+def launched(monkeypatch, tmp_path_factory):
     """A way to run a launch file with arguments: the nodes that it starts."""
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path_factory.mktemp('launch')))
     stand_ins = {
         'ament_index_python': {}, 'launch': {'LaunchDescription': Recorded},
         'ament_index_python.packages': {'get_package_share_directory': lambda name: str(ROOT)},
@@ -73,7 +67,6 @@ def launched(monkeypatch):
         'launch.conditions': {'IfCondition': Recorded},
         'launch.substitutions': {'LaunchConfiguration': Configuration},
         'launch_ros': {}, 'launch_ros.actions': {'Node': Node},
-        'launch_ros.parameter_descriptions': {'ParameterValue': Value},
     }
     for name, members in stand_ins.items():
         module = ModuleType(name)
@@ -96,28 +89,24 @@ def launched(monkeypatch):
         (function,) = [action for action in actions if isinstance(action, Function)]
         nodes = function.named['function'](context)
         assert all(isinstance(node, Node) for node in nodes)
-        return [(node.named, context) for node in nodes]
+        return [node.named for node in nodes]
     return run
 
 
 def parameters_of(node):
-    """Parameters of a node beside its file."""
-    named, context = node
-    last = named['parameters'][-1]
-    assert isinstance(last, dict)
-    return {
-        name: value.of(context) if isinstance(value, Value) else value
-        for name, value in last.items()}
+    """Parameters of a node beside its scene, as ROS reads them."""
+    return load_parameter_file(
+        node['parameters'][-1], node_name=node['name'], namespace=node['namespace'])
 
 
 def fabrics(nodes):
-    return [node for node in nodes if node[0]['package'] == 'icofabric_sim']
+    return [node for node in nodes if node['package'] == 'icofabric_sim']
 
 
 def test_simulate(launched):
     (fabric,) = fabrics(launched('simulate', scene='free_slab', duration='2', start_paused='true'))
-    assert fabric[0]['executable'] == 'fabric_node'
-    assert Path(fabric[0]['parameters'][0]) == ROOT / 'config' / 'free_slab.yaml'
+    assert fabric['executable'] == 'fabric_node'
+    assert Path(fabric['parameters'][0]) == ROOT / 'config' / 'free_slab.yaml'
     assert parameters_of(fabric) == {'duration': 2.0, 'start_paused': True}
     with pytest.raises(RuntimeError, match='hanging_slab.*--show-args'):
         launched('simulate', scene='nothing')
@@ -125,7 +114,7 @@ def test_simulate(launched):
 
 def test_replay(launched, tmp_path):
     (player,) = fabrics(launched('replay', bag=str(tmp_path), rate='0.5', loop='true'))
-    assert player[0]['executable'] == 'replay_node'
+    assert player['executable'] == 'replay_node'
     assert parameters_of(player) == {'bag': str(tmp_path), 'rate': 0.5, 'loop': True}
     with pytest.raises(RuntimeError, match='does not exist.*--show-args'):
         launched('replay', bag=str(tmp_path / 'none'))
@@ -144,9 +133,9 @@ def test_compare(launched):
         'compare', scene='free_slab', left_variant='1', right_kind='bias',
         right_stiffness='800', right_scene='bias_column', real_time_factor='0.5')
     left, right = fabrics(nodes)
-    assert (left[0]['namespace'], right[0]['namespace']) == ('left', 'right')
-    assert Path(left[0]['parameters'][0]).stem == 'free_slab'
-    assert Path(right[0]['parameters'][0]).stem == 'bias_column'
+    assert (left['namespace'], right['namespace']) == ('left', 'right')
+    assert Path(left['parameters'][0]).stem == 'free_slab'
+    assert Path(right['parameters'][0]).stem == 'bias_column'
     assert parameters_of(left) == {'weave.variant': 1, 'real_time_factor': 0.5}
     given = parameters_of(right)
     assert given == {
@@ -156,12 +145,12 @@ def test_compare(launched):
     make_parameters(given)
     assert find_specification('publish_clock').default is True
     assert 'publish_clock' not in parameters_of(left)
-    (beside,) = [node for node in nodes if node[0]['package'] == 'tf2_ros']
-    assert 'right_world' in beside[0]['arguments']
+    (beside,) = [node for node in nodes if node['package'] == 'tf2_ros']
+    assert 'right_world' in beside['arguments']
     assert len(fabrics(launched('compare', distance='0'))) == 2
     # RViz, if asked for, shows the topics that they publish.
-    (view,) = [node for node in nodes if node[0]['package'] == 'rviz2']
-    shown = yaml.safe_load(Path(view[0]['arguments'][1]).read_text())['Visualization Manager']
+    (view,) = [node for node in nodes if node['package'] == 'rviz2']
+    shown = yaml.safe_load(Path(view['arguments'][1]).read_text())['Visualization Manager']
     topics = {display['Topic']['Value'] for display in shown['Displays'] if 'Topic' in display}
     assert topics == {f'/{side}/icofabric/{name}' for side in ('left', 'right')
                       for name in ('poses', 'connectors', 'icosahedra')}
@@ -175,10 +164,32 @@ def test_compare_names_the_argument_that_is_wrong(launched):
             launched('compare', **given)
 
 
+@pytest.mark.parametrize('text', ['1e3', '1e-3', 'nan', 'y', 'off', '0x10', "it's: #1", '~'])
+def test_texts_stay_texts(launched, tmp_path, text):
+    """A folder or fabric of that name, and not what YAML makes of it."""
+    (fabric,) = fabrics(launched('simulate', record=text, namespace='/lab/'))
+    assert parameters_of(fabric) == {'record.path': text}
+    left, _ = fabrics(launched('compare', left_record=text))
+    assert parameters_of(left) == {'record.path': text}
+    (player,) = fabrics(launched('replay', bag=str(tmp_path), fabric=text))
+    assert parameters_of(player) == {'bag': str(tmp_path), 'fabric': text}
+
+
+@pytest.mark.parametrize(('name', 'argument', 'text'), [
+    ('simulate', 'duration', '1,5'), ('simulate', 'real_time_factor', 'nan'),
+    ('simulate', 'start_paused', 'maybe'), ('compare', 'left_variant', '1.5'),
+    ('compare', 'right_stiffness', '5k'), ('compare', 'distance', 'inf'),
+    ('replay', 'rate', 'fast')])
+def test_a_value_of_another_type_names_its_argument(launched, tmp_path, name, argument, text):
+    given = {'bag': str(tmp_path)} if name == 'replay' else {}
+    with pytest.raises(RuntimeError, match=f'^{argument}:={text} is not .*--show-args'):
+        launched(name, **given, **{argument: text})
+
+
 @pytest.mark.parametrize('name', ['simulate', 'compare', 'replay'])
 def test_what_may_be_missing_starts_first(launched, tmp_path, name):
     """The launch ends with the first executable that it does not find: nothing runs by then."""
-    packages = [node[0]['package'] for node in launched(
+    packages = [node['package'] for node in launched(
         name, **({'bag': str(tmp_path)} if name == 'replay' else {}))]
     assert packages == sorted(packages, key='icofabric_sim'.__eq__)
     declared = (ROOT / 'package.xml').read_text()
