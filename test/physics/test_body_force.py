@@ -13,11 +13,13 @@
 # limitations under the License.
 """Body forces that a user writes in Python: compiled or called, their work, and their errors."""
 
+import functools
 import math
 
 from fabrics import changed, make_scene, RANDOM, same_state, SUPPORTED
 import icofabric_sim as ico
 from icofabric_sim.simulation.stepping import thread_team
+import numba
 import numpy as np
 import pytest
 
@@ -51,6 +53,55 @@ def all_bodies(time, position, orientation, linear_velocity, angular_velocity):
     force[:, 0], force[:, 1] = push, -LAG * linear_velocity[:, 1]
     torque[:, 2] = TWIST * push
     return force, torque
+
+
+def imports_within(time, position, orientation, linear_velocity, angular_velocity):
+    from numpy import multiply  # Numba ends with UnsupportedBytecodeError
+    return multiply(-PULL, position - CENTRE), 0.0 * angular_velocity
+
+
+def imports_for_one(time, position, orientation, linear_velocity, angular_velocity):
+    import math
+    return (math.fsum([-PULL * (position[0] - CENTRE[0])]), 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+def suspends(time, position, orientation, linear_velocity, angular_velocity):
+    with np.errstate(all='raise'):
+        return -PULL * (position - CENTRE), {'torque': 0.0 * angular_velocity}['torque']
+
+
+class CallableSpring:
+    def __call__(self, time, position, orientation, linear_velocity, angular_velocity):
+        return -PULL * (position - CENTRE), 0.0 * angular_velocity
+
+
+@pytest.mark.parametrize('function', [
+    imports_within, imports_for_one, suspends, CallableSpring(), functools.partial(spring)])
+def test_any_python_function_runs(function):
+    scene = make_scene((2, 2, 2), LOOSE)
+    force = ico.BodyForce(function)
+    simulation = ico.compile_scene(scene, body_force=force)
+    assert force.is_compiled is False
+    time = 1.0 / math.sqrt(PULL / MASS)
+    simulation.advance_to(time)
+    expected = CENTRE + (scene.initial.position - CENTRE) * math.cos(1.0)
+    np.testing.assert_allclose(
+        simulation.snapshot().position[:, 0], expected[:, 0], rtol=0, atol=1e-7)
+
+
+def test_whatever_numba_raises_leads_to_python(monkeypatch):
+    for error in (numba.core.errors.UnsupportedBytecodeError('no'), NotImplementedError(),
+                  KeyError('x'), AssertionError(), RecursionError('deep')):
+        def fail(function, error=error):
+            raise error
+
+        monkeypatch.setattr(numba, 'njit', fail)
+        force = ico.BodyForce(spring)
+        ico.compile_scene(make_scene((2, 2, 2), LOOSE), body_force=force)
+        assert force.is_compiled is False
+        with pytest.raises(ValueError, match=f'cannot be compiled: {type(error).__name__}'):
+            ico.compile_scene(make_scene((2, 2, 2), LOOSE),
+                              body_force=ico.BodyForce(spring, compiled=True))
 
 
 @pytest.mark.parametrize('compiled', [None, False])

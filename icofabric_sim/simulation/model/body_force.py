@@ -26,7 +26,6 @@ from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numba
 from numba import carray, types
 from numba.core import config
-from numba.core.errors import NumbaError
 import numpy as np
 
 Force = Callable[..., tuple[Any, Any]]
@@ -51,9 +50,9 @@ class BodyForce:
 
     Where Numba can compile it, it is called for one body at a time, with arrays (3,), (3,), (4,),
     ... and returns two vectors or tuples of three numbers. Where it cannot, Python calls it with
-    all bodies, (n, 3), (n, 4) x y z w, (n, 3), (n, 3), and it returns two arrays (n, 3).
-    `compiled` True or False settles which; a function that both would take, and that means
-    something else to each, is refused.
+    all bodies, (n, 3), (n, 4) x y z w, (n, 3), (n, 3), and it returns two arrays (n, 3), or body
+    by body if it fails for all at once. `compiled` True or False settles which; a function that
+    both would take, and that means something else to each, is refused.
 
     Its work counts as work in. With a `potential(time, position, orientation)`, called in the
     same way and returning energies [J], of a force that has one which does not depend on time,
@@ -73,6 +72,7 @@ class BodyForce:
         self.name = getattr(force, '__name__', type(force).__name__)
         # Whether Numba has compiled it; None until a scene is.
         self.is_compiled: bool | None = None
+        self._by_body = False
         self._keep: list[Any] = []  # what compiled code points to
         self._error: BaseException | None = None
 
@@ -92,6 +92,8 @@ class BodyForce:
         if single is None and self._wanted and not _PLAIN:
             raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
         self.is_compiled = single is not None
+        self._by_body = self.is_compiled or bool(_PLAIN and self._wanted) or (
+            self._wanted is None and self._takes_only_one(numbers))
         if single is not None:
             callback = _loop(single)
         else:
@@ -145,9 +147,15 @@ class BodyForce:
             return self._sentence(external, 'it failed')
         return self._sentence(external, _words(error))
 
-    @property
-    def _by_body(self) -> bool:
-        return bool(self.is_compiled or (_PLAIN and self._wanted))
+    def _takes_only_one(self, numbers: np.ndarray) -> bool:
+        """Return whether Python can call it for one body, and not for all at once."""
+        for call, state in ((self._of_all, numbers), (self._of_body, numbers[0])):
+            try:
+                call(0.0, state)
+            except Exception:  # noqa: BLE001 - reported when it is tried for all
+                continue
+            return call == self._of_body
+        return False
 
     def _sentence(self, external: External, what: str) -> str:
         return f'body_force {self.name} failed at t = {external.moment[0]:.9g} s: {what}'
@@ -160,8 +168,8 @@ class BodyForce:
             single.compile((types.float64, *[_ROW] * 4))
             # The result must be two vectors, too.
             _loop(single)
-        except (NumbaError, TypeError, ValueError, AttributeError) as error:
-            self._error = ValueError(str(error).strip().split('\n')[0])
+        except Exception as error:  # noqa: BLE001 - Numba lets many kinds through
+            self._error = ValueError(_words(error).split('\n')[0])
             return None
         self._error = None
         return single
