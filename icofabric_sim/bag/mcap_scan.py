@@ -54,11 +54,19 @@ class ScannedMessage(NamedTuple):
 class McapScan:
     """One pass over the records of a file; no more than a chunk is in memory."""
 
-    def __init__(self, path: Path, *, on_damage: Callable[[str], None]) -> None:
-        """Scan the file at `path`; `on_damage` is called for chunks that are left out."""
+    def __init__(
+        self, path: Path, *, on_damage: Callable[[str], None],
+        on_topic: Callable[[ScannedTopic], None],
+    ) -> None:
+        """
+        Scan the file at `path`.
+
+        `on_damage` is called for chunks that are left out, `on_topic` for each topic, also for
+        one without messages.
+        """
         self.path = path
         self.compressed = False  # whether a chunk was, among those read so far
-        self._on_damage = on_damage
+        self._on_damage, self._on_topic = on_damage, on_topic
         self._schemas: dict[int, tuple[str, str]] = {}
         self._topics: dict[int, ScannedTopic] = {}
 
@@ -149,6 +157,7 @@ class McapScan:
             self._topics[number] = ScannedTopic(
                 name, *self._schemas[schema], described.get('offered_qos_profiles', ''),
                 described.get('topic_type_hash', ''))
+            self._on_topic(self._topics[number])
 
 
 def _plain(data: bytes, compression: str) -> bytes:

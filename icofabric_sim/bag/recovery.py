@@ -87,7 +87,7 @@ def recover_bag(
                 if on_progress is not None and count % _PROGRESS_EVERY == 0:
                     on_progress((index + part) / len(files))
         damage = '; '.join(damages)
-        if not writer.counts:
+        if not any(writer.counts.values()):
             raise BagError(
                 f'nothing can be recovered from {source}: no message was complete on the disk'
                 + (f' ({damage})' if damage else ''))
@@ -117,6 +117,7 @@ class _Copy:
         self.counts: dict[str, int] = {}
         self._file: BagFile | None = None
         self._types: dict[str, str] = {}
+        self._new: list[ScannedTopic] = []  # not yet in the file, which begins with a message
         self._times: tuple[int, int] | None = None
         self._custom: dict[str, str] = {}
         self._custom_topic: str | None = None
@@ -126,6 +127,12 @@ class _Copy:
         """Have the next message begin a file of its own, as in the source."""
         self._split_due = self._file is not None
 
+    def add_topic(self, topic: ScannedTopic) -> None:
+        """Declare a topic, which may have no messages; the same again changes nothing."""
+        if topic.name not in self._types:
+            self._types[topic.name] = topic.type_name
+            self._new.append(topic)
+
     def write(self, message: ScannedMessage) -> None:
         topic, nanoseconds = message.topic, message.nanoseconds
         if self._file is None:
@@ -133,19 +140,13 @@ class _Copy:
                 self.path, self.storage, compression='zstd' if self.compressed else 'none')
             if decode_custom(topic.type_name, message.data) is not None:
                 self._custom_topic = topic.name
-        known = self._types.setdefault(topic.name, topic.type_name)
+        known = self._types[topic.name]
         if known != topic.type_name:
             raise BagError(f'{topic.name} is both {known} and {topic.type_name}')
         if self._split_due:
             self._split_due = False
             self._file.split()
-        if topic.name not in self.counts:
-            self.counts[topic.name] = 0
-            described = foreign_definition(topic.type_name, topic.definition)
-            self._file.add_topic(TopicEntry(
-                topic.name, topic.type_name,
-                described._replace(digest=topic.digest) if topic.digest else described,
-                parse_qualities_of_service(topic.qos)))
+        self._declare()
         self._file.write(topic.name, nanoseconds, message.data)
         self.counts[topic.name] += 1
         first, last = self._times or (nanoseconds, nanoseconds)
@@ -153,8 +154,20 @@ class _Copy:
         if topic.name == self._custom_topic:
             self._custom = merge_custom([(topic.type_name, message.data)], self._custom)
 
+    def _declare(self) -> None:
+        assert self._file is not None
+        for topic in self._new:
+            self.counts[topic.name] = 0
+            described = foreign_definition(topic.type_name, topic.definition)
+            self._file.add_topic(TopicEntry(
+                topic.name, topic.type_name,
+                described._replace(digest=topic.digest) if topic.digest else described,
+                parse_qualities_of_service(topic.qos)))
+        self._new.clear()
+
     def finish(self, damage: str) -> RecoveryReport:
         assert self._file is not None and self._times is not None
+        self._declare()
         self._file.close(self._custom)
         self._file = None
         return RecoveryReport(self.path, self.counts, *self._times, self._custom, damage)
@@ -179,7 +192,9 @@ def _read(path: Path, writer: _Copy, damages: list[str]) -> _Read:
 
 def _read_mcap(path: Path, writer: _Copy, damages: list[str]) -> _Read:
     size = max(1, path.stat().st_size)
-    scan = McapScan(path, on_damage=lambda text: damages.append(f'{path.name}: {text}'))
+    scan = McapScan(
+        path, on_damage=lambda text: damages.append(f'{path.name}: {text}'),
+        on_topic=writer.add_topic)
     for message in scan.messages():
         writer.compressed = scan.compressed
         yield message.offset / size, message
@@ -195,6 +210,8 @@ def _read_sqlite3(path: Path, writer: _Copy, damages: list[str]) -> _Read:
                 topic.name: ScannedTopic(
                     topic.name, topic.type_name, topic.definition, topic.profiles, topic.digest)
                 for topic in file.topics}
+            for topic in topics.values():
+                writer.add_topic(topic)
             for number, (name, nanoseconds, data) in enumerate(
                     file.messages(None, None, None, by_time=False)):
                 yield number / count, ScannedMessage(topics[name], nanoseconds, bytes(data), 0)

@@ -28,7 +28,7 @@ from icofabric_sim import messages
 from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap, recovery
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.storage import definition, quality_of_service, TopicEntry
-from icofabric_sim.messages import StringBytes
+from icofabric_sim.messages import Float64MultiArrayBytes, StringBytes, WrenchStampedBytes
 from mcap.writer import Writer
 import pytest
 
@@ -128,7 +128,7 @@ def test_killed_at_any_moment_all_but_the_last_second_is_saved(
         count, last = check_prefix(destination)
         assert count > 10
         assert last > moment - 1_000_000_000
-        assert report.topics == {'/icofabric/recording': 1, '/clock': count}
+        assert report.topics == {'/icofabric/recording': 1, '/clock': count, '/weave': 0}
         assert report.end_time == last and report.damage
         assert report.custom == {'scene': 'small'}
 
@@ -243,6 +243,37 @@ def test_recovering_a_whole_bag_copies_it(
         recover_bag(tmp_path / 'bag', tmp_path / 'copy')
     with BagReader(tmp_path / 'copy') as copy:
         assert list(copy.messages()) == records
+
+
+@STORAGES
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_topics_without_messages_are_kept(
+    tmp_path: Path, storage: str, compression: str,
+) -> None:
+    file = BagFile(tmp_path / 'bag', storage, compression=compression)
+    silent = {'/pushes': (WrenchStampedBytes.TYPE, False, 100), '/broken': (
+        Float64MultiArrayBytes.TYPE, True, 1)}
+    for number in range(3):
+        if number == 2:
+            file.split()
+        for name, (type_name, latched, depth) in {
+                '/early': (StringBytes.TYPE, False, 10), **silent}.items():
+            if number < 2:
+                file.add_topic(TopicEntry(
+                    f'{name}_{number}', type_name, definition(type_name),
+                    [quality_of_service(latched=latched, depth=depth)]))
+        file.write('/early_0', number, StringBytes('x').to_bytes())
+        file.flush()
+    shutil.copytree(tmp_path / 'bag', tmp_path / 'killed')
+    file.close({})
+    report = recover_bag(tmp_path / 'killed', tmp_path / 'again')
+    assert report.damage
+    with BagReader(tmp_path / 'bag') as closed, BagReader(tmp_path / 'again') as again:
+        assert list(closed.topics.items()) == list(again.topics.items())
+        assert [topic.message_count for topic in again.topics.values()] == [3, 0, 0, 0, 0, 0]
+        assert {(topic.depth, topic.latched) for topic in again.topics.values()} == {
+            (10, False), (100, False), (1, True)}
+    assert report.topics == {name: topic.message_count for name, topic in again.topics.items()}
 
 
 def test_a_message_that_is_cut_is_left_out(tmp_path: Path) -> None:
