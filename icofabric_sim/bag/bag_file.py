@@ -110,6 +110,11 @@ class BagFile:
         _check_there(self._file)
 
     @property
+    def next_name(self) -> str:
+        """Name of the file that the next split begins."""
+        return self._name(len(self._finished) + 1)
+
+    @property
     def message_count(self) -> int:
         """Messages that are in the files, those that still wait not counted."""
         count = sum(tally.message_count for _, tally in self._finished)
@@ -158,8 +163,11 @@ class BagFile:
             raise BagError(f'{self.path} is not open for writing')
         return self._current
 
+    def _name(self, number: int) -> str:
+        return f'{self.path.name}_{number}{STORAGES[self._storage]}'
+
     def _open_next(self) -> None:
-        name = f'{self.path.name}_{len(self._finished)}{STORAGES[self._storage]}'
+        name = self._name(len(self._finished))
         path = self.path / name
         described = to_yaml(self._describe([(name, Tally())]))
         self._current_first = None

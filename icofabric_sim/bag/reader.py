@@ -14,8 +14,11 @@
 """Reading a recorded run: its topics, its messages in time order, and its custom data."""
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator
+import contextlib
 import heapq
+import json
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -23,7 +26,8 @@ from typing import NamedTuple, Self
 from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
 from icofabric_sim.bag.parts import Part
-from icofabric_sim.bag.storage import decode_custom, merge_custom, STORAGES
+from icofabric_sim.bag.storage import decode_custom, merge_custom, PART, REPEATED, STORAGES
+from icofabric_sim.messages import StringBytes
 from rosbags.interfaces import Qos, QosDurability
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
@@ -34,7 +38,11 @@ _KEPT_OPEN = 16
 
 
 class BagTopic(NamedTuple):
-    """A topic of a bag; latched: offered transient local."""
+    """
+    A topic of a bag; latched: offered transient local.
+
+    `message_count` includes what the files of a split bag repeat of earlier ones.
+    """
 
     type_name: str
     message_count: int
@@ -48,7 +56,8 @@ class BagReader:
     Reads a bag folder, or a bare .mcap or .db3 file; open from its construction to `close`.
 
     Messages come one by one from the files, which are opened when their turn comes: a bag may be
-    larger than the memory, and have more files than a process may open.
+    larger than the memory, and have more files than a process may open. Latched messages that a
+    later file of a split bag repeats are left out, unless that file is read by itself.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -56,6 +65,7 @@ class BagReader:
         self.path = Path(path).expanduser()
         check_finished(self.path)
         self._open_parts: dict[Path, Part] = {}
+        self._headings: dict[Path, tuple[int, dict[str, str]]] = {}
         self._custom: dict[str, str] = {}
         self._mode = ''
         self._closed = False
@@ -187,8 +197,48 @@ class BagReader:
         return part
 
     def _read(
-        self, path: Path, wanted: set[str], start: int | None, stop: int | None,
+        self, path: Path, wanted: Collection[str], start: int | None, stop: int | None,
     ) -> Iterator[tuple[str, int, bytes]]:
+        """Yield what one file adds to the bag."""
+        time, counts = self._repeated(path)
+        stored = self._stored(path, wanted, start, stop)
+        if not counts.keys() & wanted:
+            yield from stored
+            return
+        for message in stored:
+            # The repetitions are the first of their time.
+            if message[1] == time and counts[message[0]] > 0:
+                counts[message[0]] -= 1
+            else:
+                yield message
+
+    def _repeated(self, path: Path) -> tuple[int, Counter[str]]:
+        """Return the time [ns] and, by topic, the number of messages known from earlier files."""
+        number = [file.path for file in self._files].index(path)
+        if not number or not any(topic.latched for topic in self.topics.values()):
+            return 0, Counter()
+        time, said = self._heading(path)
+        _, before = self._heading(self._files[number - 1].path)
+        try:
+            # After a file that is lost they are news.
+            follows = int(said.get(PART, 0)) == int(before.get(PART, 0)) + 1
+            return time, Counter(json.loads(said.get(REPEATED, '{}')) if follows else {})
+        except (TypeError, ValueError):
+            return 0, Counter()
+
+    def _heading(self, path: Path) -> tuple[int, dict[str, str]]:
+        """Return the time [ns] and the custom data with which a file begins."""
+        if path not in self._headings:
+            names = [name for name, topic in self.topics.items()
+                     if name.endswith('/recording') and topic.type_name == StringBytes.TYPE]
+            with contextlib.closing(self._stored(path, names, None, None)) as stored:
+                _, time, data = next(stored, ('', 0, b''))
+            self._headings[path] = time, decode_custom(StringBytes.TYPE, data) or {}
+        return self._headings[path]
+
+    def _stored(
+        self, path: Path, wanted: Collection[str], start: int | None, stop: int | None,
+    ) -> Generator[tuple[str, int, bytes], None, None]:
         part = self._part(path)
         try:
             yield from part.messages(wanted, start, stop)

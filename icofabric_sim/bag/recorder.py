@@ -15,7 +15,9 @@
 from __future__ import annotations
 
 import atexit
+from collections import deque
 from collections.abc import Callable, Mapping
+import json
 import operator
 from pathlib import Path
 import threading
@@ -27,14 +29,17 @@ from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.folder import absolute_path, BagError
 from icofabric_sim.bag.handover import End, Handover, Heading, Message, RecorderStatistics
 from icofabric_sim.bag.storage import (
+    CONTINUED,
     definition,
     encode_custom,
     PART,
     quality_of_service,
+    REPEATED,
     STOPPED,
     TopicEntry,
 )
 from icofabric_sim.messages import StringBytes
+from rosbags.interfaces import QosDurability
 
 # [s] of wall time: a killed recording may lose a second, and the writing takes part of it.
 FLUSH_INTERVAL = 0.25
@@ -57,7 +62,8 @@ class BagRecorder:
 
     Custom data goes to the metadata when the bag is closed, and at once into a message of JSON on
     `custom_topic`, the first of the bag: a bag that is killed has no metadata. Each further file
-    of a split bag begins with them too, so that each can be read by itself.
+    of a split bag begins with them too, and with the last message of each latched topic, so that
+    each can be read by itself; BagReader leaves out these repetitions where it reads the whole.
     """
 
     def __init__(
@@ -255,7 +261,7 @@ class BagRecorder:
                 if flush_due is None:
                     flush_due = time.monotonic() + self._flush_interval
             elif isinstance(item, TopicEntry):
-                writing.file.add_topic(item)
+                writing.add_topic(item)
             elif item is not None:
                 writing.heading[item.key] = item.value
             if flush_due is not None and time.monotonic() >= flush_due:
@@ -287,17 +293,42 @@ class _Writing:
         self.file, self.heading = file, heading
         self.extra = 0  # messages that the recorder adds itself
         self._custom_topic = custom_topic
-        self._part = 0
+        self._part = self._latest = 0
+        self._latched: dict[str, deque[bytes]] = {}  # what a late joiner would get of each topic
+
+    def add_topic(self, topic: TopicEntry) -> None:
+        self.file.add_topic(topic)
+        (qos,) = topic.qos
+        if qos.durability is QosDurability.TRANSIENT_LOCAL and topic.name != self._custom_topic:
+            self._latched[topic.name] = deque(maxlen=qos.depth)
 
     def write(self, message: Message) -> None:
         if self.file.must_split(message.nanoseconds):
-            self.file.split()
-            self._part += 1
-            if self.heading:
-                said = encode_custom({**self.heading, PART: str(self._part)})
-                self.file.write(self._custom_topic, message.nanoseconds, said)
-                self.extra += 1
+            self._begin_file(message.nanoseconds)
         self.file.write(message.topic, message.nanoseconds, message.data)
+        self._latest = max(self._latest, message.nanoseconds)
+        if message.topic in self._latched:
+            self._latched[message.topic].append(message.data)
+
+    def _begin_file(self, nanoseconds: int) -> None:
+        """Split the bag; with custom data each file tells its neighbours and the latched state."""
+        if self.heading:
+            said = encode_custom({CONTINUED: self.file.next_name})
+            self._add(self._custom_topic, self._latest, said)
+        self.file.split()
+        self._part, self._latest = self._part + 1, nanoseconds
+        if not self.heading:
+            return
+        counts = {topic: len(kept) for topic, kept in self._latched.items() if kept}
+        self._add(self._custom_topic, nanoseconds, encode_custom(
+            {**self.heading, PART: str(self._part), REPEATED: json.dumps(counts)}))
+        for topic, kept in self._latched.items():
+            for data in kept:
+                self._add(topic, nanoseconds, data)
+
+    def _add(self, topic: str, nanoseconds: int, data: bytes) -> None:
+        self.file.write(topic, nanoseconds, data)
+        self.extra += 1
 
 
 def _check_custom(custom: Mapping[str, str]) -> None:

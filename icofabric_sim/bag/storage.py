@@ -42,8 +42,10 @@ UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
 
 # What rosbag2 writes for a duration that was never set (rmw/time.h, RMW_DURATION_INFINITE).
 _NO_LIMIT = QosTime(9223372036, 854775807)
-# Key in the custom data of which file of a split bag they begin, but for the first.
-PART = 'part'
+# Keys in the custom data of one file of a split bag: its number, but for the first; how many
+# messages of each latched topic repeat what earlier files hold, as JSON; and at its end the name
+# of the next file.
+PART, REPEATED, CONTINUED = 'part', 'repeated', 'continued_in'
 # Key under which a bag says why its recording ended early.
 STOPPED = 'recording_stopped'
 # Level of zstd: the positions of bodies hardly shrink, so the quickest is the best.
@@ -243,11 +245,14 @@ def merge_custom(
     """
     Put together the custom data that messages of one topic hold, the later over the earlier.
 
-    Those at the begin of a further file repeat what is known, and say what holds there.
+    Those at the begin of a further file repeat what is known, and say what holds there. The last
+    file of a bag has no next one.
     """
     custom = dict(known or {})
     for type_name, data in messages:
         said = decode_custom(type_name, data) or {}
-        if not (custom and PART in said):
+        if custom and PART in said:
+            custom.pop(CONTINUED, None)
+        else:
             custom.update(said)
     return custom

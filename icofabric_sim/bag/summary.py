@@ -21,6 +21,7 @@ from pathlib import Path
 from icofabric_sim.bag import BagTopic
 from icofabric_sim.bag.event_text import digest_events, event_rows, EventDigest
 from icofabric_sim.bag.recorded_run import PoseFrame, RecordedInput, RecordedRun
+from icofabric_sim.bag.storage import CONTINUED, PART
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
 from icofabric_sim.scene.scene import Scene
@@ -89,8 +90,12 @@ class BagSummary:
             ('bag', f'{self.path} ({self.size / 1e6:.3g} MB)'),
             ('span', f'{seconds(self.start):.6g} s to {seconds(self.end):.6g} s of simulated '
                      'time'),
-            *self._topic_rows(),
         ]
+        if PART in self.custom:
+            rows.append((
+                'file', f'number {self.custom[PART]} of a split bag, from 0; earlier files hold '
+                'the inputs and events before it'))
+        rows += self._topic_rows()
         if self.scene is not None:
             weave, scene = self.scene.weave, self.scene
             size = ' x '.join(str(count) for count in weave.size)
@@ -223,6 +228,8 @@ class BagSummary:
     def _ending(self) -> str:
         if 'recording_stopped' in self.custom:
             return f'the recording stopped before the run did: {self.custom["recording_stopped"]}'
+        if CONTINUED in self.custom:
+            return f'closed properly; the run continues in {self.custom[CONTINUED]}'
         if self.custom and not self.finished and 'animation' not in self.custom:
             return 'the recorder was killed: this is what was saved of the run'
         if self.custom.get('interrupted') == 'true':

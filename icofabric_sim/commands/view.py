@@ -111,6 +111,9 @@ def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
     from icofabric_sim.viewer.sight import Sight
     with bag_errors(path):
         source = ReplaySource(path)
+        if source.lacks:
+            source.close()
+            raise InputError(source.lacks)
     sight, report = Sight(), ReplayReport('/icofabric', source)
     with source:
         player = Player(source, SightSink(sight), stay=True, report=report.message)

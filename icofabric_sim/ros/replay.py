@@ -312,6 +312,8 @@ def _introduce(node: ReplayNode) -> None:
     logger.info(
         f'playing {source.path}: {len(source.topics)} topics of {source.fabric}, '
         f't = {seconds(source.start):.9g} s to {seconds(source.end):.9g} s')
+    if source.lacks:
+        logger.warning(source.lacks)
     others = [name for name in source.fabrics if name != source.fabric]
     if others:
         logger.warning(

@@ -87,14 +87,21 @@ def test_split_by_time(tmp_path: Path, storage: str, compression: str) -> None:
             first, *rest = part.messages()
             said = json.loads(messages.decode_string(first[2]))
             assert first[0] == '/icofabric/recording' and rest[0][1] == first[1]
-            assert said == ({**CUSTOM, 'part': str(number)} if number else CUSTOM)
-            assert part.custom == said
-            assert rest == [item for item in records if part.start_time <= item[1]
-                            <= part.end_time]
+            follows = {} if number == 2 else {'continued_in': f'bag_{number + 1}{suffix}'}
+            if follows:
+                last = rest.pop()
+                assert json.loads(messages.decode_string(last[2])) == follows
+                assert last[:2] == ('/icofabric/recording', part.end_time)
+            assert said == ({**CUSTOM, 'part': str(number), 'repeated': '{"/weave": 1}'}
+                            if number else CUSTOM)
+            assert part.custom == {**said, **follows}
+            # The latched message is repeated, after the heading.
+            repeated = [('/weave', first[1], records[0][2])] if number else []
+            assert rest == [*repeated, *(
+                item for item in records if part.start_time <= item[1] <= part.end_time)]
             assert set(part.topics) == {'/icofabric/recording', '/weave', '/poses', '/clock'}
             assert part.topics['/weave'].latched
-            # As rosbag2 does it, a latched message is not repeated.
-            assert part.topics['/weave'].message_count == (number == 0)
+            assert part.topics['/weave'].message_count == 1
             begins.append((part.start_time, part.end_time))
     assert begins == [(0, 2_000_000_000), (2_100_000_000, 4_100_000_000),
                       (4_200_000_000, 5_900_000_000)]
@@ -110,7 +117,7 @@ def test_metadata_and_readers_of_others(tmp_path: Path, storage: str, compressio
     files = information['files']
     assert [item['path'] for item in files] == information['relative_file_paths']
     assert len(files) == 3
-    count = len(records) + 3
+    count = len(records) + 7  # three headings, two ends, two repetitions
     assert information['message_count'] == count == sum(item['message_count'] for item in files)
     assert count == sum(
         item['message_count'] for item in information['topics_with_message_count'])
@@ -129,7 +136,9 @@ def test_metadata_and_readers_of_others(tmp_path: Path, storage: str, compressio
         found = [(connection.topic, time, bytes(data))
                  for connection, time, data in other.messages()
                  if connection.topic != '/icofabric/recording']
-        assert found == records
+        repeated = [('/weave', moment, records[0][2])
+                    for moment in (2_100_000_000, 4_200_000_000)]
+        assert sorted(found) == sorted([*records, *repeated])
         assert {item.topic: item.digest for item in other.connections}['/clock'] == (
             'RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564')
 
@@ -167,7 +176,9 @@ def test_independent_mcap_reader_reads_each_file(tmp_path: Path, compression: st
             for _, channel, message in reader.iter_messages():
                 if channel.topic != '/icofabric/recording':
                     found.append((channel.topic, message.log_time, message.data))
-    assert found == records
+    repeated = [item for item in found if item[0] == '/weave'][1:]
+    assert [data for *_, data in repeated] == (len(paths) - 1) * [records[0][2]]
+    assert [item for item in found if item not in repeated] == records
 
 
 @STORAGES
@@ -234,6 +245,41 @@ def test_later_files_say_what_holds_there(tmp_path: Path) -> None:
         assert reader.custom == whole
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
     assert recover_bag(tmp_path / 'bag', tmp_path / 'again').custom == whole
+
+
+@STORAGES
+def test_each_file_begins_with_the_latched_state(tmp_path: Path, storage: str) -> None:
+    records = [('/bodies', 0, b'bodies'), ('/weave', 0, b'first'), ('/clock', 0, b'0'),
+               ('/clock', 2, b'2'), ('/weave', 2, b'second'), ('/weave', 3, b'third'),
+               ('/clock', 4, b'4'), ('/weave', 6, b'third'), ('/clock', 6, b'6')]
+    with BagRecorder(
+            tmp_path / 'bag', custom=CUSTOM, storage=storage, split_duration=1e-9) as recorder:
+        recorder.add_topic('/bodies', StringBytes.TYPE, latched=True)
+        recorder.add_topic('/weave', StringBytes.TYPE, latched=True, depth=2)
+        recorder.add_topic('/clock', ClockBytes.TYPE)
+        for item in records:
+            assert recorder.write(*item)
+    assert recorder.statistics.written == 1 + len(records)
+    files = [tmp_path / 'bag' / name
+             for name in metadata_of(tmp_path / 'bag')['relative_file_paths']]
+    begins = []
+    for file in files:
+        with BagReader(file) as part:
+            begins.append([data for _, time, data in part.messages(['/bodies', '/weave'])
+                           if time == part.start_time])
+    assert begins == [
+        [b'bodies', b'first'], [b'bodies', b'first', b'second'],
+        [b'bodies', b'second', b'third'], [b'bodies', b'second', b'third', b'third']]
+    for path in (tmp_path / 'bag', recover_bag(tmp_path / 'bag', tmp_path / 'again').path):
+        with BagReader(path) as reader:
+            assert without_custom(reader) == records
+            assert list(reader.messages(['/weave'], start=4)) == [records[7]]
+            assert reader.topics['/weave'].message_count == 9
+    # After a file that is lost the state is news.
+    files[1].unlink()
+    with BagReader(recover_bag(tmp_path / 'bag', tmp_path / 'lacking').path) as reader:
+        assert list(reader.messages(['/weave'])) == [
+            records[1], ('/weave', 4, b'second'), ('/weave', 4, b'third'), records[7]]
 
 
 @STORAGES

@@ -23,6 +23,7 @@ from icofabric_sim.bag import BagError, BagRecorder, recover_bag
 from icofabric_sim.bag.event_text import describe_event, digest_events, event_rows
 from icofabric_sim.bag.recorded_run import active_inputs, RecordedEvent, RecordedRun
 from icofabric_sim.bag.summary import summarise_bag
+from icofabric_sim.commands.main import main
 from icofabric_sim.messages import ClockBytes, PoseArrayBytes, StringBytes
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import STRAIN_CLASSES
@@ -231,7 +232,9 @@ def test_bag_without_the_last_word_of_its_recorder(tmp_path: Path) -> None:
     assert 'the recorder was killed' in text and 'closed properly' not in text
 
 
-def test_bag_of_something_else_is_told_apart(tmp_path: Path) -> None:
+def test_bag_of_something_else_is_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
     with BagRecorder(tmp_path / 'clock') as recorder:
         recorder.add_topic('/clock', ClockBytes.TYPE)
         recorder.write('/clock', 5, ClockBytes().stamped(5))
@@ -246,6 +249,8 @@ def test_bag_of_something_else_is_told_apart(tmp_path: Path) -> None:
         assert len(run.pose_times()) == 1
         with pytest.raises(BagError, match='does not hold its scene'):
             run.scene_at(5)
+    assert main(['view', str(tmp_path / 'poses')]) == 2
+    assert 'does not hold its scene (/robot/weave)' in capsys.readouterr().err
 
 
 def test_scene_that_cannot_be_built_is_named(tmp_path: Path) -> None:

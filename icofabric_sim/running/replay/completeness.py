@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 from icofabric_sim.bag import STOPPED
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.bag.storage import PART
 from icofabric_sim.messages import (
     decode_float64_multi_array,
     decode_marker_points,
@@ -82,8 +83,10 @@ class Completeness:
         self.dropped, self._given = (_counts(custom.get(name, '')) for name in (DROPPED, GIVEN))
         # A full disk ends a bag early, and a killed recorder writes no end.
         self._is_whole = GIVEN in custom and STOPPED not in custom
-        # Without it outputs that were due are unknown, and other versions may have other rules.
-        self._says_pauses = PAUSED in custom and custom.get('version') == __version__
+        # Without it outputs that were due are unknown, and other versions may have other rules. A
+        # later file of a split bag does not tell the pauses before it.
+        self._says_pauses = (
+            PAUSED in custom and PART not in custom and custom.get('version') == __version__)
         self._is_running = custom.get(PAUSED) == 'false'
         # Of several fabrics any may have published the time.
         self._left_out = (topics.CLOCK, topics.TF) if len(run.nodes) > 1 else ()

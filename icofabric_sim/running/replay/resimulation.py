@@ -26,6 +26,7 @@ import time as wall
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.bag.storage import PART
 from icofabric_sim.messages import decode_string, decode_uint8_multi_array, topics
 from icofabric_sim.messages.input_topics import decode_input, input_type, INPUT_TYPES
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
@@ -110,6 +111,11 @@ class Resimulation:
     def simulation(self) -> Simulation:
         """The simulation, built when first needed."""
         if self._simulation is None:
+            if PART in self.run.custom:
+                raise NotRepeatable(
+                    f'{self.run.path} is file {self.run.custom[PART]} of a split bag, the run '
+                    'began before it: only the folder with all its files, or a time after a '
+                    'checkpoint in this file, can be simulated again')
             if self._first is None:
                 raise NotRepeatable(
                     f'{self.run.path} does not begin with its scene ({self.run.node}/weave); only '

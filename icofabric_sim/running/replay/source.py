@@ -30,6 +30,7 @@ _POSES = outputs.POSES.name[1:]
 _EVENTS = (outputs.EVENTS.name[1:], outputs.CHECKPOINT.name[1:])
 # What a bag says of itself; the node publishes no such topic.
 _OF_THE_BAG = '/recording'
+_WEAVE = outputs.WEAVE.name.removeprefix('~')
 # How far back the last message of each topic is searched at first [ns]; doubled each time.
 _FIRST_REACH = 50_000_000
 _SMALLEST_DEPTH = 10
@@ -92,6 +93,15 @@ class ReplaySource:
     def has_poses(self) -> bool:
         """Whether there are poses to step along."""
         return f'{self.fabric}{_POSES}' in self.topics
+
+    @property
+    def lacks(self) -> str:
+        """Sentence that the scene, which pages draw, is missing; '': it is there."""
+        stored = self._reader.topics.get(f'{self.fabric}{_WEAVE}')
+        if stored is not None and stored.message_count:
+            return ''
+        return (f'{self.path} does not hold its scene ({self.fabric}{_WEAVE}), so pages have '
+                'nothing to draw; if it is a file of a split bag, take the folder')
 
     def state_at(self, time: int) -> Frame:
         """

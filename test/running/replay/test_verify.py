@@ -23,6 +23,7 @@ from typing import Any
 from driven_runs import Drive, in_order, lively_scene, MILLISECOND, random_pushes
 from icofabric_sim.bag import BagReader, BagRecorder, recover_bag
 from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.commands.main import main
 from icofabric_sim.messages import (
     ClockBytes,
@@ -34,7 +35,8 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
-from icofabric_sim.running.replay.resimulation import resimulate_to
+from icofabric_sim.running.replay.resimulation import NotRepeatable, resimulate_to
+from icofabric_sim.running.replay.source import ReplaySource
 from icofabric_sim.running.replay.verify import Verification, verify_run
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
@@ -584,3 +586,36 @@ def test_several_fabrics_in_one_bag(pushed: Path, tmp_path: Path) -> None:
     assert result.node == '/icofabric' and result.verdict == 'identical'
     # Nobody knows whose clock it was.
     assert result.left_out['/clock'] > 0
+
+
+def test_files_of_a_split_bag_are_read_by_themselves(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / 'bag'
+    record_push(path, swing_scene(**{
+        'record.split_duration': 0.12, 'groups.top': 'z_max', 'publish.group': 'top'}))
+    files = sorted(path.glob('*.mcap'))
+    assert len(files) == 3 and verify(path).verdict == 'identical'
+    result = verify(files[0])
+    assert result.verdict == 'identical' and result.compared['~/poses'] > 5
+    for number, file in enumerate(files):
+        summary = summarise_bag(file)
+        last = number == 2
+        assert summary.rows()[-1] == ('end', 'closed properly' + (
+            '' if last else f'; the run continues in bag_{number + 1}.mcap'))
+        assert ('file' in dict(summary.rows())) == (number > 0)
+        assert summary.scene is not None and summary.last is not None
+        with ReplaySource(file) as source:
+            assert source.lacks == ''
+            sent = [topic.name for topic, _ in source.state_at(source.start).messages]
+            assert {'~/weave', '~/bodies', '~/broken'} <= set(sent)
+        if number:
+            with pytest.raises(NotRepeatable, match=f'file {number} of a split bag.*the folder'):
+                verify(file)
+    assert main(['info', str(files[1])]) == 0 and 'was killed' not in capsys.readouterr().out
+    # A checkpoint is enough to begin at.
+    drive = Drive(tmp_path / 'driven', swing_scene(**{'record.split_duration': 0.12}), [
+        (150, lambda drive: drive.save())]).run()
+    with RecordedRun(drive.bag.path / 'driven_1.mcap') as run:
+        [time] = run.times_of(CHECKPOINT.name)
+        result = verify_run(run, start=time)
+    assert result.verdict == 'identical' and result.start == time
+    assert result.compared['~/poses'] > 3
