@@ -498,7 +498,14 @@ STATIC: tuple[Specification, ...] = (
         FIXED,
     ),
     _s('publish_clock', True, '', 'publish /clock', FIXED),
-    _s('frame_id', 'world', '', 'frame of all that is published', FIXED),
+    _s(
+        'frame_id',
+        'world',
+        '',
+        'frame of all that is published: no leading /, not the frame of a body, and not empty '
+        'where `tf.group` is set',
+        FIXED,
+    ),
     _s('start_paused', False, '', 'start in pause', FIXED),
     _s('reset_time', False, '', 'a reset also sets the time to 0', AT_ONCE),
     _s(

@@ -14,9 +14,13 @@
 """The bodies whose poses are published and recorded, and those that are frames of tf2."""
 
 from collections.abc import Mapping
+import re
 
+from icofabric_sim.checks import shown
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 import numpy as np
+
+_BODY_FRAME = re.compile('icosahedron(_[0-9]+)?')
 
 
 def published_bodies(
@@ -37,6 +41,20 @@ def framed_bodies(
 ) -> np.ndarray | None:
     """Numbers of the bodies that `tf.group` makes frames of, ascending; None: none."""
     return _bodies_of(parameters, 'tf.group', groups, 'none')
+
+
+def check_frame(parameters: Parameters) -> None:
+    """Refuse a `frame_id` that tf2 cannot resolve, or that is the frame of a body."""
+    frame, reason = parameters['frame_id'], ''
+    if frame.startswith('/'):
+        reason = 'tf2 refuses a leading /'
+    elif _BODY_FRAME.fullmatch(frame):
+        reason = 'this is the frame of a body'
+    elif not frame and parameters['tf.group']:
+        reason = 'tf2 refuses an empty one, in which the frames of tf.group would be'
+    if reason:
+        raise ParameterError(
+            'frame_id', f'frame_id is {shown(frame)}: {reason}; choose a name such as world')
 
 
 def _bodies_of(

@@ -64,7 +64,7 @@ from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.profiles import check_profile
-from icofabric_sim.scene.published import framed_bodies, published_bodies
+from icofabric_sim.scene.published import check_frame, framed_bodies, published_bodies
 from icofabric_sim.scene.radial import bend, check_radius
 from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
@@ -392,6 +392,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for family in ('charges', 'masses', 'supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
+    check_frame(parameters)
     for name in ('publish.group', 'tf.group'):
         if parameters[name]:
             _check_group(parameters, name)

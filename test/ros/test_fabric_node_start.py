@@ -45,6 +45,7 @@ BAD_STARTS = {
                   ['weave.size', 'no icosahedron']),
     'record path': ({'record.path': '{folder}'}, [], ['record.path', 'exists']),
     'step': ({'solver.step': 0.1}, [], ['solver.step', '0.1', 'stability limit']),
+    'frame': ({'frame_id': '/map'}, [], ['frame_id', '/map', 'leading /']),
     'ROS argument': ({}, ['--paramsfile', 'x'], ['--paramsfile']),
 }
 if find_spec('tf2_msgs') is None:

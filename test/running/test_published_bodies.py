@@ -92,6 +92,22 @@ def test_what_chooses_nobody_is_refused(changes, words):
         ico.load_scene('hanging_slab').with_changes(changes)
 
 
+@pytest.mark.parametrize('changes, words', [
+    ({'frame_id': '', 'tf.group': 'tip'}, "frame_id is '': tf2 refuses an empty one"),
+    ({'frame_id': '/world'}, "frame_id is '/world': tf2 refuses a leading /"),
+    ({'frame_id': 'icosahedron_3'}, 'this is the frame of a body'),
+    ({'frame_id': 'icosahedron'}, 'this is the frame of a body')])
+def test_frames_that_tf2_cannot_resolve_are_refused(changes, words):
+    with pytest.raises(ValueError, match=words):
+        ico.load_scene('hanging_slab').with_changes(changes)
+
+
+@pytest.mark.parametrize('frame', ['', 'map', 'robot/base', 'icosahedra'])
+def test_other_frames_are_taken(frame):
+    scene = ico.load_scene('hanging_slab').with_changes({'frame_id': frame})
+    assert scene.parameters['frame_id'] == frame
+
+
 def test_frames_are_what_other_tools_read(scene):
     simulation, outputs = ico.compile_scene(scene), Outputs(scene)
     simulation.advance_to(0.02)
