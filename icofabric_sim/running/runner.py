@@ -45,6 +45,7 @@ from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.precompile import counted_as_compiling
 from icofabric_sim.simulation.simulation import Simulation
 
 # Wall time between repeated live messages while the simulated time stands still [s].
@@ -307,7 +308,8 @@ class Runner:
         moves = request is not None or not (state.paused or state.failure or state.finished)
         if self._time.is_held() and moves:
             self._refresh()
-            self.commands.wait(_HELD_CHECK)
+            with counted_as_compiling():
+                self.commands.wait(_HELD_CHECK)
             return True
         if isinstance(request, AdvanceRequest):
             self._time.take_advance(request)

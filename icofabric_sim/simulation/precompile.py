@@ -25,8 +25,8 @@ has made (`ContactKernels`). If shells meet before, simulated time waits.
 """
 
 import atexit
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import os
 import pickle
 import subprocess
@@ -111,14 +111,23 @@ def compile_elsewhere(scene: Scene) -> None:
     if process is None:
         return
     _awaited.add(process)
-    compile_notice.begin(kept=True)
     try:
-        process.wait()
+        with counted_as_compiling():
+            process.wait()
     finally:
-        compile_notice.end()
         _awaited.discard(process)
     if _ending.is_set():
         raise RuntimeError('the process ends')
+
+
+@contextmanager
+def counted_as_compiling() -> Iterator[None]:
+    """Count the time of the block as compiling: it waits for another process or thread."""
+    try:
+        compile_notice.begin(kept=True)
+        yield
+    finally:
+        compile_notice.end()
 
 
 def _begin(task: bytes) -> subprocess.Popen[bytes] | None:
