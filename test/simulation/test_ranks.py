@@ -416,6 +416,40 @@ def test_one_rank_is_one_process():
         ico.compile_scene(scene, ranks=ranks)
 
 
+def test_a_simulation_on_every_rank_or_outside_the_block_is_refused(tmp_path):
+    program = tmp_path / 'every_rank.py'
+    program.write_text("""
+import sys
+import icofabric_sim as ico
+
+scene = ico.Scene.from_parameters({'weave.size': [3, 3, 3]})
+
+
+def refusal(ranks):
+    try:
+        ico.compile_scene(scene, ranks=ranks)
+    except Exception as error:
+        return f'{ranks.rank} {type(error).__name__}: {error}\\n'
+
+
+found = refusal(ico.Ranks())
+try:
+    with ico.Ranks() as ranks:
+        found += refusal(ranks)
+except ico.RankError:
+    found += 'block ended\\n'
+sys.stdout.write(found)
+""", encoding='utf-8')
+    done = launch(2, program, seconds=120.0)
+    assert done.returncode == 0, done.stderr
+    first = "a simulation is made on the first rank, not on rank 1: put it after 'if ranks.leads:'"
+    assert sorted(done.stdout.splitlines()) == sorted([
+        "0 ValueError: the other ranks serve within the block of 'with ico.Ranks() as ranks:' "
+        'only: put compile_scene(scene, ranks=ranks) into it',
+        f'0 ValueError: this scene cannot start: rank 1 of 2 has failed: {first}',
+        f'1 ValueError: {first}', f'1 ValueError: {first}', 'block ended'])
+
+
 def test_who_waits_where_others_compute_sleeps_instead_of_offering(monkeypatch):
     """Processes that compute go before one that offers the processor, and after one that wakes."""
     mpi = pytest.importorskip('mpi4py.MPI')

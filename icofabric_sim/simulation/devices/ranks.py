@@ -17,7 +17,7 @@ from contextlib import suppress
 from importlib import import_module
 import signal
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
@@ -58,6 +58,13 @@ class Ranks:
         # With which all ranks are to end, as the first one says: a launcher reports any of theirs.
         self.exit_status = 0
         self._shared_before = 1
+        self._is_entered = False
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied."""
+        raise TypeError(
+            'Ranks cannot be pickled or copied: they are processes of MPI; a Checkpoint of their '
+            'simulation can')
 
     @property
     def rank(self) -> int:
@@ -86,7 +93,7 @@ class Ranks:
 
     def __enter__(self) -> Self:
         """Begin the block that all processes run."""
-        self._shared_before = share_among(self.size)
+        self._shared_before, self._is_entered = share_among(self.size), True
         return self
 
     def __exit__(
@@ -134,9 +141,16 @@ def transport_for(
     checks.instance('ranks', ranks, Ranks, 'with ico.Ranks() as ranks: makes them')
     transport = ranks._transport
     if not ranks.leads:
-        raise ValueError(
+        error = ValueError(
             f'a simulation is made on the first rank, not on rank {ranks.rank}: put it after '
             "'if ranks.leads:'")
+        # The first one waits for this rank's answers.
+        transport.fail(error)
+        raise error
+    if not ranks._is_entered:
+        raise ValueError(
+            "the other ranks serve within the block of 'with ico.Ranks() as ranks:' only: put "
+            'compile_scene(scene, ranks=ranks) into it')
     if transport.has_ended:
         raise ValueError("the ranks have ended with their 'with' block")
     if ranks.size == 1:
