@@ -49,6 +49,9 @@ _processes: dict[object, subprocess.Popen[bytes]] = {}
 _MOST = 2
 # Processes that a thread waits for.
 _awaited: set[subprocess.Popen[bytes]] = set()
+# A forked child leaves the processes of its parent alone.
+os.register_at_fork(after_in_child=_processes.clear)
+os.register_at_fork(after_in_child=_awaited.clear)
 _LOWEST = 19  # priority
 # So often a process is begun for the same kernels.
 _TRIES = 3

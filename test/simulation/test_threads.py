@@ -14,6 +14,9 @@
 """The same bits for any number of threads, and a number that suits the machine and the fabric."""
 
 import logging
+import os
+import pickle
+import signal
 
 from fabrics import changed, LOADED, make_scene, RANDOM, same_state, SUPPORTED
 import icofabric_sim as ico
@@ -137,6 +140,31 @@ def test_more_threads_than_cores_are_clamped_with_a_warning(monkeypatch, caplog)
     alone = ico.compile_scene(changed(scene, {'solver.threads': 1}))
     alone.advance_to(0.01)
     assert same_state(simulation.snapshot(), alone.snapshot())
+
+
+def test_a_forked_child_continues_to_the_same_bits(forced):
+    forced(2)
+    simulation = ico.compile_scene(make_scene((3, 3, 3), **RANDOM))
+    simulation.advance_to(0.001)
+    start, reader, writer = simulation.snapshot(), *os.pipe()
+    child = os.fork()
+    if not child:
+        # Ends a child that waits for threads which are not there.
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(60)
+        try:
+            simulation.advance_to(0.01)
+            os.write(writer, pickle.dumps(simulation.snapshot()))
+        finally:
+            os._exit(0)
+    os.close(writer)
+    simulation.advance_to(0.01)
+    assert simulation.status.thread_count == 2
+    with os.fdopen(reader, 'rb') as pipe:
+        sent = pipe.read()
+    assert os.waitpid(child, 0)[1] == 0
+    assert same_state(pickle.loads(sent), simulation.snapshot())
+    assert not np.array_equal(start.position, simulation.snapshot().position)
 
 
 def test_an_error_in_one_thread_is_told(forced):

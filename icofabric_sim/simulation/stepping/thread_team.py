@@ -50,6 +50,19 @@ _LOOSE_PER_THREAD = 500
 _forced: ContextVar[int] = ContextVar('forced', default=0)
 
 
+# Teams of this process.
+_present: 'weakref.WeakSet[ThreadTeam]' = weakref.WeakSet()
+
+
+def _start_anew() -> None:
+    """Have teams start threads again in a forked child: those of the parent are not in it."""
+    for team in _present:
+        team.forget_threads()
+
+
+os.register_at_fork(after_in_child=_start_anew)
+
+
 def core_count() -> int:
     """Count the cores that this process may use."""
     if hasattr(os, 'sched_getaffinity'):
@@ -110,6 +123,7 @@ class ThreadTeam:
             packed.layout, packed.model.links, self.size,
             together=packed.model.coulomb is not None)
         self._pool: ThreadPoolExecutor | None = None
+        _present.add(self)
         self._teams: dict[int, Team] = {}
 
     @property
@@ -130,6 +144,10 @@ class ThreadTeam:
                 self._packed.layout, self._packed.model.links, self.size, together=True)
         self._sweeps = self._together
         self._rooms = [contact_scratch() for _ in range(self.size)]
+
+    def forget_threads(self) -> None:
+        """Start other threads at the next call."""
+        self._pool = None
 
     def alone(self) -> Team:
         """What kernels know of a team of one."""
