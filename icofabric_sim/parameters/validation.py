@@ -57,6 +57,10 @@ class ParameterError(ValueError):
         super().__init__(' '.join(message.splitlines()))
         self.name = name
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy by the arguments."""
+        return type(self), (self.name, *self.args), vars(self)
+
 
 @dataclass(frozen=True)
 class Parameters(Mapping[str, Value]):

@@ -63,6 +63,9 @@ class Refused(Exception):
         super().__init__(text)
         self.code = code
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.code, *self.args), vars(self)
+
 
 class View(NamedTuple):
     """The fabric at one moment."""

@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import partial
 import logging
 import subprocess
-from typing import TYPE_CHECKING
+from typing import NoReturn, TYPE_CHECKING
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
@@ -164,6 +164,13 @@ class Simulation:
         return (f'<Simulation at t = {self.time:.9g} s: {self.scene.body_count:,} bodies, '
                 f'{self.scene.connector_count:,} connectors, {self.status.method_name}, '
                 f'steps of {self.status.step:.6g} s>')
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied."""
+        raise TypeError(
+            'a Simulation cannot be pickled or copied: its compiled code and threads belong to '
+            'this process; a Checkpoint can: simulation.checkpoint() makes one, and restore() of '
+            'another compile_scene(scene) continues from it')
 
     @property
     def _driver(self) -> Driver:

@@ -13,6 +13,8 @@
 # limitations under the License.
 """Figures of a run, to be read only."""
 
+from typing import NoReturn
+
 from icofabric_sim.simulation.contact.broad_phase import Overlap, Touching
 from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.fastest_place import fastest_place
@@ -38,6 +40,12 @@ class SimulationStatus:
         """Say how the run steps."""
         return (f'<SimulationStatus: {self.step_count:,} steps of {self.method_name}, now of '
                 f'{self.step:.6g} s>')
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied."""
+        raise TypeError(
+            'a SimulationStatus cannot be pickled or copied: it reads from its Simulation; '
+            'simulation.snapshot() and simulation.checkpoint() can')
 
     @property
     def _driver(self) -> Driver:

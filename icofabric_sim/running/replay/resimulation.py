@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 import time as wall
+from typing import Any
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
@@ -65,6 +66,10 @@ class Departure(Exception):
         """
         super().__init__(text)
         self.nanoseconds, self.topic = nanoseconds, topic
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle and copy by the arguments."""
+        return type(self), (self.nanoseconds, *self.args), vars(self)
 
 
 class Resimulation:

@@ -76,6 +76,10 @@ class BodyForce:
         self._keep: list[Any] = []  # what compiled code points to
         self._error: BaseException | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the functions without compiled code, which holds in one process."""
+        return {**vars(self), 'is_compiled': None, '_keep': [], '_error': None}
+
     def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
         """
         Compile it if it can be, and try it at the start, `numbers` (n, 13); ValueError if wrong.

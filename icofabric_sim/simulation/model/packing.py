@@ -13,11 +13,11 @@
 # limitations under the License.
 """Packs a scene into the constants that kernels take."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import (
     Anchors,
@@ -100,12 +100,33 @@ class AnchorPack(NamedTuple):
 
 
 @dataclass(frozen=True)
+class ConnectorList:
+    """Connectors of a scene, one by one: listed when first read, and not when they are pickled."""
+
+    connectors: SceneConnectors
+    half_width: float
+    points: np.ndarray | None  # (6, 3) attachment points in body axes [m]; None: on the axes
+
+    @cached_property
+    def listed(self) -> Connectors:
+        """The connectors as kernels take them."""
+        bodies, edges = self.connectors.bodies, self.connectors.edges
+        return Connectors(
+            bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *self.connectors.laws,
+            self.half_width, self.points)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields without the list."""
+        return {name: value for name, value in vars(self).items() if name != 'listed'}
+
+
+@dataclass(frozen=True)
 class PackedScene:
     """A scene as arrays: for the kernels of motion, and connector by connector."""
 
     model: Model
     layout: Layout
-    list_connectors: Callable[[], Connectors] | None  # one by one, where they are asked for
+    connector_list: ConnectorList | None
     laws: ConnectorLaws | None  # of them
     moments: Moments | None
     tables: ConnectorTables
@@ -131,10 +152,14 @@ class PackedScene:
         soft = np.minimum(laws.extension, laws.compression)
         return bool((soft <= _SLACK * np.maximum(laws.extension, laws.compression)).any())
 
-    @cached_property
+    @property
     def connectors(self) -> Connectors | None:
         """The connectors one by one; None where there is none."""
-        return None if self.list_connectors is None else self.list_connectors()
+        return None if self.connector_list is None else self.connector_list.listed
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields without compiled code and its addresses, which hold in one process."""
+        return {**vars(self), 'body_force': None, 'external': None}
 
     @property
     def spends(self) -> bool:
@@ -199,12 +224,12 @@ def pack_scene(
     fall = gravity + electric.force / mass
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
-    list_connectors = links = supports = damping = maxwell = breakage = None
+    connector_list = links = supports = damping = maxwell = breakage = None
     if scene.connector_count:
         laws, half_width, points = scene.connectors.laws, _half_width(scene), None
         if are_given(scene.parameters):
             points = scene.connectors.attachment
-        list_connectors = cache(partial(_list_connectors, scene.connectors, half_width, points))
+        connector_list = ConnectorList(scene.connectors, half_width, points)
         layout, links = make_links(
             layout, grid, scene.weave.connections, laws=laws, half_width=half_width,
             attachment=points, tables=scene.connectors.tables)
@@ -212,7 +237,7 @@ def pack_scene(
         maxwell = pack_arms(scene.connectors, layout, links)
         if scene.connectors.limits is not None:
             breakage = pack_breakage(
-                layout, links, list_connectors(), scene.connectors.limits)
+                layout, links, connector_list.listed, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
     if scene.supports is not None or not masses.alike:
         supports = pack_supports(masses, scene.supports, layout)
@@ -245,21 +270,12 @@ def pack_scene(
     if body_force is not None:
         external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
-        model, layout, list_connectors, None if list_connectors is None else laws,
+        model, layout, connector_list, None if connector_list is None else laws,
         resisting.moments, scene.connectors.tables,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
         masses, scene.supports is not None, scene.connectors.arms,
         scene.principal_inertia)
-
-
-def _list_connectors(
-    connectors: SceneConnectors, half_width: float, points: np.ndarray | None
-) -> Connectors:
-    bodies, edges = connectors.bodies, connectors.edges
-    return Connectors(
-        bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *connectors.laws, half_width,
-        points)
 
 
 def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:

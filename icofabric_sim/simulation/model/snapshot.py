@@ -14,8 +14,9 @@
 """Snapshots: immutable copies of the state at the time that was asked for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
 from icofabric_sim.kernels.fields import field_energy
@@ -55,6 +56,18 @@ class Snapshot(AsTable):
     anchors_broken_since: np.ndarray | None = None
     # (c,) [m] lengths at which the springs of Maxwell arms rest; None without arms
     rest_length: np.ndarray | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields without derived values."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take fields; the arrays of copies are not to be written to, either."""
+        vars(self).update(state)
+        for name in (*InitialState._fields, 'rest_length'):
+            if state[name] is not None:
+                view = vars(self)[name] = state[name].view()
+                view.flags.writeable = False
 
     def __repr__(self) -> str:
         """Say what it is of, without the numbers."""
