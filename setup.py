@@ -24,6 +24,9 @@ version = ElementTree.parse('package.xml').findtext('version')
 setup(
     name=package_name,
     version=version,
+    # So an editable install adds this folder to the search path. Without it setuptools installs a
+    # finder instead, and any folder site-packages/icofabric_sim, also an empty one, hides that.
+    package_dir={'': '.'},
     packages=find_packages(exclude=['test', 'test.*']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),

@@ -14,7 +14,7 @@
 """
 A Gymnasium environment: push the free side of a fabric, in lockstep with its node.
 
-    .venv/bin/pip install '.[examples]'
+    .venv/bin/pip install gymnasium
     .venv/bin/fabric_node --ros-args --params-file config/hanging_slab.yaml -p start_paused:=true
     .venv/bin/python examples/fabric_environment.py
 """

@@ -23,8 +23,8 @@ import time
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTS = ('package.xml', 'setup.py', 'setup.cfg', 'LICENSE', 'resource', 'icofabric_sim', 'launch',
-         'config', 'rviz')
+PARTS = ('package.xml', 'pyproject.toml', 'setup.py', 'setup.cfg', 'LICENSE', 'resource',
+         'icofabric_sim', 'launch', 'config', 'rviz')
 COLCON = shutil.which('colcon', path=f'{Path(sys.executable).parent}:{os.environ["PATH"]}')
 
 pytestmark = pytest.mark.skipif(

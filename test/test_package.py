@@ -152,7 +152,7 @@ def test_all_subpackages_are_installed(distribution):
     assert [] == [str(folder) for folder in folders if not (folder / '__init__.py').is_file()]
     listed = (distribution / 'SOURCES.txt').read_text().splitlines()
     for path in sources(PACKAGE):
-        assert str(path.relative_to(ROOT)) in listed
+        assert f'./{path.relative_to(ROOT)}' in listed
     assert (distribution / 'top_level.txt').read_text().split() == ['icofabric_sim']
 
 

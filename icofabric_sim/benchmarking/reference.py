@@ -56,7 +56,7 @@ class Springs(NamedTuple):
     inertia: float
 
 
-@numba.njit(cache=True, error_model='numpy')
+@numba.njit(error_model='numpy')
 def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
     # y (n, 18): position, velocity, body axes as rows, spin in world components.
     count = y.shape[0]
@@ -93,7 +93,7 @@ def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
             dy[j, 15 + k] -= (arm_j[m] * pull[n] - arm_j[n] * pull[m]) / springs.inertia
 
 
-@numba.njit(cache=True, error_model='numpy')
+@numba.njit(error_model='numpy')
 def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-untyped-def]
     """
     Take `count` steps from the state `start` (n, 18); returns the state at the end.

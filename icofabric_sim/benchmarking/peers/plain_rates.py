@@ -27,7 +27,7 @@ import numpy as np
 Rates = Callable[[float, np.ndarray], np.ndarray]
 
 
-@numba.njit(cache=True, error_model='numpy', fastmath=True)
+@numba.njit(error_model='numpy', fastmath=True)
 def _rates(flat, connectors, constants, arms, compression):  # type: ignore[no-untyped-def]
     # flat (13 n): for each body position, quaternion x y z w, velocity, spin (world frame).
     inverse_mass, inverse_inertia, half_width, stiffness, natural_length = constants
