@@ -29,6 +29,7 @@ from icofabric_sim.benchmarking.timing import in_rounds, Spread
 from icofabric_sim.geometry.icosahedron import FACES, vertices
 from icofabric_sim.kernels.contact.many import apart_pairs, separations_on, touch_pairs
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.libraries import install_command
 import numpy as np
 
 LIBRARY = 'coal'
@@ -87,7 +88,7 @@ def measure(
         try:
             coal = import_module(LIBRARY)
         except ImportError:
-            missing = f'{LIBRARY} is not installed: pip install {LIBRARY}'
+            missing = f'{LIBRARY} is not installed: {install_command(LIBRARY)}'
     tasks: list[tuple[str, str, Callable[[], float]]] = []
     touching = {}
     missed = compared = 0

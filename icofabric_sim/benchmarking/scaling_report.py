@@ -21,6 +21,7 @@ from icofabric_sim.benchmarking.report import table
 from icofabric_sim.benchmarking.scaling import Scaling, UNIT
 from icofabric_sim.benchmarking.step_speed import STEP
 from icofabric_sim.benchmarking.timing import Spread
+from icofabric_sim.libraries import require_library
 
 
 def lines(result: Scaling) -> list[str]:
@@ -80,6 +81,7 @@ def write(result: Scaling, folder: Path) -> list[Path]:
 
 def draw(result: Scaling, path: Path) -> None:
     """Time for each body and step over the number of bodies."""
+    require_library('matplotlib', 'a picture')
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8.0, 5.0), layout='constrained')
     axes = figure.add_subplot()

@@ -26,6 +26,7 @@ from typing import Any
 import warnings
 
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -80,6 +81,8 @@ def main(arguments: argparse.Namespace) -> int:
         folder = Path(arguments.output).expanduser()
         require_place('--output', folder, is_folder=True)
         folder.mkdir(parents=True, exist_ok=True)
+    if 'scaling' in wanted and (folder is not None or arguments.json):
+        require_library('matplotlib', 'a picture')
     report: dict[str, Any] = {}
     with words_aside(arguments.json):
         for k, word in enumerate(dict.fromkeys(wanted)):

@@ -27,6 +27,7 @@ from icofabric_sim.commands.picture_arguments import (
     time_span,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
     FileSaysNo,
@@ -69,6 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
     path = Path(arguments.film).expanduser()
     size = _check(arguments, path)
     require_place('FILE', path)
+    require_library('matplotlib', 'a film')
     from icofabric_sim.pictures.film import encoder, FilmError
     try:
         if path.suffix.lower() == '.mp4':

@@ -109,13 +109,20 @@ def main(argv: list[str] | None = None) -> int:
 
 def _guarded(words: list[str], name: str) -> int:
     """Run a verb; what goes wrong, but for an interrupt, becomes a line and a status."""
+    from icofabric_sim.libraries import install_command, MissingLibrary
     from icofabric_sim.terminal import FileSaysNo, InputError
     try:
         status = _run(words)
         sys.stdout.flush()
         return status
-    except InputError as error:
+    except (InputError, MissingLibrary) as error:
         print(f'{name}: {_one_line(error)}', file=sys.stderr)
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        module = (error.name or '').partition('.')[0]
+        if module in ('', 'icofabric_sim'):
+            raise
+        print(f'{name}: {module} is not installed: {install_command(module)}', file=sys.stderr)
         return BAD_INPUT
     except FileSaysNo as error:
         print(f'{name}: {error}', file=sys.stderr)

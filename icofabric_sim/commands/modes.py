@@ -30,6 +30,7 @@ from icofabric_sim.commands.rest_outputs import (
     touch_text,
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import bad_input, FileSaysNo, InputError, Progress, require_place
 
 if TYPE_CHECKING:
@@ -279,6 +280,8 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
             f'--animate {path}: give a file that ends in .gif, or the folder of a new bag')
     if suffix != '.gif' and os.path.lexists(path):
         raise InputError(f'--animate {path} exists already, and no bag is overwritten')
+    if suffix == '.gif':
+        require_library('matplotlib', 'a picture')
     return require_place('--animate', path)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import re
 
 from icofabric_sim.commands.bags import bag_errors, bag_path
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import bad_input, InputError, require_place
 
 _WORK = 'work-precision'
@@ -73,6 +74,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise InputError(
             f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is no time')
     require_place('--output', path)
+    require_library('matplotlib', 'a picture')
     if arguments.kind == _WORK:
         return _plot_work(arguments, source, path, size)
     with bad_input(), bag_errors(source), RecordedRun(source) as run:

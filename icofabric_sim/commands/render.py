@@ -26,6 +26,7 @@ from icofabric_sim.commands.picture_arguments import (
     picture_size,
     time_span,
 )
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, Progress, require_place
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
                 f'--output {arguments.output} looks like a file, and is the folder for frames; '
                 'give a name without such an ending, or --sheet FILE.png for a single picture')
         require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
+    require_library('matplotlib', 'a picture')
     from icofabric_sim.bag import next_free_path
     from icofabric_sim.bag.recorded_run import RecordedRun
     from icofabric_sim.pictures.render import RunPictures

@@ -19,6 +19,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
@@ -148,4 +149,5 @@ def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
     path = Path(text).expanduser()
     if path.suffix.lower() != '.png':
         raise InputError(f'--{name} {path}: give a file that ends in .png')
+    require_library('matplotlib', 'a picture')
     return require_place(f'--{name}', path)

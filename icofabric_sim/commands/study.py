@@ -22,6 +22,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
     duration_text,
@@ -84,6 +85,8 @@ def main(arguments: argparse.Namespace) -> int:
                              f'{", ".join(PARTS)}')
     store = require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
     output = require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
+    if not arguments.list:
+        require_library('matplotlib', 'a picture')
     workers = arguments.workers
     if workers is None and importlib.util.find_spec('distributed') is None:
         workers = 0

@@ -23,6 +23,7 @@ from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.commands.report import print_json
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
     duration_text,
@@ -221,6 +222,7 @@ def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None
     picture = require_place('--picture', Path(arguments.picture).expanduser())
     if picture.suffix.lower() not in SUFFIXES:
         raise InputError(f'--picture {picture}: give a file that ends in {" or ".join(SUFFIXES)}')
+    require_library('matplotlib', 'a picture')
     return output, picture
 
 

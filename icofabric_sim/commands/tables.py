@@ -26,6 +26,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import NamedTuple
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import bad_input, InputError, require_place
 
 Size = tuple[int, int, int]
@@ -115,6 +116,7 @@ def main(arguments: argparse.Namespace) -> int:
             raise InputError(
                 f'--figure {arguments.figure}: give a file that ends in {" or ".join(_SUFFIXES)}')
         require_place('--figure', figure)
+        require_library('matplotlib', 'a picture')
     with bad_input():
         size = checked_size(arguments.size)
     wanted = arguments.numbers or ([] if figure else TABLES)

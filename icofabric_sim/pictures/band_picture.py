@@ -15,6 +15,7 @@
 
 from pathlib import Path
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.periodic import (
     band_path,
@@ -56,6 +57,7 @@ def draw_bands(
 
     `relaxed` as in solve_bands.
     """
+    require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

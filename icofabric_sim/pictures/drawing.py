@@ -27,6 +27,7 @@ from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, face_geometry, FACES, vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.libraries import require_library
 from icofabric_sim.messages.markers import held_bodies
 from icofabric_sim.pictures.camera import Area, Camera, fit_camera, near_ones, View
 from icofabric_sim.pictures.fabric_polygons import (
@@ -168,6 +169,7 @@ class Renderer:
         `color` is a name of `measures.QUANTITIES`, and `scale` its scale. A sheet is as wide, and
         as high as its rows need but no higher.
         """
+        require_library('matplotlib', 'a picture')
         self.framing, self.title, self.size = framing, title, size
         self.color, self.scale, self._smooth = color, scale, smooth
         self._backdrops: dict[Any, Any] = {}

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.figure_style import draw_line, line_styles
 from icofabric_sim.statics.periodic import Elasticity
 from icofabric_sim.statics.stretching import CurvePoint
@@ -34,6 +35,7 @@ def draw_elasticity(
     turns: Mapping[str, Sequence[TurnPoint]]
 ) -> None:
     """Draw to a PNG file; no display needed. `constants`: None where no endless fabric is."""
+    require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

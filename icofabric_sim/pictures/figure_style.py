@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim.checks import choice
+from icofabric_sim.libraries import require_library
 import numpy as np
 
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
@@ -63,6 +64,7 @@ def line_styles(count: int) -> list[LineStyle]:
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Within it figures are drawn and saved in this style, whatever matplotlib's settings are."""
+    require_library('matplotlib', 'a picture')
     from matplotlib import rc_context
     with rc_context(_STYLE):
         yield
@@ -70,6 +72,7 @@ def paper_style() -> Iterator[None]:
 
 def make_figure(size: tuple[float, float], rows: int = 1) -> tuple[Any, list[Any]]:
     """A figure of that size [inches] with plots below each other that share their x axis."""
+    require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -19,13 +19,13 @@ The encoder is given one thread and no time of its own, so the same moments give
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 import math
 from pathlib import Path
 import shutil
 import subprocess
 from typing import Any
 
+from icofabric_sim.libraries import import_library, MissingLibrary
 from icofabric_sim.pictures.camera import View
 from icofabric_sim.pictures.drawing import Framing, Renderer
 from icofabric_sim.pictures.measures import fit_scale
@@ -50,20 +50,22 @@ _WEBP = {False: (85, 4), True: (40, 6)}
 
 
 class FilmError(Exception):
-    """What is needed for a film is missing, or fails."""
+    """The encoder has failed."""
 
 
 def encoder() -> str:
-    """Path of the ffmpeg that imageio-ffmpeg brings, or of the machine's; FilmError: neither."""
+    """Path of the ffmpeg that imageio-ffmpeg has, or the machine; MissingLibrary: neither has."""
     try:
-        return str(import_module('imageio_ffmpeg').get_ffmpeg_exe())
-    except (ImportError, RuntimeError) as error:
+        return str(import_library(
+            'imageio_ffmpeg', 'an MP4 film', without='a film that ends in .webp or .gif does not'
+        ).get_ffmpeg_exe())
+    except (MissingLibrary, RuntimeError) as error:
         found = shutil.which('ffmpeg')
-        if found is None:
-            raise FilmError(
-                'an MP4 film needs ffmpeg: `pip install imageio-ffmpeg` brings one; a film that '
-                'ends in .gif needs none') from error
-        return found
+        if found is not None:
+            return found
+        if isinstance(error, MissingLibrary):
+            raise
+        raise FilmError(f'an MP4 film needs ffmpeg: {error}') from error
 
 
 def simulated_moments(

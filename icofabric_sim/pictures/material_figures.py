@@ -18,6 +18,7 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.figure_style import (
     draw_line,
     line_styles,
@@ -51,6 +52,7 @@ def draw_part(path: Path, name: str, found: Found) -> bool:
     """Draw the figure of a part; False: it has none. No display is needed."""
     if name not in FIGURES:
         return False
+    require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.figure_style import line_styles, paper_style, save_figure
 from icofabric_sim.studies.sweep.table import SweepTable
 import numpy as np
@@ -37,6 +38,7 @@ def draw_sweep(
     Runs that differ in the one parameter only are joined by a line, told apart by the others.
     ValueError where there is nothing to draw.
     """
+    require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

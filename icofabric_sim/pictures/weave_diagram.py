@@ -32,6 +32,7 @@ from icofabric_sim.geometry.icosahedron import (
     NAMED_EDGES,
     vertices,
 )
+from icofabric_sim.libraries import require_library
 from icofabric_sim.scene.weave_geometry import geometry_from_angle, LIMIT_ANGLE, MINIMUM_ANGLE
 from icofabric_sim.scene.weave_tables import TABLE_5
 import numpy as np
@@ -56,6 +57,7 @@ _LABEL_ENDS, _LABEL_REACH = (0, 1, 1, 0, 0, 1), 1.36
 
 def draw_figure_5(path: Path) -> None:
     """Draw to a PNG or SVG file, as its name ends; no display needed."""
+    require_library('matplotlib', 'a picture')
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

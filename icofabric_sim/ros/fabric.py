@@ -19,7 +19,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, nullcontext
 import gc
-from importlib.util import find_spec
 import logging
 from pathlib import Path
 import threading
@@ -28,6 +27,7 @@ from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.libraries import require_library
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
@@ -184,10 +184,7 @@ class FabricNode(AnsweringNode):
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
 
     def _open_bag(self, parameters: Parameters, simulation: Simulation) -> BagSink:
-        if find_spec('rosbags') is None:
-            raise ValueError(
-                'the package rosbags, which records are written with, is not installed: '
-                'python3 -m pip install rosbags')
+        require_library('rosbags', 'a record')
         bag = BagSink(
             parameters['record.path'],
             simulation,

@@ -30,6 +30,8 @@ import time
 from types import FrameType
 from typing import NoReturn
 
+from icofabric_sim.libraries import install_command
+
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 # Said by a node once its topics are there; others wait for it (node_watch.py).
 READY = 'ready: '
@@ -188,11 +190,15 @@ def importing() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
-        if missing not in _ROS and not missing.endswith('_msgs'):
+        if missing in _ROS or missing.endswith('_msgs'):
+            said = (
+                f'nodes need ROS 2, and its package {missing} is not installed: source a ROS 2 '
+                f'Jazzy installation, or have its wheels: {install_command("rclpy")}')
+        elif missing != 'icofabric_sim':
+            said = f'{missing} is not installed: {install_command(missing)}'
+        else:
             raise
-        print(
-            f'nodes need ROS 2, and its package {missing} is not installed: source a ROS 2 Jazzy '
-            "installation, or have pip install 'icofabric_sim[ros]'", file=sys.stderr)
+        print(said, file=sys.stderr)
         raise SystemExit(BAD_INPUT) from None
     finally:
         gc.freeze()

@@ -29,6 +29,8 @@ import threading
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from icofabric_sim.libraries import install_command
+
 LOOPBACK = ('127.0.0.1', 'localhost', '[::1]')
 _COOKIE = 'icofabric_viewer'
 _installing = threading.Lock()
@@ -98,7 +100,7 @@ class Guard:
         if not self.is_installed:
             raise RuntimeError(
                 'this release of viser starts its server in another way than 1.1: the page would '
-                "be open to every web page, so it is not served; pip install 'viser<1.2'")
+                f'be open to every web page, so it is not served; {install_command("viser")}')
 
     def _process(self, connection: Any, request: Any, process_request: Any) -> Any:
         port = connection.local_address[1]

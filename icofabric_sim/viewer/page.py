@@ -26,6 +26,7 @@ import threading
 import time
 from typing import Any
 
+from icofabric_sim.libraries import require_library
 from icofabric_sim.viewer.flow import Flow
 from icofabric_sim.viewer.guard import Guard
 from icofabric_sim.viewer.hands import Grip, Hands
@@ -39,20 +40,11 @@ _LOGGER = logging.getLogger('icofabric_sim')
 _WORDS, _SAMPLES = 0.5, 0.1
 # Angle of view of a new page [rad], and how far it stands off, in sizes of the fabric.
 _VIEW, _FAR = 0.6, 1.9
-MISSING = (
-    'the viewer needs the extra `viewer`, which is not installed: pip install '
-    "'icofabric_sim[viewer]' (or viser)")
-
-
-class ViewerMissing(ValueError):
-    """The extra is not installed."""
 
 
 def require_viser() -> None:
-    """Raise ViewerMissing, with the remedy, where viser is not installed."""
-    from importlib.util import find_spec
-    if find_spec('viser') is None:
-        raise ViewerMissing(MISSING)
+    """Raise MissingLibrary if viser is not installed."""
+    require_library('viser', 'the viewer')
 
 
 def require_address(host: str) -> None:

@@ -62,4 +62,4 @@ def test_without_warp_there_is_one_line(monkeypatch):
         line, = gpu_report.lines(gpu.measure(rounds=1))
     finally:
         opening.warp.cache_clear()
-    assert line.startswith('Steps on a GPU: not measured; ') and '[gpu]' in line
+    assert line.startswith('Steps on a GPU: not measured; ') and 'pip install warp-lang' in line

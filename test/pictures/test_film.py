@@ -173,5 +173,6 @@ def test_without_the_encoder_the_way_out_is_said(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
     monkeypatch.setenv('PATH', str(tmp_path))
-    assert main(['film', str(bag), str(tmp_path / 'film.mp4')]) == 1
-    assert 'pip install' in capsys.readouterr().err
+    assert main(['film', str(bag), str(tmp_path / 'film.mp4')]) == 2
+    said = capsys.readouterr().err
+    assert 'pip install imageio-ffmpeg' in said and said.count('\n') == 1

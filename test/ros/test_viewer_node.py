@@ -113,4 +113,4 @@ def test_without_the_extra_one_line_names_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'viser', None)
     from icofabric_sim.commands.main import main
     assert main(['view', 'hanging_slab']) == 2
-    assert "pip install 'icofabric_sim[viewer]'" in capsys.readouterr().err
+    assert "pip install 'viser>=1.1,<1.2'" in capsys.readouterr().err

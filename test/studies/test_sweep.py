@@ -606,7 +606,7 @@ def test_files_have_units_and_all_digits(woven, tmp_path):
 
 def test_without_pyarrow_parquet_says_the_way(woven, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    with pytest.raises(ValueError, match='sweep'):
+    with pytest.raises(ValueError, match='pip install pyarrow; a CSV'):
         ico.sweep(woven, {'connector.stiffness': [500.0]}, verbs='elasticity',
                   store=tmp_path, workers=0).save(tmp_path / 'x.parquet')
 

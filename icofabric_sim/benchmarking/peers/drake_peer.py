@@ -19,10 +19,11 @@ from typing import Any
 
 from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, Unusable
+from icofabric_sim.libraries import install_command
 import numpy as np
 
 DISTRIBUTION = 'drake'
-INSTALL = 'pip install drake'
+INSTALL = install_command('pydrake')
 # Integrator, order, evaluations for each step, and step times frequency to begin with. Euler is of
 # first order; here its positions are those of the leapfrog, because no force acts at the start.
 _SCHEMES = {'semi_explicit_euler': (2, 1, 0.5), 'runge_kutta5': (5, 7, 1.5)}

@@ -21,10 +21,11 @@ from typing import Any
 
 from icofabric_sim.benchmarking.scenes import Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver, Unusable
+from icofabric_sim.libraries import install_command
 import numpy as np
 
 DISTRIBUTION = 'exudyn'
-INSTALL = 'pip install exudyn'
+INSTALL = install_command('exudyn')
 # Explicit integrator, order, evaluations for each step, and step times frequency to begin with.
 _INTEGRATORS = {'VelocityVerlet': (2, 1, 1.0), 'RK44': (4, 4, 1.5), 'RK67': (6, 9, 1.5)}
 

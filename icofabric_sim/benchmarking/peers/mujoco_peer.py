@@ -20,10 +20,11 @@ from typing import Any
 from icofabric_sim.benchmarking.scenes import axes_from_quaternions, Motion, PlainScene
 from icofabric_sim.benchmarking.solver import Solver, StepSolver
 from icofabric_sim.geometry.icosahedron import vertices
+from icofabric_sim.libraries import install_command
 import numpy as np
 
 DISTRIBUTION = 'mujoco'
-INSTALL = 'pip install mujoco'
+INSTALL = install_command('mujoco')
 # Integrator, order, evaluations for each step, and step times frequency to begin with. Euler is of
 # first order; here its positions are those of the leapfrog, because no force acts at the start.
 _INTEGRATORS = {'Euler': (2, 1, 0.5), 'implicitfast': (2, 1, 0.5), 'RK4': (4, 4, 1.5)}

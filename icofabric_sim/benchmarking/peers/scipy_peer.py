@@ -24,12 +24,13 @@ from icofabric_sim.benchmarking.scenes import (
     SIZES,
 )
 from icofabric_sim.benchmarking.solver import Solver, ToleranceSolver
+from icofabric_sim.libraries import install_command
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.rhs import compile_rates
 import numpy as np
 
 DISTRIBUTION = 'scipy'
-INSTALL = 'pip install scipy'
+INSTALL = install_command('scipy')
 # Relative tolerance where only the absolute one is to count; SciPy takes no less than 100 epsilon.
 _SMALLEST = 3e-14
 

@@ -21,6 +21,7 @@ from typing import Any, NoReturn, Self
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.libraries import install_command
 from icofabric_sim.scene.available_memory import share_among
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.devices.refusals import require_shareable
@@ -50,8 +51,8 @@ class Ranks:
             mpi = import_module('mpi4py.MPI')
         except (ImportError, RuntimeError) as error:
             raise RankError(
-                f'ranks need mpi4py, and an MPI library that it finds: {error}; '
-                "pip install 'icofabric_sim[mpi]' has both") from error
+                f'ranks need mpi4py, and an MPI library that it finds: {error}; install both: '
+                + install_command('mpi4py')) from error
         communicator = mpi.COMM_WORLD if communicator is None else checks.instance(
             'communicator', communicator, mpi.Intracomm, 'mpi4py.MPI.COMM_WORLD is one')
         self._transport = Transport(communicator)

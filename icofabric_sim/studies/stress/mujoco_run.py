@@ -24,6 +24,7 @@ from importlib import import_module
 from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.libraries import install_command
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.studies.stress.peer_loads import PeerLoads
@@ -32,7 +33,7 @@ import numpy as np
 
 # Terms of a kind of scenes that are the same forces there.
 TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped', 'loaded')
-DISTRIBUTION, INSTALL = 'mujoco', 'pip install mujoco'
+DISTRIBUTION, INSTALL = 'mujoco', install_command('mujoco')
 METHOD = 'MuJoCo RK4'
 # Error of its method in a radian of an oscillation, over step times frequency to its order.
 ERROR, ORDER = 1.0 / 120.0, 4

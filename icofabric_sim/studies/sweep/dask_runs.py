@@ -33,6 +33,7 @@ import time
 from typing import Any, Final
 import uuid
 
+from icofabric_sim.libraries import import_library
 from icofabric_sim.studies.sweep.run_key import surroundings
 from icofabric_sim.studies.sweep.single_run import (
     lost,
@@ -53,9 +54,6 @@ _AHEAD, _LEAST_AHEAD = 8, 32
 _LOOK, _BUSY = 0.5, 0.2
 WORKERS_WITHIN: Final = 120.0
 _CONNECT = '10s'
-NEEDS_DASK = (
-    "several workers need Dask: pip install 'icofabric_sim[sweep]', or pip install distributed; "
-    'with workers 0 (--workers 0) all runs are done in this process, one after the other')
 
 
 class SchedulerLost(RuntimeError):
@@ -208,10 +206,10 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
     where Dask is not installed, or none answers there; SchedulerLost where no processes can be
     started.
     """
-    try:
-        dask, distributed = import_module('dask'), import_module('distributed')
-    except ImportError as error:
-        raise ValueError(NEEDS_DASK) from error
+    distributed = import_library(
+        'distributed', 'a study on several workers',
+        without='with workers 0 (--workers 0) runs are done in this process, one by one')
+    dask = import_module('dask')
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         stack.enter_context(dask.config.set({

