@@ -377,7 +377,7 @@ STATIC: tuple[Specification, ...] = (
         'duration',
         0.0,
         's',
-        'simulated time; 0: the node runs until stopped',
+        'simulated time after which the node ends; 0: it runs until stopped',
         AT_ONCE,
         minimum=0.0,
         maximum=_LONGEST,

@@ -241,9 +241,8 @@ class FabricNode(AnsweringNode):
         self._declare(in_force)
 
     def _simulate(self) -> None:
-        until_finished = self.runner.parameters['duration'] > 0.0
         try:
-            self.runner.run(until_finished=until_finished)
+            self.runner.run(until_finished=None)
         except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
             reason = f'the simulation thread has ended: {error!r}'
             self.get_logger().fatal(reason)
@@ -305,6 +304,10 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
         '%s%d bodies, %d connectors, %s, step %.3g s%s', READY, simulation.scene.body_count,
         simulation.scene.connector_count, simulation.status.method_name, simulation.status.step,
         f', {count} ranks share the steps' if count > 1 else '')
+    if node.runner.paused and not node.runner.now and node.runner.parameters['publish_clock']:
+        _LOGGER.info(
+            'paused at the start: /clock stays 0 until ~/pause, ~/step or ~/advance lets it run, '
+            'and nodes that wait for a clock wait until then')
     server = Server(node)
     # What was imported stays: a garbage collection over it would block the node.
     gc.freeze()
@@ -333,14 +336,16 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
 
 
 def _exit_status(node: FabricNode, *, interrupted: bool) -> int:
-    """Return the exit status of a node that is closed, after a last log line if `interrupted`."""
+    """Return the exit status of a node that is closed, after a last log line."""
     run, duration = node.runner, node.runner.parameters['duration']
+    record = '' if node.bag.path is None else f'; the record is {node.bag.path}'
     if run.failure:
         return FAILED
+    if run.finished:
+        _LOGGER.info('done: the duration of %g s has passed%s', duration, record)
     if not interrupted or run.finished:
         return 0
     _LOGGER.info(
         'interrupted at t = %.9g s%s%s', seconds(run.now),
-        f' of {duration:g} s' if duration > 0.0 else '',
-        '' if node.bag.path is None else f'; the record is {node.bag.path}')
+        f' of {duration:g} s' if duration > 0.0 else '', record)
     return INTERRUPTED if duration > 0.0 else 0

@@ -267,11 +267,13 @@ class Runner:
     # Called from the thread of `run` only.
 
     def run(
-        self, *, until_finished: bool = False, progress: Callable[[float], None] | None = None
+        self, *, until_finished: bool | None = False,
+        progress: Callable[[float], None] | None = None
     ) -> None:
         """
         Advance until stopped, or until the duration has passed where `until_finished` says so.
 
+        None: while a duration is in force, so that one which is set meanwhile ends the run too.
         `progress` hears the simulated time [s] now and then. A failure of the simulation stops
         simulated time, is kept in `failure`, and ends the run where `until_finished`.
         """
@@ -294,7 +296,7 @@ class Runner:
         self._broadcast.emit(state.now, [BROKEN])
         self._broadcast.report(state.now, at_once=True)
 
-    def _turn(self, until_finished: bool) -> bool:
+    def _turn(self, until_finished: bool | None) -> bool:
         """Do what is to be done next; False where nothing is left to do."""
         state = self.state
         # Before the commands are done: none that comes later is slept over.
@@ -319,7 +321,8 @@ class Runner:
             self._time.take_steps(request)
             return True
         if state.paused or state.failure or state.finished:
-            if until_finished and (state.failure or state.finished):
+            ends = state.end > 0 if until_finished is None else until_finished
+            if ends and (state.failure or state.finished):
                 return False
             self._time.end_with_the_run()
             self._refresh()

@@ -133,6 +133,20 @@ def test_fabric_told_to_use_simulated_time_runs_the_same(tmp_path):
         assert not told and not node.lines('[ERROR]')
 
 
+def test_clock_of_a_fabric_that_is_paused_at_the_start_is_0_until_its_first_step(tmp_path):
+    scene = write_scene(tmp_path / 'scene.yaml', SCENE)
+    with NodeProcess(tmp_path / 'log', scene=scene, parameters={'start_paused': 'true'},
+                     offset=1) as node, Client(node, offset=1) as client:
+        ticks = client.listen('/clock')
+        client.wait_for(lambda: len(ticks) > 2, 'repeated ticks')
+        assert set(ticks) == {0}
+        [said] = node.lines('paused at the start')
+        assert '[INFO]' in said and '/clock stays 0 until ~/pause' in said
+        assert client.call('~/step').success
+        client.wait_for(lambda: ticks[-1] > 0, 'a time')
+        assert node.stop() == 0
+
+
 def test_clock_ticks_are_whole_nanoseconds_without_drift(tmp_path):
     """At a rate that no binary fraction holds, none is missed or repeated."""
     scene = write_scene(tmp_path / 'scene.yaml', SCENE)

@@ -22,7 +22,9 @@ from icofabric_sim.simulation.checkpoint import Checkpoint
 import numpy as np
 import pytest
 from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
 from ros_helpers import Client, NodeProcess, ros_class, write_scene
+from std_srvs.srv import Trigger
 
 STEP = 1e-4  # s
 SCENE = {
@@ -229,7 +231,7 @@ def test_too_many_requests_are_refused(client):
         return [future.result() for future in futures if future.done()]
 
     def are_refused():
-        # Few at once: the queue of a service is short, and what it has no room for is lost.
+        # Few at once: the queue of this client is short, and what it has no room for is lost.
         if len(refused()) < 40:
             futures.extend(client.begin('~/step', 'std_srvs/srv/Trigger') for _ in range(4))
             client.settle()
@@ -244,6 +246,19 @@ def test_too_many_requests_are_refused(client):
     client.set(step_count=1)
     assert client.get('step_count') == [1]
     assert len(futures) - len(refused()) >= MOST
+
+
+def test_a_burst_of_calls_is_answered(client):
+    caller = client.node.create_client(
+        Trigger, '/icofabric/clear_loads', qos_profile=QoSProfile(depth=1000))
+    try:
+        client.wait_for(caller.service_is_ready, 'service')
+        futures = [caller.call_async(Trigger.Request()) for _ in range(160)]
+        client.wait_for(lambda: all(future.done() for future in futures),
+                        lambda: f'{sum(not future.done() for future in futures)} answers')
+        assert all(future.result().success for future in futures)
+    finally:
+        client.node.destroy_client(caller)
 
 
 def test_end_of_the_node_is_told_to_those_who_wait(tmp_path):

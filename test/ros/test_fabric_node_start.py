@@ -120,6 +120,25 @@ def test_duration_ends_the_node(tmp_path):
         assert bag.custom['failure'] == 'none'
 
 
+@pytest.mark.parametrize('passed', [False, True])
+def test_duration_that_is_set_live_ends_the_node(tmp_path, passed):
+    with NodeProcess(tmp_path / 'log', parameters={
+            'real_time_factor': 0.1, 'record.path': tmp_path / 'bag'}) as node, \
+            Client(node) as client:
+        client.wait_until(20_000_000)
+        client.set(duration=1000.0)
+        client.set(duration=0.0)
+        now = client.clock
+        end = 0.01 if passed else 1e-9 * now + 0.3
+        client.set(duration=end)
+        assert node.wait() == 0
+        last = node.log().splitlines()[-1]
+        assert f'done: the duration of {end:g} s has passed; the record is ' in last
+    with BagReader(tmp_path / 'bag') as bag:
+        assert bag.end_time > now if passed else bag.end_time == round(1e9 * end)
+        assert bag.custom['failure'] == 'none'
+
+
 def test_interrupt_before_the_duration_has_passed(tmp_path):
     """Status 130 and a last line with the time; the bag is closed."""
     with NodeProcess(tmp_path / 'log', parameters={
