@@ -42,6 +42,7 @@ from icofabric_sim.ros.process import log_to_ros, Presence, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
 from icofabric_sim.ros.start import FAILED, importing, INTERRUPTED, READY, StopSignals
+from icofabric_sim.ros.start_report import reporting_start
 from icofabric_sim.ros.verbs import Verbs
 from icofabric_sim.running.diagnostics import (
     HealthReport,
@@ -99,8 +100,10 @@ class FabricNode(AnsweringNode):
             if parameters['record.path']:
                 # Before a wait for the compiler.
                 require_new(Path(parameters['record.path']))
-            simulation = compile_scene(Scene.from_parameters(parameters), ranks=ranks)
-            simulation.warm_up()
+            self._name_watch.require_first()
+            with reporting_start(self):
+                simulation = compile_scene(Scene.from_parameters(parameters), ranks=ranks)
+                simulation.warm_up()
             self._name_watch.require_first()
         if presence is not None:
             presence.end()

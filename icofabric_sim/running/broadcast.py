@@ -260,15 +260,20 @@ class Broadcast:
         return told != self._breaks_told
 
     def report(self, now: int, *, at_once: bool = False) -> None:
-        """Send /diagnostics once a second of wall time."""
+        """
+        Send /diagnostics once a second of wall time.
+
+        The report is made without receivers too: its maker keeps the figures for a run that hangs.
+        """
         if self._report is None or not (
             at_once or wall.monotonic() - self._last_report >= _REPORT_INTERVAL
         ):
             return
         self._last_report = wall.monotonic()
+        report = self._report()
         receivers = self._receivers(topics.DIAGNOSTICS)
         if receivers:
-            self._send(topics.DIAGNOSTICS, now, [self._report()], receivers)
+            self._send(topics.DIAGNOSTICS, now, [report], receivers)
 
     def input(self, topic: str, type_name: str, now: int, data: bytes) -> None:
         """Pass an input on at the time it acts."""

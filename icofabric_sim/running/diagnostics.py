@@ -12,15 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Diagnostics of a run: level, sentence and figures.
+Diagnostics of a run: level, message and values.
+
+A message has at most 80 characters; the value `reasons` has the whole text.
 
 ERROR says that something was lost or did not happen: the simulation has stopped, a change could
 not be built, nothing is recorded any more. WARN says that the run goes on but not as wanted: too
 slow, unphysical since shells met, near a limit, or something was dropped since the last report.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
+import re
 
 from icofabric_sim.messages import DiagnosticArrayBytes, DiagnosticStatus, ERROR, OK, WARN
 from icofabric_sim.messages.schedule import seconds
@@ -32,6 +35,8 @@ _SLOW = 0.9
 _UNBALANCED = 0.5
 # and a recorder that is this far behind [s].
 _LARGEST_LAG = 1.0
+
+_MAX_MESSAGE_LENGTH = 80  # characters
 
 # Figures that count what was dropped, and what to call that.
 WRENCHES_DROPPED = 'wrenches dropped'
@@ -107,11 +112,38 @@ def describe(
         'loads waiting': str(status.loads_waiting),
         'queue lag [s]': f'{status.lag:.3f}',
         'proximity': status.proximity or 'none',
+        'reasons': '; '.join(sentences) if level != OK else 'none',
         **figures,
         **faults,
         **(notes or {}),
     }
-    return DiagnosticStatus(level, name, '; '.join(sentences), 'icofabric_sim', values)
+    return DiagnosticStatus(level, name, headline(sentences), 'icofabric_sim', values)
+
+
+def describe_start(name: str, compiling: float) -> DiagnosticStatus:
+    """
+    Return the status of a node that has no run yet.
+
+    It has compiled for `compiling` [s], or does not compile if that is 0.
+    """
+    spent = f'for {compiling:.0f} s so far'
+    values = {'simulated time [s]': f'{0.0:.9f}', 'compiling': spent if compiling else 'no'}
+    if not compiling:
+        return DiagnosticStatus(OK, name, 'starting', 'icofabric_sim', values)
+    return DiagnosticStatus(
+        WARN, name, f'compiling the kernels of the scene, {spent}', 'icofabric_sim', values)
+
+
+def headline(sentences: Sequence[str]) -> str:
+    """Return the sentences, or their first clauses, in at most 80 characters."""
+    clauses = [re.split('[:;] ', sentence, maxsplit=1)[0] for sentence in sentences]
+    for text in ('; '.join(sentences), '; '.join(clauses)):
+        if len(text) <= _MAX_MESSAGE_LENGTH:
+            return text
+    more = f' (and {len(clauses) - 1} more)' if len(clauses) > 1 else ''
+    room = _MAX_MESSAGE_LENGTH - len(more)
+    first = clauses[0]
+    return (first if len(first) <= room else f'{first[:room - 4]} ...') + more
 
 
 def _warnings(
@@ -123,16 +155,16 @@ def _warnings(
         found.append(f'simulated time waits: {status.waits}')
     elif 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
         found.append(
-            f'slower than wanted: real-time factor {status.factor:.3g} of '
-            f'{status.wanted_factor:g}; {status.cause}' + (
+            f'slower than wanted (real-time factor {status.factor:.3g} of '
+            f'{status.wanted_factor:g}): {status.cause}' + (
                 f'; steps of {status.step:.3g} s are limited by {status.limited_by}'
                 if status.limited_by else '') + f'; what would help: {what_helps(status)}')
     if status.proximity:
         found.append(status.proximity)
     if status.obstructed:
         found.append(
-            f'{status.obstructed:,} ends of connectors were in the shells they are attached to '
-            'at the last health check')
+            f'{status.obstructed:,} ends of connectors were in their own shells at the last '
+            'health check')
     if status.balance_error > _UNBALANCED * status.energy_limit:
         found.append(
             f'the energy balance is off by {status.balance_error:.3g}; the run stops at '
@@ -167,13 +199,17 @@ def _error(status: Status, place: int) -> str:
 
 
 class HealthReport:
-    """Lays out /diagnostics for one node."""
+    """Lay out /diagnostics for one node."""
 
     def __init__(self, name: str) -> None:
         """Report under the node's full `name`."""
         self.name = name
         self._message = DiagnosticArrayBytes()
         self._before: Mapping[str, str] = {}
+
+    def start_bytes(self, compiling: float) -> bytes:
+        """Return the message of a node that has no run yet, see `describe_start`."""
+        return self._message.stamped(0, [describe_start(self.name, compiling)])
 
     def bytes(
         self,
@@ -182,7 +218,7 @@ class HealthReport:
         figures: Mapping[str, str] | None = None,
         notes: Mapping[str, str] | None = None,
     ) -> bytes:
-        """Message for the present `status`."""
+        """Return the message for the present `status`."""
         described = describe(
             status, self.name, faults or {}, figures or {}, before=self._before, notes=notes)
         self._before = figures or {}

@@ -167,7 +167,9 @@ class Panel:
                 pace = figures.get('real-time factor', '?')
                 # All of it would move what stands below, under the mouse.
                 lines.append(_code(f'pace {pace}; {level}: {sight.message.partition(";")[0]}'))
-                self._set(self.report, 'content', _code(sight.message))
+                reasons = figures.get('reasons', 'none')
+                self._set(self.report, 'content', _code(
+                    sight.message if reasons == 'none' else reasons))
             self._set(self.state, 'content', '\n\n'.join(lines))
             for name, (handle, shown) in self._controls.items():
                 if name in fabric.parameters and not (self._wishes or self).is_open(name):

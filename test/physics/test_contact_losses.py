@@ -451,7 +451,7 @@ def test_no_limit_is_said_of_steps_that_follow_their_error():
     assert 'limit' not in said and 'as long as its error allows' in said
     status = Runner(simulation, []).status()
     _, [reported] = decode_diagnostic_array(HealthReport('/icofabric').bytes(status))
-    assert 'beyond the stability limit' not in reported.message
+    assert 'beyond the stability limit' not in reported.values['reasons']
     assert dict(reported.values)['stability margin'] == 'inf'
     # A given step has one.
     given = ico.compile_scene(changed(scene, {'solver.step': 1e-7}))

@@ -99,7 +99,8 @@ def test_a_second_clock_is_told_by_both(tmp_path):
         assert 'publish_clock' in status.values['clock']
         status = status_of(client, '/one/icofabric', lambda status: 'clock' in status.values)
         assert '/two/icofabric' in status.values['clock']
-        assert status.values['clock'] in status.message and status.level == WARN
+        assert status.message == '/clock is published by /two/icofabric too'
+        assert status.values['clock'] in status.values['reasons'] and status.level == WARN
         for node, other in ((one, '/two/icofabric'), (two, '/one/icofabric')):
             # The log is written beside the diagnostics.
             found = client.wait_for(lambda node=node: node.lines('/clock is published by'),

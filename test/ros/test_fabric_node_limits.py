@@ -112,7 +112,9 @@ def test_force_that_is_too_large_ends_in_a_stop_with_the_reason(tmp_path):
         client.push('~/wrench', (0.0, 655.0, 0.0), frame='icosahedron_5')
         status = client.health(lambda status: status.level == ERROR)
         # Steps that are too short to get on with, or an overlap.
-        assert 'reset the run' in status.message or 'overlap by' in status.message
+        reasons = status.values['reasons']
+        assert 'reset the run' in reasons or 'overlap by' in reasons
+        assert len(status.message) <= 80
         before = client.clock
         assert client.call('~/reset').success
         client.wait_until(before + 10**8)

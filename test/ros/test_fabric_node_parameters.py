@@ -353,8 +353,9 @@ def test_change_that_fails_when_built_is_taken_back(client, node, tmp_path):
     for word in ('connector.stiffness', 'solver.step', 'stability limit'):
         assert word in result.reason
     status = client.health(lambda status: status.level == ERROR)
+    assert status.message == 'the last change could not be built'
     for word in ('could not be built', 'solver.step', 'stability limit'):
-        assert word in status.message
+        assert word in status.values['reasons']
     assert held(client) == before
     assert len(client.received['/icofabric/weave']) == known
     assert parameters_in_force(client, tmp_path).parameters['connector.stiffness'] == 300.0

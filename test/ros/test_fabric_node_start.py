@@ -22,7 +22,7 @@ import time
 
 import icofabric_sim as ico
 from icofabric_sim.bag import BagReader
-from icofabric_sim.messages import decode_diagnostic_array
+from icofabric_sim.messages import decode_diagnostic_array, WARN
 import numpy as np
 import pytest
 from ros_helpers import Client, domain, NodeProcess, ROOT, SCENES, wait_for
@@ -212,9 +212,12 @@ def test_interrupt_while_the_node_is_being_built(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'cache'))
         node = NodeProcess(tmp_path / 'log', parameters=parameters)
-    with node:
-        # It says what it waits for once it compiles.
+    with node, Client() as client:
+        # It says what it waits for once it compiles, also on the graph.
         wait_for(lambda: node.lines('compiling'), 'compilation', node=node)
+        status = client.health(lambda status: status.values['compiling'] != 'no')
+        assert status.name == '/icofabric' and status.level == WARN
+        assert status.message.startswith('compiling') and not node.lines(node.READY)
         assert node.stop() == 130
         assert not node.lines('Error')
 

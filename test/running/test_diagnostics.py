@@ -19,6 +19,8 @@ from icofabric_sim.messages.topics import DIAGNOSTICS
 from icofabric_sim.running import pace
 from icofabric_sim.running.diagnostics import (
     describe,
+    describe_start,
+    headline,
     HealthReport,
     NOT_TAKEN,
     RECORDER_DROPPED,
@@ -56,8 +58,8 @@ def test_figures_are_those_of_the_simulation():
     # Floppy as it is, some of its connectors end in shells.
     assert simulation.status.obstructed_ends > 0
     assert message.level == WARN and message.message == (
-        f'{simulation.status.obstructed_ends} ends of connectors were in the shells they are '
-        'attached to at the last health check')
+        f'{simulation.status.obstructed_ends} ends of connectors were in their own shells at the '
+        'last health check')
     values = message.values
     assert values['method'] == simulation.status.method_name
     assert float(values['tolerance']) == 1e-6
@@ -94,7 +96,7 @@ def test_status_says_what_is_known_at_once(status):
 @pytest.mark.parametrize(('changes', 'faults', 'level', 'words'), [
     ({}, {}, OK, 'running'),
     ({'paused': True}, {}, OK, 'paused'),
-    ({'obstructed': 3}, {}, WARN, '3 ends of connectors were in the shells'),
+    ({'obstructed': 3}, {}, WARN, '3 ends of connectors were in their own shells'),
     ({'factor': 0.5, 'wanted_factor': 1.0}, {}, WARN, 'slower than wanted'),
     ({'factor': 0.5, 'wanted_factor': 0.0}, {}, OK, 'running'),
     ({'factor': 0.5, 'wanted_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
@@ -117,7 +119,8 @@ def test_status_says_what_is_known_at_once(status):
 ])
 def test_level_and_sentence(status, changes, faults, level, words):
     message = describe(status._replace(**changes), '/x', faults, {'mine': '7'})
-    assert message.level == level and words in message.message
+    assert message.level == level and len(message.message) <= 80
+    assert words in (message.message if level == OK else message.values['reasons'])
     assert message.values['mine'] == '7' and faults.items() <= message.values.items()
 
 
@@ -127,11 +130,42 @@ def test_all_reasons_are_said(status):
     message = describe(bad, '/x', {}, {}, notes={'clock': '/clock is published twice'})
     assert message.level == WARN
     for words in ('bodies 1 and 2', 'energy balance', '/clock is published twice'):
-        assert words in message.message
+        assert words in message.values['reasons']
+    assert message.message == (
+        'bodies 1 and 2 meet; the energy balance is off by 1; /clock is published twice')
     assert message.values['clock'] == '/clock is published twice'
     message = describe(
         bad._replace(failure='it stopped'), '/x', {'recording': 'disk full'}, {})
     assert message.level == ERROR and message.message == 'it stopped; disk full'
+
+
+@pytest.mark.parametrize(('sentences', 'expected'), [
+    (['running'], 'running'),
+    (['slower than wanted (0.5 of 1): all of it; steps are short' + 60 * '.'],
+     'slower than wanted (0.5 of 1)'),
+    (['one: ' + 80 * 'x', 'two; ' + 80 * 'y'], 'one; two'),
+    ([60 * 'x', 'y' * 30], 60 * 'x' + ' (and 1 more)'),
+    ([700 * 'x'], 76 * 'x' + ' ...'),
+    (3 * [700 * 'x'], 63 * 'x' + ' ... (and 2 more)')])
+def test_messages_have_at_most_80_characters(sentences, expected):
+    assert headline(sentences) == expected and len(expected) <= 80
+
+
+def test_a_report_is_made_without_listeners():
+    """The node keeps its figures for a run that hangs, and for who listens then."""
+    made = []
+    runner = Runner(ico.compile_scene(ico.Scene.from_parameters(SCENE)), [ListSink()],
+                    report=lambda status: made.append(status) or b'')
+    runner.run(until_finished=True)
+    assert made[0].time == 0 and made[-1].finished
+
+
+def test_start_of_a_node():
+    assert describe_start('/x', 0.0)[:3] == (OK, '/x', 'starting')
+    status = describe_start('/x', 12.3)
+    assert status.level == WARN and len(status.message) <= 80
+    assert status.message.endswith('for 12 s so far') and status.values['compiling'] == (
+        'for 12 s so far')
 
 
 @pytest.mark.parametrize(('figure', 'words'), [

@@ -24,6 +24,7 @@ from icofabric_sim.messages import (
     WARN,
 )
 from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.running.diagnostics import headline
 from icofabric_sim.running.replay.player import ReplayStatus
 from icofabric_sim.running.replay.source import ReplaySource
 
@@ -76,10 +77,12 @@ class ReplayReport:
             'wanted rate': f'{status.wanted_rate:g}',
             'loops': str(status.loops),
             'messages sent': str(status.sent),
+            'reasons': sentence if level != OK else 'none',
             **self._recorded(status.recorded_report),
             **notes,
         }
-        return DiagnosticStatus(level, self.name, sentence, 'icofabric_sim', values)
+        return DiagnosticStatus(
+            level, self.name, headline([sentence]), 'icofabric_sim', values)
 
     def _recorded(self, data: bytes | None) -> Mapping[str, str]:
         """What the fabric said of itself at that time."""

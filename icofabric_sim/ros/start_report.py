@@ -1,0 +1,50 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""/diagnostics of a node that is still being built, e.g. while its kernels are compiled."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import threading
+
+from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.messages.topics import DIAGNOSTICS
+from icofabric_sim.ros.live_sink import message_class, quality
+from icofabric_sim.running.diagnostics import HealthReport
+from rclpy.node import Node
+
+_INTERVAL_S = 1.0
+
+
+@contextmanager
+def reporting_start(node: Node) -> Iterator[None]:
+    """Report for `node` once a second, by another thread, until the block ends."""
+    publisher = node.create_publisher(
+        message_class(DIAGNOSTICS.type), DIAGNOSTICS.name, quality(DIAGNOSTICS))
+    report, over = HealthReport(node.get_fully_qualified_name()), threading.Event()
+
+    def work() -> None:
+        before = 0.0
+        while not over.wait(_INTERVAL_S):
+            compiling = compile_notice.seconds
+            publisher.publish(report.start_bytes(compiling if compiling > before else 0.0))
+            before = compiling
+
+    thread = threading.Thread(target=work, name='start report', daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        node.destroy_publisher(publisher)
