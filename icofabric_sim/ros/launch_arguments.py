@@ -57,10 +57,11 @@ def typed_value(argument: str, text: str, kind: type) -> Any:
     """Return the value of a launch argument, or raise RuntimeError that names it."""
     if kind is str:
         return text
-    value: Any = resolve_scalar(text)
+    value = resolve_scalar(text)
     if kind is float and type(value) is int:
         value = float(value)
-    if type(value) is not kind or kind is float and not math.isfinite(value):
+    is_finite = not isinstance(value, float) or math.isfinite(value)
+    if type(value) is not kind or not is_finite:
         raise RuntimeError(
             f'{argument}:={text} is not {_KINDS[kind]}; --show-args lists all arguments')
     return value
