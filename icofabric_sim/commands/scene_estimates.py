@@ -92,7 +92,7 @@ def frequency_bound(scene: Scene) -> float:
     """
     Angular frequency [rad/s] that no vibration of straight, unstrained connectors exceeds.
 
-    (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2 for each of them; g^2 <= 1/m + r^2/I.
+    (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2 for each of them; g^2 <= 1/m + r^2/I of a body.
     """
     if not scene.connector_count:
         return 0.0
@@ -102,11 +102,11 @@ def frequency_bound(scene: Scene) -> float:
     for number, table in enumerate(tables.tables):
         stiffness[tables.of == number] = table.largest_slope
     arm = np.linalg.norm(scene.connectors.attachment, axis=1).max()
-    compliance = 1.0 / scene.shell.mass + arm**2 / scene.shell.inertia
+    compliance = 1.0 / scene.masses.mass + arm**2 / scene.masses.inertia
     each = np.zeros(scene.body_count)
     for side in scene.connectors.bodies.T:
         np.add.at(each, side, stiffness)
-    return float(np.sqrt(2.0 * compliance * each.max()))
+    return float(np.sqrt(2.0 * (compliance * each).max()))
 
 
 def hints(scene: Scene) -> list[Row]:

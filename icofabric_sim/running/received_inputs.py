@@ -64,6 +64,7 @@ from icofabric_sim.simulation.input_types import (
     Value,
 )
 from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Inputs that wait at most: while time stands still those stamped ahead would fill the memory.
@@ -240,11 +241,11 @@ def judge(scene: Scene, received: InputMessage) -> None:
     if not all(math.isfinite(number) for part in value for number in part.tolist()):
         raise ValueError(f'it is not finite ({_amounts(value)})')
     if not _rate(scene, received) <= _LARGEST_RATE:
-        if isinstance(target, DriveTarget):
+        if isinstance(target, (DriveTarget, PullTarget)):
             raise ValueError(f'it is too fast to follow ({_amounts(value)})')
         raise ValueError(
-            f'it is too large to follow ({_amounts(value)} on bodies of {scene.shell.mass:.3g} '
-            'kg)')
+            f'it is too large to follow ({_amounts(value)} on bodies of '
+            f'{_lightest(scene, target)[0]:.3g} kg)')
 
 
 def _require_frame(scene: Scene, target: Target, frame_id: str) -> None:
@@ -276,7 +277,7 @@ def _rate(scene: Scene, received: InputMessage) -> float:
     if isinstance(target, PullTarget):
         return 0.0  # its force is capped
     straight, turning = (math.hypot(*part.tolist()) for part in received.value)
-    size, shell = scene.geometry.cube_width, scene.shell
+    size = scene.geometry.cube_width
     if isinstance(target, DriveTarget):
         return straight / size + turning
     if isinstance(target, ChannelTarget):
@@ -284,4 +285,14 @@ def _rate(scene: Scene, received: InputMessage) -> float:
         turning += math.hypot(*channel.point) * straight
         if channel.total:
             straight, turning = straight / len(channel.bodies), turning / len(channel.bodies)
-    return math.sqrt(straight / (shell.mass * size) + turning / shell.inertia)
+    mass, inertia = _lightest(scene, target)
+    return math.sqrt(straight / (mass * size) + turning / inertia)
+
+
+def _lightest(scene: Scene, target: BodyTarget | ChannelTarget) -> tuple[float, float]:
+    """Return the smallest mass [kg] and inertia [kg m^2] of the bodies that a wrench acts on."""
+    bodies = (
+        scene.loads[target.name].bodies if isinstance(target, ChannelTarget) else [target.number])
+    mass, inertia = (np.broadcast_to(values, scene.body_count)[bodies].min() for values in (
+        scene.masses.mass, scene.masses.inertia))
+    return float(mass), float(inertia)

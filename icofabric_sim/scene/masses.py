@@ -44,6 +44,10 @@ class BodyMasses(NamedTuple):
         """Whether all bodies have those of the shell."""
         return len(self.mass) == 1
 
+    def of(self, body: int) -> float:
+        """Return the mass [kg] of one body."""
+        return float(self.mass[0 if self.alike else body])
+
     def total(self, bodies: int) -> float:
         """Mass [kg] of all so many bodies."""
         return float(self.mass.sum()) if not self.alike else bodies * float(self.mass[0])

@@ -298,7 +298,7 @@ class Scene:
         return html_of('Scene', {
             'weave': f'{weave.kind}, variant {weave.variant}, '
                      f'{" x ".join(map(str, weave.size))} grid positions',
-            'bodies': f'{self.body_count:,} of {self.shell.mass:.6g} kg',
+            'bodies': f'{self.body_count:,}, {self.masses.total(self.body_count):.6g} kg in all',
             'connectors': f'{self.connector_count:,}, {geometry.connector_length:.6g} m',
             'connector angle': f'{geometry.connector_angle:.6g} rad',
             'pitch': f'{geometry.pitch:.6g} m',

@@ -34,7 +34,7 @@ from icofabric_sim.simulation.model.packing import (
     PackedScene,
 )
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
-from icofabric_sim.simulation.pulls import connected_count
+from icofabric_sim.simulation.pulls import connected_mass
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.events import why_events
@@ -450,7 +450,7 @@ class EventLoop:
 
         held = pulls.compute(
             time, motion, driver.rates.frequency.rate,
-            lambda body: connected_count(
+            lambda body: connected_mass(
                 self._scene, driver.trajectory.broken.since, body))
         if held < math.inf:
             pulls.due = time + driver.whole_steps(held)

@@ -15,14 +15,19 @@
 Pulls: a hand that draws a body towards a point of the world, as a spring with a damper.
 
 The law is that of the mouse spring of MuJoCo, K = 100 / s^2 times a mass and damping ratio 0.5.
-The mass lies between that of the shell, too little to move a fabric, and that of all that is
-connected with it, which would tear the shell out: their geometric mean. The force is capped, so
-that a hand that is flung far away does not break what it holds.
+The mass lies between that of the body, too little to move a fabric, and that of all that is
+connected with the body, which would tear the body out: their geometric mean. The spring draws no
+harder than from `LARGEST_DISTANCE`, so that a hand that is flung far away does not break the
+fabric, and the force is capped at the same value: both caps only take energy out.
 
-A force is computed every few steps of the trajectory and held between: it lags, and what holds and
-lags feeds fast vibrations. So it is computed at least once in a radian of the fastest vibration of
-the fabric, and its damping is limited to what a free shell is stable under. All of it follows from
-the state and the times at which the targets came, so a record repeats it.
+The force acts at the centre of the body, so the inertia of the body has no part in the law.
+
+A force is computed every few steps of the trajectory and held between: its lag of half that time
+feeds vibrations. So the force is computed at least once in a radian of the fastest vibration of
+the fabric, and ten times in a radian of the body on the spring, which costs 0.05 of the damping
+ratio at most; and the damping is limited to what the free body is stable under. A free body of any
+mass overshoots by less than a quarter and comes to rest. All of this follows from the state and
+the times at which the targets came, so a record repeats the forces.
 """
 
 from collections.abc import Callable, Iterable
@@ -38,11 +43,14 @@ import numpy as np
 STIFFNESS = 100.0  # of a pull of strength 1, by its mass [1/s^2]
 DAMPING_RATIO = 0.5
 LARGEST_ACCELERATION = 50.0  # of its mass, at strength 1 [m/s^2]
-# The longest that a force is held: simulated time [s], and radians of the fastest vibration.
-_LONGEST, _RADIANS = 0.01, 1.0
-# Part of the velocity of a free shell that the damping may take away in that time.
-_LARGEST_DAMPING = 0.25
-# Farther is no distance [m]: products of it would overflow, and the cap make NaN of that.
+# Beyond this distance [m] the spring draws no harder.
+LARGEST_DISTANCE = LARGEST_ACCELERATION / STIFFNESS
+# The longest that a force is held: simulated time [s], radians of the fastest vibration of the
+# fabric, and radians of the body on its spring.
+_LONGEST_HOLD_S, _FABRIC_RADIANS, _SPRING_RADIANS = 0.01, 1.0, 0.1
+# Ratio of the velocity of a free body that the damping may take away in that time.
+_LARGEST_DAMPING_RATIO = 0.25
+# Farther is no distance [m]: lengths of it would overflow, and the cap make NaN of that.
 _FARTHEST = 1e100
 
 # Position [m] and velocity [m/s] of a body.
@@ -111,30 +119,33 @@ class Pulls:
                 self._targets[body], self.due = other._targets[body], now
 
     def compute(
-        self, time: float, motion: BodyMotion, rate: float, connected: Callable[[int], int]
+        self, time: float, motion: BodyMotion, rate: float, connected: Callable[[int], float]
     ) -> float:
         """
         Compute the forces of `time` [s]; returns for how long [s] they may be held at most.
 
-        `rate` [rad/s]: of the fastest vibration. `connected`: how many bodies hang together with
-        a body, asked where its pull begins.
+        `rate` [rad/s]: of the fastest vibration. `connected`: mass [kg] of all bodies that hang
+        together with a body, queried where its pull begins.
         """
-        held = min(_LONGEST, _RADIANS / rate if rate > 0.0 else math.inf)
-        shell = self._scene.shell.mass
+        held = min(_LONGEST_HOLD_S, _FABRIC_RADIANS / rate if rate > 0.0 else math.inf)
+        for body in self.bodies:
+            own = self._scene.masses.of(body)
+            if body not in self._masses:
+                self._masses[body] = math.sqrt(own * connected(body))
+            stiffness = self._strength * STIFFNESS * self._masses[body]
+            held = min(held, _SPRING_RADIANS * math.sqrt(own / stiffness))
         self._forces = {}
         for body in self.bodies:
-            if body not in self._masses:
-                self._masses[body] = shell * math.sqrt(connected(body))
             mass = self._masses[body]
             stiffness = self._strength * STIFFNESS * mass
-            damping = 2.0 * DAMPING_RATIO * math.sqrt(stiffness * mass)
-            damping = min(damping, _LARGEST_DAMPING * shell / held)
+            damping = min(
+                2.0 * DAMPING_RATIO * math.sqrt(stiffness * mass),
+                _LARGEST_DAMPING_RATIO * self._scene.masses.of(body) / held)
             position, velocity = motion(body)
             away = np.clip(self._targets[body] - position, -_FARTHEST, _FARTHEST)
-            force = stiffness * away - damping * velocity
-            largest = self._strength * LARGEST_ACCELERATION * mass
-            amount = math.hypot(*force.tolist())
-            self._forces[body] = force if amount <= largest else force * (largest / amount)
+            self._forces[body] = _capped(
+                stiffness * _capped(away, LARGEST_DISTANCE) - damping * velocity,
+                stiffness * LARGEST_DISTANCE)
         self.due = math.inf
         return held if self._targets else math.inf
 
@@ -202,9 +213,9 @@ class Pulls:
         return number
 
 
-def connected_count(scene: Scene, broken: np.ndarray | None, body: int) -> int:
+def connected_mass(scene: Scene, broken: np.ndarray | None, body: int) -> float:
     """
-    Count the bodies that hang together with a body, itself included.
+    Return the mass [kg] of the bodies that hang together with a body, itself included.
 
     `broken` (c,): when each connector broke [s]; NaN: it is whole. None: all are.
     """
@@ -217,7 +228,13 @@ def connected_count(scene: Scene, broken: np.ndarray | None, body: int) -> int:
         (np.ones(len(whole), bool), (whole[:, 0], whole[:, 1])),
         shape=(scene.body_count, scene.body_count))
     label = connected_components(links, directed=False)[1]
-    return int((label == label[body]).sum())
+    return float(np.broadcast_to(scene.masses.mass, scene.body_count)[label == label[body]].sum())
+
+
+def _capped(vector: np.ndarray, largest: float) -> np.ndarray:
+    """Return a vector (3,) shortened to the `largest` length."""
+    length = math.hypot(*vector.tolist())
+    return vector if length <= largest else vector * (largest / length)
 
 
 def _listing(vectors: dict[int, np.ndarray]) -> list[Any]:

@@ -15,15 +15,17 @@
 Who may talk to the page: any web page in the browser can reach a socket of this machine.
 
 A request must name this machine in its Host header (else another name leads here, as in DNS
-rebinding), and where it has an Origin header, as all that scripts of web pages send have, that
-must be the page itself. Bound to anything but the loopback, a token is asked for as well: once in
-the address, then in a cookie of the browser.
+rebinding), by any port, as tunnels have ports of their own. Where a request has an Origin header,
+as all that scripts of web pages send have, that must be the page itself, port included. Bound to
+anything but the loopback, a token is asked for as well: once in the address, then in a cookie of
+the browser.
 """
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from http.cookies import CookieError, SimpleCookie
 from importlib import import_module
+import re
 import secrets
 import threading
 from typing import Any
@@ -31,7 +33,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from icofabric_sim.libraries import install_command
 
-LOOPBACK = ('127.0.0.1', 'localhost', '[::1]')
+_LOOPBACK = re.compile(r'(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?', re.IGNORECASE)
 _COOKIE = 'icofabric_viewer'
 _installing = threading.Lock()
 
@@ -43,12 +45,12 @@ class Guard:
         """Guard a server that is bound to `host`; `token`: of a page before, if any."""
         self.is_local = host in ('127.0.0.1', 'localhost', '::1')
         self.token = '' if self.is_local else token or secrets.token_urlsafe(24)
-        self.is_installed = False
+        self._serving: Any = None
 
-    def judge(self, path: str, headers: Mapping[str, str], port: int) -> str:
-        """Why a request to `port` is refused; '': it is not."""
+    def judge(self, path: str, headers: Mapping[str, str]) -> str:
+        """Return why a request is refused; '': it is not."""
         host, origin = headers.get('Host', ''), headers.get('Origin')
-        if self.is_local and host not in {f'{name}:{port}' for name in LOOPBACK}:
+        if self.is_local and not _LOOPBACK.fullmatch(host):
             return f'the Host header {host[:80]!r} is not this machine'
         if origin is not None and origin != f'http://{host}':
             return f'the Origin {origin[:80]!r} is another page'
@@ -86,10 +88,10 @@ class Guard:
         real = server.serve
 
         def serve(*positions: Any, process_request: Any = None, **words: Any) -> Any:
-            self.is_installed = True
-            return real(
+            self._serving = real(
                 *positions, process_request=lambda connection, request: self._process(
                     connection, request, process_request), **words)
+            return self._serving
 
         with _installing:
             server.serve = serve
@@ -97,14 +99,19 @@ class Guard:
                 yield
             finally:
                 server.serve = real
-        if not self.is_installed:
+        if self._serving is None:
             raise RuntimeError(
                 'this release of viser starts its server in another way than 1.1: the page would '
                 f'be open to every web page, so it is not served; {install_command("viser")}')
 
+    def abort_connections(self) -> None:
+        """Close what is still connected without waiting for answers; called in its event loop."""
+        for connection, task in list(self._serving.server.handlers.items()):
+            task.cancel()
+            connection.transport.abort()
+
     def _process(self, connection: Any, request: Any, process_request: Any) -> Any:
-        port = connection.local_address[1]
-        reason = self.judge(request.path, request.headers, port)
+        reason = self.judge(request.path, request.headers)
         if reason:
             return connection.respond(403, f'refused: {reason}\n')
         response = None if process_request is None else process_request(connection, request)

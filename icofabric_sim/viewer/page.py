@@ -38,6 +38,8 @@ import numpy as np
 _LOGGER = logging.getLogger('icofabric_sim')
 # How often the words of the panel, and the samples of its plots, are renewed [s].
 _WORDS, _SAMPLES = 0.5, 0.1
+# For so long a page may answer that it is closed [s].
+_CLOSING_S = 0.3
 # Angle of view of a new page [rad], and how far it stands off, in sizes of the fabric.
 _VIEW, _FAR = 0.6, 1.9
 
@@ -115,6 +117,8 @@ class Page:
         if self.grip is not None:
             for page in list(self.server.get_clients()):
                 self.grip.let_go(page)
+        loop = self.server.get_event_loop()
+        loop.call_soon_threadsafe(loop.call_later, _CLOSING_S, self._guard.abort_connections)
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 

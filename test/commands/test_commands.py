@@ -28,6 +28,7 @@ from icofabric_sim.bag import BagReader
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.commands.main import main, VERBS
+from icofabric_sim.commands.scene_estimates import frequency_bound
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
@@ -35,6 +36,7 @@ from icofabric_sim.running.cross_check import cross_check, DISTURBANCE
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.divergence import measure_growth
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_sim.statics.modes import solve_modes
 import numpy as np
 import pytest
 import yaml
@@ -899,3 +901,14 @@ def test_fabrics_at_their_kink_say_so_and_give_both_branches(
         '2')
     assert tense.status == 0 and 'the first connector comes from' in tense.out
     assert 'at its kink' not in tense.out
+
+
+def test_no_vibration_is_faster_than_the_bound_of_info_also_with_light_bodies() -> None:
+    rates = []
+    for mass in (0.0, 1e-6):
+        scene = Scene.from_parameters({
+            'weave.size': [3, 1, 2], 'groups.own': 'ids 0', 'masses.own.group': 'own',
+            'masses.own.mass': mass})
+        rates.append(frequency_bound(scene))
+        assert solve_modes(scene).frequencies.max() <= rates[-1]
+    assert rates[1] > 10.0 * rates[0]

@@ -13,6 +13,7 @@
 # limitations under the License.
 """Inputs from outside: what is judged, what waits, and what no checkpoint holds."""
 
+from fabrics import changed
 import icofabric_sim as ico
 from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.input_topics import decode_input
@@ -65,6 +66,19 @@ def test_input_that_the_scene_cannot_take_is_refused_with_the_reason(
         scene, topic, changes, words):
     with pytest.raises(ValueError, match=words):
         judge(scene, input_of(topic, **changes))
+
+
+def test_a_wrench_is_judged_by_the_masses_of_its_own_bodies():
+    shell = ico.Scene.from_parameters(SCENE)
+    light = changed(shell, {
+        'groups.own': 'ids 0', 'masses.own.group': 'own',
+        'masses.own.mass': 1e-4 * shell.shell.mass})
+    force = 1e-2 * 1e12 * shell.shell.mass * shell.geometry.cube_width
+    for frame in ('icosahedron_0', 'icosahedron_1'):
+        judge(shell, input_of('~/wrench', frame=frame, first=(force, 0.0, 0.0)))
+    judge(light, input_of('~/wrench', frame='icosahedron_1', first=(force, 0.0, 0.0)))
+    with pytest.raises(ValueError, match='too large to follow .* of 7.26e-07 kg'):
+        judge(light, input_of('~/wrench', frame='icosahedron_0', first=(force, 0.0, 0.0)))
 
 
 def test_message_that_is_no_input_is_dropped_with_its_topic(caplog):

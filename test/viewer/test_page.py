@@ -14,6 +14,7 @@
 """The page of a run and of a record, seen and used by a client of viser's protocol."""
 
 from functools import partial
+import socket
 import threading
 import urllib.error
 import urllib.request
@@ -147,8 +148,10 @@ def test_other_pages_are_refused_at_the_socket(shown):
     for headers in ({'Host': f'evil.example:{shown.port}'}, {'Origin': 'http://evil.example'}):
         with pytest.raises(urllib.error.HTTPError, match='403'):
             urllib.request.urlopen(urllib.request.Request(own, headers=headers), timeout=60.0)
-    with urllib.request.urlopen(own, timeout=60.0) as page:
-        assert b'<html' in page.read().lower()
+    tunnel = {'Host': 'localhost:28106', 'Origin': 'http://localhost:28106'}
+    for request in (own, urllib.request.Request(own, headers=tunnel)):
+        with urllib.request.urlopen(request, timeout=60.0) as page:
+            assert b'<html' in page.read().lower()
     assert shown.page.address == f'{own}/'
 
 
@@ -272,6 +275,18 @@ def test_rates_change_no_fabric_and_what_is_woven_does(shown):
         assert sight.fabric_number == number
         for name, value in changes.items():
             assert sight.fabric.parameters[name] == value
+
+
+def test_a_page_closes_without_the_answers_of_those_who_are_connected(capfd):
+    page = Page(Sight(), None, port=18080)
+    with socket.create_connection(('127.0.0.1', page.port)), PageClient(page.port) as client:
+        handlers = page._guard._serving.server.handlers
+        client.wait_for(lambda: len(handlers) == 2, 'they are not connected')
+        server = page.server._websock_server._server_thread
+        page.close()
+        # viser waits for 5 s, and websockets for 10 s.
+        assert not server.is_alive() and not handlers
+    assert not capfd.readouterr().err
 
 
 @pytest.mark.parametrize('host', ['192.0.2.1', 'no such name'])
