@@ -12,69 +12,81 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Runs the cells of a notebook in order and writes their outputs into it; needs no Jupyter.
+Runs the cells of a notebook in a Jupyter kernel and writes their outputs into it.
 
     .venv/bin/python docs/run_notebook.py examples/first_steps.ipynb
+
+Needs the package ipykernel, which requirements-test.txt lists.
 """
 
 import argparse
-import ast
-import base64
-from contextlib import redirect_stdout
-import io
 import json
+import os
 from pathlib import Path
+import tempfile
 from typing import Any
 
+# For one cell, or the start of the kernel, on a busy machine that compiles [s].
+_PATIENCE = 900.0
 
-def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, Any]]:
-    """Outputs of a cell in the form of nbformat 4: what it prints, and what its last line is."""
-    tree = ast.parse(source)
-    last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
-    said, value = io.StringIO(), None
-    with redirect_stdout(said):
-        exec(compile(tree, 'cell', 'exec'), names)
-        if isinstance(last, ast.Expr):
-            value = eval(compile(ast.Expression(last.value), 'cell', 'eval'), names)
+
+def run(notebook: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Run `notebook` in `folder` as Jupyter does, by a new kernel; return it with the outputs."""
+    from jupyter_client.manager import KernelManager
+    # A plain kernel: no settings of the user, and the backend of pictures that ipykernel chooses.
+    environment = {name: value for name, value in os.environ.items() if name != 'MPLBACKEND'}
+    with tempfile.TemporaryDirectory() as settings:
+        manager = KernelManager(transport='ipc', connection_file=f'{settings}/kernel.json')
+        manager.start_kernel(cwd=str(folder), env={**environment, 'IPYTHONDIR': settings})
+        client = manager.client()
+        client.start_channels()
+        try:
+            client.wait_for_ready(timeout=_PATIENCE)
+            number = 0
+            for cell in notebook['cells']:
+                if cell['cell_type'] == 'code':
+                    number += 1
+                    cell['execution_count'] = number
+                    cell['outputs'] = run_cell(client, ''.join(cell['source']))
+        finally:
+            client.stop_channels()
+            manager.shutdown_kernel(now=True)
+    return notebook
+
+
+def run_cell(client: Any, source: str) -> list[dict[str, Any]]:
+    """Return the outputs of a cell in the form of nbformat 4, without what goes to stderr."""
     outputs: list[dict[str, Any]] = []
-    if said.getvalue():
-        outputs.append({'output_type': 'stream', 'name': 'stdout',
-                        'text': said.getvalue().splitlines(keepends=True)})
-    if value is not None:
-        outputs.append({'output_type': 'execute_result', 'execution_count': number,
-                        'metadata': {}, 'data': _shown(value)})
+
+    def keep(message: dict[str, Any]) -> None:
+        kind, content = message['msg_type'], message['content']
+        if kind == 'stream' and content['name'] == 'stdout':
+            before = outputs.pop()['text'] if outputs and outputs[-1].get('text') else []
+            text = ''.join(before) + content['text']
+            outputs.append({'output_type': kind, 'name': 'stdout',
+                            'text': text.splitlines(keepends=True)})
+        elif kind in ('display_data', 'execute_result'):
+            count = {name: content[name] for name in ('execution_count',) if name in content}
+            outputs.append({'output_type': kind, **count, 'metadata': content['metadata'],
+                            'data': {name: _lines(name, data)
+                                     for name, data in content['data'].items()}})
+
+    answer = client.execute_interactive(source, timeout=_PATIENCE, output_hook=keep)['content']
+    if answer['status'] != 'ok':
+        raise RuntimeError('\n'.join(answer['traceback']))
     return outputs
 
 
-def _shown(value: Any) -> dict[str, Any]:
-    data: dict[str, Any] = {'text/plain': [repr(value)]}
-    if hasattr(value, '_repr_html_'):
-        data['text/html'] = [value._repr_html_()]
-    if hasattr(value, 'savefig'):
-        picture = io.BytesIO()
-        value.savefig(picture, format='png', dpi=80, metadata={'Software': None})
-        data['text/plain'] = ['<Figure>']
-        data['image/png'] = base64.b64encode(picture.getvalue()).decode()
-    return data
-
-
-def run(notebook: dict[str, Any]) -> dict[str, Any]:
-    """The notebook with the outputs of its cells."""
-    names: dict[str, Any] = {}
-    number = 0
-    for cell in notebook['cells']:
-        if cell['cell_type'] == 'code':
-            number += 1
-            cell['execution_count'] = number
-            cell['outputs'] = run_cell(''.join(cell['source']), names, number)
-    return notebook
+def _lines(kind: str, data: Any) -> Any:
+    """Return text as the list of its lines, as notebooks are stored."""
+    return data.splitlines(keepends=True) if kind.startswith('text/') else data
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description='Run a notebook and keep its outputs.')
     parser.add_argument('notebook', type=Path, help='a file that ends in .ipynb; it is changed')
-    path = parser.parse_args().notebook
-    notebook = run(json.loads(path.read_text(encoding='utf-8')))
+    path = parser.parse_args().notebook.absolute()
+    notebook = run(json.loads(path.read_text(encoding='utf-8')), path.parent)
     path.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + '\n', encoding='utf-8')
     print(f'{len(notebook["cells"])} cells, {path}')
 
