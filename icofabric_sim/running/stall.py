@@ -14,15 +14,18 @@
 """
 Notices that simulated time stands nearly still, because the motion has become too fast to follow.
 
-It goes by wall time, so it is for live runs only: there a clock that stands says nothing, and who
-waits for it waits for ever. A large fabric that is slow from the start is no stall.
+For live runs only: there a clock that stands says nothing, and who waits for it waits for ever.
+Evaluations of the forces are counted, not the time that they take: a busy machine ends no run.
 """
 
-# Computing time [s] after which it is judged.
-_WINDOW = 4.0
-# Simulated over computing time below which it is a stall, if also the step is so much shorter than
-# the first one: by a contact that begins it becomes a hundred times shorter.
-_SLOWEST, _SHORTEST = 1e-2, 1e-3
+from collections.abc import Callable
+
+# Evaluations for each simulated second, beside those that the scene's own terms ask for, and times
+# the bodies of a fabric, so many at least. Above both it is a stall: some ten times as many are
+# computed in a second.
+_MOST_BESIDE_USUAL, _MOST_OF_BODIES, _FEWEST_BODIES = 1e3, 3e8, 32
+# They are counted over some outputs, but over this simulated time [s] at least and at most.
+_OUTPUTS, _SHORTEST_WINDOW, _LONGEST_WINDOW = 3.0, 0.1, 1.0
 
 
 class StallWatch:
@@ -30,28 +33,43 @@ class StallWatch:
 
     def __init__(self) -> None:
         """Judge nothing before `begin`."""
+        self._limit = self._window = 0.0
         self._usual = 0.0
-        self._computed, self._simulated = 0.0, 0.0
+        self._since, self._steps, self._evaluations = 0.0, -1, 0
 
-    def begin(self, step: float) -> None:
-        """Judge a motion whose steps have the length `step` [s] at first."""
-        self._usual = step
-        self._computed = self._simulated = 0.0
+    def begin(self, usual: float, bodies: int, output_period: float) -> None:
+        """
+        Judge a motion of so many `bodies`.
 
-    def note(self, simulated: float, computed: float, step: float) -> str:
+        Its scene asks for `usual` evaluations in a second; outputs are `output_period` [s] apart.
         """
-        Note that `simulated` [s] took `computed` [s]; returns why it is a stall, or ''.
+        self._usual = usual
+        self._limit = max(
+            _MOST_BESIDE_USUAL * usual, _MOST_OF_BODIES / max(bodies, _FEWEST_BODIES))
+        self._window = min(max(_OUTPUTS * output_period, _SHORTEST_WINDOW), _LONGEST_WINDOW)
+        self._steps = -1
+
+    def note(self, time: float, steps: int, stages: int, fastest: Callable[[], str]) -> str:
         """
-        self._simulated += simulated
-        self._computed += computed
-        if self._computed < _WINDOW:
-            return ''
-        speed = self._simulated / self._computed
-        self._computed = self._simulated = 0.0
-        if not (speed < _SLOWEST and step < _SHORTEST * self._usual):
-            return ''
-        return (
-            f'simulated time stands nearly still (at {speed:.2g} of computing time): the motion '
-            f'has become so fast that steps of {step:.3g} s follow it, {self._usual / step:,.0f} '
-            'times shorter than at first. A load or a drive is too strong for these shells: reset '
-            'the run and send a smaller one')
+        Note a `time` [s] and the steps so far, lately of `stages`; returns why it stalls, or ''.
+
+        `fastest` names what moves fastest.
+        """
+        if not 0 <= self._steps <= steps or time < self._since:
+            self._since, self._evaluations = time, 0
+        else:
+            self._evaluations += (steps - self._steps) * stages
+        self._steps = steps
+        past = time - self._since
+        if self._evaluations > self._limit * max(past, self._window):
+            rate = self._evaluations / past if past > 0.0 else float('inf')
+            self._since, self._evaluations = time, 0
+            return (
+                f'simulated time stands nearly still: the motion has become so fast that a second '
+                f'of it takes {rate:.2g} evaluations of the forces, where this scene usually '
+                f'takes {self._usual:.2g}; the fastest is that of {fastest()}. Reset the run and '
+                'make that slower: a load, drive or pull is too strong for these shells, or '
+                'something too stiff')
+        if past >= self._window:
+            self._since, self._evaluations = time, 0
+        return ''

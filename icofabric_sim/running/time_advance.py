@@ -104,7 +104,7 @@ class TimeAdvance:
             if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
             self.requests.answer(state.now)
-            self._look_for_stall(seconds(state.now - before), computed)
+            self._look_for_stall()
         except SimulationError as error:
             self.fail(str(error), target)
         except KernelsAwaited as error:
@@ -180,7 +180,10 @@ class TimeAdvance:
         """Take the present motion as one that begins, e.g. after a reset."""
         self._state.is_held = False
         if self.stall is not None:
-            self.stall.begin(self._state.simulation.status.step)
+            simulation = self._state.simulation
+            self.stall.begin(
+                simulation.status.usual_evaluation_rate, simulation.scene.body_count,
+                1.0 / simulation.scene.parameters['publish_rate'])
 
     def take_steps(self, request: StepRequest) -> None:
         """Take steps for a moment; the rest follows once commands had their turn."""
@@ -211,12 +214,15 @@ class TimeAdvance:
         except Interrupted:
             state.catch_up()
 
-    def _look_for_stall(self, simulated: float, computed: float) -> None:
+    def _look_for_stall(self) -> None:
         """Stop simulated time where it stands nearly still: a clock that stands says nothing."""
         if self.stall is None:
             return
         state = self._state
-        reason = self.stall.note(simulated, computed, state.simulation.status.step)
+        status = state.simulation.status
+        reason = self.stall.note(
+            seconds(state.now), status.step_count, status.stage_count,
+            lambda: status.fastest_term)
         if reason:
             state.failure = reason
             _LOGGER.error('the simulation has stopped: %s', reason)

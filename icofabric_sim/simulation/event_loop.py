@@ -146,6 +146,8 @@ class EventLoop:
             # With the room that this method needs.
             loads = self._loads()
         method = facts_of(self.method.name)
+        if fixed > 0.0:
+            self.inputs.timetable.follow(fixed, method.order, method.stability)
         # Each rank takes its steps by one thread, a device takes all of them, and what implicit
         # steps take most of their time for, to solve, is done by one.
         is_shared = ranks is None and device is None and not method.implicit
@@ -226,6 +228,7 @@ class EventLoop:
             broad_phase=self._broad_phase,
             obstruction=self._obstruction,
             anchor_breaks=self.inputs.anchor_breaks,
+            pulse_step=self.inputs.pulse_step,
             leaves_contacts=(
                 self.near_method is not None and self.method.name == self._first.name),
             begins=begins,

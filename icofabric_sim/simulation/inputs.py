@@ -200,6 +200,10 @@ class Inputs:
             self.active[target] = Wrench(channel.force, channel.torque)
         return True
 
+    def pulse_step(self) -> float:
+        """Longest step [s] within the pulses that were packed last; infinite: any."""
+        return self.timetable.part_length(self._packed_pieces)
+
     def acting(self) -> dict[LoadTarget, Wrench]:
         """Return what acts now: channels by name, then bodies by number."""
         return {target: self.active[target] for target in sorted(self.active, key=load_order)}

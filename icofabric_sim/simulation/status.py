@@ -13,6 +13,7 @@
 # limitations under the License.
 """Figures of a run, to be read only."""
 
+import math
 from typing import NoReturn
 
 from icofabric_sim.simulation.contact.broad_phase import Overlap, Touching
@@ -23,6 +24,9 @@ from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 from icofabric_sim.simulation.stepping.method_selection import WILD
+
+# Radians of the vibration of a contact in a step, about.
+_CONTACT_ANGLE = 0.2
 
 
 class SimulationStatus:
@@ -91,6 +95,22 @@ class SimulationStatus:
     def step_count(self) -> int:
         """Steps taken so far."""
         return self._driver.trajectory.step_count
+
+    @property
+    def stage_count(self) -> int:
+        """Evaluations of the forces in a step."""
+        return self._driver.trajectory.method.stages
+
+    @property
+    def usual_evaluation_rate(self) -> float:
+        """
+        Evaluations of the forces for each simulated second [1/s] with the present step.
+
+        Or with one as short as contacts need, if any are possible.
+        """
+        contact = self._driver.contact
+        rate = math.sqrt(contact.least_rate) + contact.velocity_rate
+        return self.stage_count * max(1.0 / self.step, rate / _CONTACT_ANGLE)
 
     @property
     def rank_count(self) -> int:

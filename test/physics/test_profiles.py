@@ -18,6 +18,7 @@ import math
 from fabrics import changed, make_scene, RANDOM, same_state
 import icofabric_sim as ico
 from icofabric_sim.scene.profiles import make_profile
+from icofabric_sim.simulation.timetable import Timetable
 import numpy as np
 import pytest
 
@@ -81,6 +82,80 @@ def test_half_sine_gives_two_over_pi(duration):
     assert impulse(scene) == pytest.approx(expected, rel=1e-6)
     adaptive = changed(scene, {'solver.method': 'dop8'})
     assert impulse(adaptive) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize('method', [*ico.METHODS, 'auto'])
+@pytest.mark.parametrize('ratio', [1.0, 2.0, 1.37, 40.0])
+def test_pulse_acts_whole_however_long_the_given_steps(method, ratio):
+    duration = 0.005
+    scene = one_body({
+        **profile('half_sine', 0.1, duration), 'solver.step': ratio * duration,
+        'solver.method': method})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.5)
+    velocity = simulation.snapshot().linear_velocity[0]
+    assert velocity == pytest.approx(
+        2.0 * duration / math.pi * FORCE / scene.shell.mass, rel=1e-5)
+    expected = velocity * (0.5 - 0.1 - 0.5 * duration)
+    error = np.abs(simulation.snapshot().position[0] - scene.position[0] - expected).max()
+    # What is left of it is in the estimate, which says nothing of how errors grow.
+    assert 0.0 < error / scene.shell.half_edge < 10.0 * simulation.status.error_estimate + 1e-12
+    assert simulation.status.error_estimate < 1e-2
+    pieces = ico.compile_scene(scene)
+    for time in (0.1002, 0.1013, 0.104, 0.1049, 0.3):
+        pieces.advance_to(time)
+        pieces.snapshot()
+        pieces.restore(pieces.checkpoint())
+    pieces.advance_to(0.5)
+    assert same_state(simulation.snapshot(), pieces.snapshot())
+
+
+@pytest.mark.parametrize('changes, pushed', [
+    ({'groups.b': 'all', 'tractions.b.group': 'b', 'tractions.b.faces': 'numbers 1',
+      'tractions.b.pressure': 1e4, 'tractions.b.profile': 'half_sine',
+      'tractions.b.start': 0.1, 'tractions.b.duration': 0.005}, 0),
+    ({'charge.per_body': 1e-6, 'field.electric': [1e6, 0.0, 0.0], 'field.profile': 'half_sine',
+      'field.start': 0.1, 'field.duration': 0.005}, 0)])
+def test_pulses_of_tractions_and_fields_act_whole(changes, pushed):
+    def velocity(step):
+        simulation = ico.compile_scene(make_scene((1, 1, 1), {
+            'contact.mode': 'never', 'solver.method': 'leapfrog', **changes, 'solver.step': step}))
+        simulation.advance_to(0.2)
+        return np.linalg.norm(simulation.snapshot().linear_velocity[pushed])
+
+    assert velocity(0.01) == pytest.approx(velocity(5e-6), rel=1e-4) != 0.0
+
+
+def test_pulse_of_enough_given_steps_is_passed_by_them():
+    scene = one_body({**profile('half_sine', 0.1, 0.008), 'solver.step': 1e-3,
+                      'solver.method': 'leapfrog'})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(0.2)
+    assert simulation.status.step_count == pytest.approx(200, abs=2)
+
+
+@pytest.mark.parametrize('changes, words', [
+    (profile('sine 100', 0.1, 0.0), 'the sine of loads.tip, whose period is 0.01 s'),
+    (profile('sine 100', 0.1, 1.0), 'at most 0.00318 s'),
+    ({'loads.tip.force': [0.0, 0.0, 0.0], 'drives.d.group': 'tip', 'drives.d.motion': 'sine',
+      'drives.d.frequency': 100.0, 'drives.d.linear': [1e-3, 0.0, 0.0]}, 'sine of drives.d')])
+def test_sine_that_given_steps_cannot_follow_is_refused(changes, words):
+    scene = one_body({**changes, 'solver.method': 'leapfrog', 'solver.step': 0.01})
+    with pytest.raises(ValueError, match='solver.step 0.01 s is too long') as caught:
+        ico.compile_scene(scene)
+    assert words in str(caught.value)
+    # At 0.19 s, when the energy is checked first, what this load moves is at rest.
+    ico.compile_scene(changed(scene, {'solver.step': 0.003})).advance_to(0.2)
+
+
+def test_rounding_of_a_load_is_no_error_of_the_energy(monkeypatch):
+    # Steps end where the pulse is 0 but for rounding: all that moves is rounded.
+    monkeypatch.setattr(Timetable, 'follow', lambda *_: None)
+    simulation = ico.compile_scene(one_body({
+        **profile('half_sine', 0.1, 0.005), 'solver.method': 'leapfrog', 'solver.step': 0.005}))
+    simulation.advance_to(1.0)
+    assert 0.0 < np.abs(simulation.snapshot().linear_velocity).max() < 1e-14
+    assert simulation.balance.scale > 0.0
 
 
 def driven_fabric(table, **changes):

@@ -483,16 +483,23 @@ def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
 
 def load_rate(loads: Loads, model: Model, size: float) -> float:
     """
-    Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
-
-    Infinite where the loads are too large for numbers.
+    Rate [rad/s] of loads: `force_rate`, or that of their factors and of paths if that is larger.
     """
     # A step must also follow the factors and the paths themselves.
     own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
     if loads.drives is not None:
         own = max(own, float(loads.drives.rate.max()))
+    return max(force_rate(loads, model, size), own)
+
+
+def force_rate(loads: Loads, model: Model, size: float) -> float:
+    """
+    Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
+
+    Infinite where the loads are too large for numbers.
+    """
     if not (loads.wrench >= 0).any():
-        return own
+        return 0.0
     with np.errstate(over='ignore', invalid='ignore'):
         force = np.linalg.norm(loads.force, axis=1)
         moment = np.linalg.norm(loads.torque, axis=1)
@@ -518,7 +525,7 @@ def load_rate(loads: Loads, model: Model, size: float) -> float:
         largest = np.bincount(LANES * block[row] + lane, rates).max()
     if not largest < np.inf:
         return np.inf
-    return max(float(np.sqrt(largest)), own)
+    return float(np.sqrt(largest))
 
 
 def expected_liveliness(

@@ -89,6 +89,7 @@ class Driver:
         broad_phase: BroadPhase | None,
         obstruction: Obstruction,
         anchor_breaks: AnchorBreaks | None = None,
+        pulse_step: Callable[[], float] = lambda: math.inf,
         leaves_contacts: bool = False,
         begins: bool = True,
         on_pause: Callable[[], None] = lambda: None,
@@ -98,9 +99,10 @@ class Driver:
 
         `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
         steps have to end where something happens. `anchor_breaks`: anchors that can break; None:
-        none can. `leaves_contacts`: another driver goes on once shells are near each other. Not
-        `begins`: no step will be taken. `on_pause` is called between two compiled calls, at a step
-        end; what it raises ends the advance there.
+        none can. `pulse_step` returns the longest step [s] within what acts. `leaves_contacts`:
+        another driver goes on once shells are near each other. Not `begins`: no step will be
+        taken. `on_pause` is called between two compiled calls, at a step end; what it raises ends
+        the advance there.
 
         Raises ValueError where a fixed step is too long or far too short.
         """
@@ -120,7 +122,7 @@ class Driver:
         self.calls = MethodCalls(self.trajectory, self.contact)
         self._whole = WholeState(self.trajectory, self.calls)
         self.rates = MotionRates(
-            self.trajectory, self.contact, self._whole, frequency, load_rate)
+            self.trajectory, self.contact, self._whole, frequency, load_rate, pulse_step)
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
@@ -256,7 +258,14 @@ class Driver:
         trajectory.ledger.keep_work(trajectory.loads)
         trajectory.loads, self.rates.load_rate = loads, load_rate
         trajectory.place_driven()
+        self._allow_rounding()
         self._stepping.follow_loads()
+
+    def _allow_rounding(self) -> None:
+        """Allow for rounding of what loads move between two health checks."""
+        trajectory = self.trajectory
+        trajectory.ledger.allow_rounding(
+            trajectory.loads, trajectory.model, self.monitor.interval * trajectory.step)
 
     def set_last_forces(self, forces: np.ndarray) -> None:
         """
@@ -507,4 +516,5 @@ class Driver:
         # No stretch leads across the jump.
         self.errors.spoil()
         self.choose_step()
+        self._allow_rounding()
         self.errors.restart_touching(trajectory.saved_time)

@@ -21,8 +21,8 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.records import Loads
-from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.kernels.records import Loads, Model
+from icofabric_sim.simulation.model.packing import force_rate, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.named_numbers import At
 import numpy as np
@@ -201,6 +201,20 @@ class Ledger:
             return False
         self.floor = max(self.floor, _ROOM * error)
         return True
+
+    def allow_rounding(self, loads: Loads, model: Model, span: float) -> None:
+        """
+        Allow for rounding of the energy that `loads` may move in a `span` [s].
+
+        A motion that starts and stops between two health checks leaves nothing else to see.
+        """
+        rate, masses = force_rate(loads, model, 1.0 / math.sqrt(self.inverse_size)), (
+            self._packed.masses)
+        speed = rate * rate * span  # velocities over a, and spins
+        inertia = float(masses.mass.max() / self.inverse_size + masses.inertia.max())
+        energy = 0.5 * self.rounding * self.bodies * inertia * speed * speed
+        if energy < math.inf:
+            self.floor = max(self.floor, energy)
 
     def keep_work(self, loads: Loads) -> None:
         """Add what loads have done that are about to be replaced."""

@@ -13,6 +13,7 @@
 # limitations under the License.
 """How fast the motion is: the largest frequency, the stability limit, the fastest term."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 import math
@@ -43,12 +44,16 @@ class MotionRates:
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, whole: WholeState,
-        fabric: Frequency, load_rate: float
+        fabric: Frequency, load_rate: float, pulse_step: Callable[[], float]
     ) -> None:
-        """Begin with the largest frequency of the `fabric`, and the `load_rate` [rad/s]."""
+        """
+        Begin with the largest frequency of the `fabric`, and the `load_rate` [rad/s].
+
+        `pulse_step` returns the longest step [s] within what acts.
+        """
         self._trajectory, self._contact, self._whole = trajectory, contact, whole
         # The largest frequency of the fabric alone, and the rate of the loads alone.
-        self.fabric, self.load_rate = fabric, load_rate
+        self.fabric, self.load_rate, self.pulse_step = fabric, load_rate, pulse_step
 
     @property
     def frequency(self) -> Frequency:

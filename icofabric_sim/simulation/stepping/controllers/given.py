@@ -93,7 +93,8 @@ class GivenStep:
 
     def _measure(self, fastest: float, *, jumped: bool) -> None:
         """Measure what the step adds; `jumped`: what acts is new."""
-        errors, step = self._pieces.errors.probe, self._pieces.trajectory.step
+        errors, rates = self._pieces.errors.probe, self._pieces.rates
+        step = min(self._pieces.trajectory.step, rates.pulse_step())
         method = self._pieces.trajectory.method
         errors.begin()
         if errors.is_new or jumped:
