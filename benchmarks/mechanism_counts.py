@@ -33,13 +33,10 @@ import icofabric_sim as ico
 from icofabric_sim.benchmarking.machine import describe_machine
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
-from icofabric_sim.statics.mechanisms import (
-    compatibility_matrix,
-    count_by_elimination,
-    count_mechanisms,
-)
+from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms
 from icofabric_sim.statics.one_thread import one_thread
 from icofabric_sim.statics.spectrum import (
+    count_by_elimination,
     count_signs,
     count_under,
     Curvature,

@@ -142,7 +142,9 @@ def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
         'freedoms': spectrum.freedoms, 'frequencies_rad_per_s': spectrum.frequencies,
         'mechanism_count': spectrum.mechanism_count, 'rigid_count': spectrum.rigid_count,
         'unstable_count': spectrum.unstable_count, 'self_stress_count': spectrum.self_stress_count,
-        'largest_frequency_rad_per_s': spectrum.largest_frequency}
+        'largest_frequency_rad_per_s': spectrum.largest_frequency,
+        'relative_errors': spectrum.relative_errors, 'hidden_count': spectrum.hidden_count,
+        'zero_below_rad_per_s': spectrum.zero_below}
 
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
@@ -163,6 +165,9 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
     return lines
 
 
+# Largest ratio to the lowest frequency of one that may count as 0, and largest relative error of
+# it, that are not reported.
+_UNCLEAR, _INEXACT = 0.1, 1e-6
 _KINK = (
     'Such a fabric has no single frequency of a kind. Two branches bound it: all of these',
     'pull (k_e), or all push (k_c). The k-th frequency of every mixture lies between theirs.',
@@ -185,6 +190,7 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
         lines.append(
             f'geometry    {counts.freedoms:,} freedoms - {counts.connectors:,} connectors = '
             f'{counts.mechanisms:,} mechanisms - {counts.self_stresses:,} states of self-stress')
+    lines += _rounding_text(spectrum)
     if spectrum.unstable_count > 0:
         lines.append(f'unstable    {spectrum.unstable_count:,} motions lower the energy')
     rates = spectrum.frequencies
@@ -213,6 +219,21 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
             'that chooses steps')
     else:
         lines.append('frequencies none')
+    return lines
+
+
+def _rounding_text(spectrum: 'Spectrum') -> list[str]:
+    """Say what rounding hides, where stiffnesses differ by orders of magnitude."""
+    lines, rates, errors = [], spectrum.frequencies, spectrum.relative_errors
+    if hidden := spectrum.hidden_count:
+        lines.append(
+            f'rounding    {hidden:,} of the motions without energy stretch connectors: '
+            f'frequencies below {spectrum.zero_below:.3g} rad/s count as 0')
+    elif spectrum.mechanism_count > 0 and len(rates) and (
+            spectrum.zero_below > _UNCLEAR * rates[0]):
+        lines.append(f'rounding    frequencies below {spectrum.zero_below:.3g} rad/s count as 0')
+    if len(errors) and errors[0] > _INEXACT:
+        lines.append(f'rounding    the lowest frequency is exact to {errors[0]:.1g} of itself')
     return lines
 
 

@@ -303,6 +303,11 @@ class Configuration:
         """Slopes of the connectors' tensions [N/m], (c,)."""
         return self.fabric.laws.slope(self.stretched, self.side)
 
+    @cached_property
+    def anchor_slope(self) -> np.ndarray:
+        """Slopes of the anchors' tensions [N/m], (a,)."""
+        return self.fabric.anchors.slope(self.pulled, self.side)
+
     def moved(self, motion: np.ndarray) -> 'Configuration':
         """The configuration displaced and turned by a vector (n, 6)."""
         return Configuration(
@@ -501,7 +506,7 @@ class Configuration:
         """Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads."""
         slot, found = self.fabric.layout.slot, []
         pulled = self.fabric.anchors.blocks(
-            self.pulled, self.position, self.axes, self.side)
+            self.pulled, self.position, self.axes, self.anchor_slope)
         if pulled:
             found.append((
                 slot[[body for body, _ in pulled]], np.array([block for _, block in pulled])))

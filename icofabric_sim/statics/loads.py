@@ -165,17 +165,21 @@ class AnchorPull:
         np.add.at(wrench, self._bodies, np.hstack([force, np.cross(arm, force)]))
         return Pulled(float(0.5 * (tension * stretch).sum()), wrench, tension, jump, here)
 
+    def slope(self, pulled: 'Pulled', side: str) -> np.ndarray:
+        """Slopes of the tensions [N/m], (a,), by the `side` of anchors that are at their kink."""
+        anchors, here = self._anchors, pulled.here
+        return np.zeros(0) if anchors is None else slopes_on(
+            side, anchors.extension, anchors.compression, here.stretch, here.at_kink, here.rounded)
+
     def blocks(
-        self, pulled: 'Pulled', position: np.ndarray, axes: np.ndarray, side: str
+        self, pulled: 'Pulled', position: np.ndarray, axes: np.ndarray, slope: np.ndarray
     ) -> list[tuple[int, np.ndarray]]:
-        """Second derivatives (6, 6) by body, by the `side` of anchors that are at their kink."""
+        """Second derivatives (6, 6) by body, by the slopes of the tensions [N/m], (a,)."""
         anchors, here = self._anchors, pulled.here
         if anchors is None:
             return []
         stiffness, rest = as_springs(
-            np.where(here.rounded, 0.0, pulled.tension), slopes_on(
-                side, anchors.extension, anchors.compression,
-                here.stretch, here.at_kink, here.rounded), here.length)
+            np.where(here.rounded, 0.0, pulled.tension), slope, here.length)
         laws = anchors._replace(
             extension=stiffness, compression=stiffness, natural_length=rest)
         blocks = []

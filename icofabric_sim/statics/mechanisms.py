@@ -23,13 +23,12 @@ f - c = mechanisms - states of self-stress, because both counts use the one rank
 from typing import NamedTuple
 
 from icofabric_sim.statics.fabric import Configuration
-from icofabric_sim.statics.spectrum import count_under, row_sum
 import numpy as np
 from scipy import sparse
 
-# Singular values below this part of the largest are zero, and their squares where these are
-# counted; those of woven slabs are 0 or above 0.09 (docs/statics.md).
-_ZERO, _ZERO_SQUARE = 1e-9, 1e-10
+# Singular values below this part of the largest are zero; those of woven slabs are 0 or above 0.09
+# (docs/statics.md).
+_ZERO = 1e-9
 
 
 class Counts(NamedTuple):
@@ -87,21 +86,6 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
 def compatibility_matrix(here: Configuration) -> np.ndarray:
     """The same, dense."""
     return np.ascontiguousarray(sparse_compatibility(here).toarray())
-
-
-def count_by_elimination(here: Configuration) -> Counts | None:
-    """
-    The counts of a large fabric, from the signs of the pivots of A^T A less a little.
-
-    None where an elimination cannot decide.
-    """
-    matrix = sparse_compatibility(here)
-    connectors, freedoms = matrix.shape
-    if not matrix.nnz:
-        return Counts(freedoms, connectors, 0)
-    square = sparse.csr_matrix(matrix.T @ matrix)
-    zero = count_under(here, square, _ZERO_SQUARE * row_sum(square))
-    return None if zero < 0 else Counts(freedoms, connectors, freedoms - zero)
 
 
 def count_mechanisms(matrix: np.ndarray) -> Counts:

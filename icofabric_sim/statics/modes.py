@@ -31,13 +31,19 @@ from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
+from icofabric_sim.statics.graded import (
+    is_graded,
+    ROUNDING_RATIO,
+    solve_graded,
+    without_slopes,
+    ZERO_RATIO,
+)
 from icofabric_sim.statics.held import check_time, held_time
 from icofabric_sim.statics.iteration import largest_square
 from icofabric_sim.statics.kinks import amplitudes_to_kink
 from icofabric_sim.statics.lowest import lowest_modes, NotFoundError
 from icofabric_sim.statics.mechanisms import (
     compatibility_matrix,
-    count_by_elimination,
     count_mechanisms,
     Counts,
 )
@@ -45,6 +51,7 @@ from icofabric_sim.statics.one_thread import one_thread
 from icofabric_sim.statics.sides import BRANCHES, check_branch, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import (
     count_below,
+    count_by_elimination,
     count_signs,
     count_under,
     COUNTED,
@@ -66,8 +73,8 @@ import numpy as np
 from scipy import sparse
 
 LOWEST, HIGHEST = 'lowest', 'highest'
-# Squared frequencies below this part of the largest are zero, where all are computed.
-_ZERO = 1e-10
+# Change of length, as a ratio to the largest, above which a motion stretches connectors.
+_STRETCHED = 1e-3
 # Freedoms above which the lowest are first sought by iteration, and with how many products: at
 # 27,786 freedoms six of one frequency took 16 s so, and 163 s with factors.
 ITERATED, _FEW, _MOST = 8_000, 5_000, 40_000
@@ -113,6 +120,11 @@ class Spectrum(AsTable):
     # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
     # when they are pressed.
     first_touches: int = 0
+    # (m,) estimated relative errors of the frequencies by rounding.
+    relative_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    zero_below: float = 0.0  # [rad/s] smaller frequencies count as zero
+    # Motions that stretch connectors among those that count as without energy.
+    hidden_count: int = 0
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -208,14 +220,14 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
     matrix = _scaled(here)
     size = matrix.shape[0]
     if size <= DENSE:
-        return _all_modes(here, matrix.toarray(), count, which)
+        return _all_modes(here, *_all_values(here, matrix), count, which)
     if size > FACTORED:
         _require_isotropic(here, FACTORED)
     wanted = min(_SOME if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
-    return _some_modes(here, values, vectors, curvature, size)
+    return _some_modes(here, values, vectors, curvature, size, row_sum(matrix))
 
 
 def _require_isotropic(here: Configuration, most: int) -> None:
@@ -250,16 +262,20 @@ def _unequal(here: Configuration) -> sparse.csr_matrix | None:
 
 
 def _some_modes(
-    here: Configuration, values: np.ndarray, vectors: np.ndarray, curvature: Curvature, size: int
+    here: Configuration, values: np.ndarray, vectors: np.ndarray, curvature: Curvature, size: int,
+    largest: float
 ) -> Spectrum:
-    """Squares of some frequencies, and their shapes; mechanisms of `size` freedoms are counted."""
+    """Spectrum of some squared frequencies, whose errors are those of the `largest` of all."""
+    counts = count_by_elimination(here) if size <= COUNTED else None
     return Spectrum(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
         mechanism_count=curvature.zero,
         mechanisms=np.zeros((0, here.fabric.scene.body_count, 6)),
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
         unstable_count=curvature.negative, freedoms=size,
-        counts=count_by_elimination(here) if size <= COUNTED else None,
+        counts=counts, relative_errors=0.5 * ROUNDING_RATIO * largest / values,
+        zero_below=math.sqrt(LARGE_ZERO * largest),
+        hidden_count=0 if counts is None else max(0, curvature.zero - counts.mechanisms),
         snapshot=here.snapshot, here=here, first_touches=here.first_touches)
 
 
@@ -282,7 +298,7 @@ def _without_matrix(here: Configuration, count: int | None, which: str) -> Spect
     else:
         values, vectors = lowest_modes(here, wanted, LARGE_ZERO * largest, None, _MOST)
     curvature = judge_ends(lowest, largest)
-    return _some_modes(here, values, vectors, curvature, size)
+    return _some_modes(here, values, vectors, curvature, size, largest)
 
 
 def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarray | None]:
@@ -304,12 +320,28 @@ def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarra
     return first, bounds
 
 
+def _all_values(
+    here: Configuration, matrix: sparse.csr_matrix
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """See solve_graded."""
+    if not matrix.shape[0]:
+        return np.zeros(0), np.zeros((0, 0)), np.zeros(0), 0.0
+    if is_graded(here):
+        return solve_graded(here, _scaled(without_slopes(here)), _unequal(here))
+    values, vectors = np.linalg.eigh(matrix.toarray())
+    size = float(np.abs(values).max(initial=0.0))
+    zero = ZERO_RATIO * size
+    return (np.where(np.abs(values) <= zero, 0.0, values), vectors,
+            np.full(len(values), ROUNDING_RATIO * size), zero)
+
+
 def _all_modes(
-    here: Configuration, matrix: np.ndarray, count: int | None, which: str
+    here: Configuration, values: np.ndarray, vectors: np.ndarray, errors: np.ndarray,
+    zero_below: float, count: int | None, which: str
 ) -> Spectrum:
-    values, vectors = np.linalg.eigh(matrix) if len(matrix) else (np.zeros(0), matrix)
-    curvature = count_signs(values, _ZERO)
-    counts = count_mechanisms(compatibility_matrix(here))
+    changes = compatibility_matrix(here)
+    counts = count_mechanisms(changes)
+    curvature = count_signs(values, 0.0)
     zero = slice(curvature.negative, curvature.negative + curvature.zero)
     above = np.arange(zero.stop, len(values))
     if count is not None:
@@ -319,7 +351,18 @@ def _all_modes(
         mechanism_count=curvature.zero, mechanisms=_shapes(here, vectors[:, zero]),
         rigid_count=rigid_count(here), growth_rates=np.sqrt(-values[:zero.start]),
         unstable_count=curvature.negative, freedoms=len(values), counts=counts,
-        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
+        relative_errors=0.5 * errors[above] / values[above], zero_below=math.sqrt(zero_below),
+        hidden_count=_hidden(changes, vectors[:, zero]), snapshot=here.snapshot, here=here,
+        first_touches=here.first_touches)
+
+
+def _hidden(changes: np.ndarray, motions: np.ndarray) -> int:
+    """How many of the `motions` (f, z), which count as without energy, stretch connectors."""
+    found = changes @ motions
+    limit = _STRETCHED * float(np.abs(changes).max(initial=0.0))
+    if not np.abs(found).max(initial=0.0) > limit:
+        return 0
+    return int(np.count_nonzero(np.linalg.svd(found, compute_uv=False) > limit))
 
 
 def _highest(

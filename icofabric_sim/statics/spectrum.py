@@ -25,7 +25,9 @@ from icofabric_sim.statics.charges import coulomb_matrix
 from icofabric_sim.statics.dissection import dissection_order, dissection_parts
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.fronts import count_negative
+from icofabric_sim.statics.graded import is_graded, solve_graded, without_slopes
 from icofabric_sim.statics.iteration import begin
+from icofabric_sim.statics.mechanisms import Counts, sparse_compatibility
 from icofabric_sim.statics.one_thread import one_thread
 import numpy as np
 from scipy import sparse
@@ -166,6 +168,10 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
     if not size:
         return Curvature(0, 0)
     if size <= DENSE:
+        if is_graded(here):
+            values, *_ = solve_graded(here, scaled_hessian(without_slopes(here)))
+            return Curvature(
+                int(np.count_nonzero(values == 0.0)), int(np.count_nonzero(values < 0.0)))
         # Where all of them are clear of zero one factorisation decides, in a tenth of the time.
         if size > _SMALL and here.fabric.model.coulomb is None and not count_under(
                 here, matrix, _ZERO * row_sum(matrix)):
@@ -274,3 +280,18 @@ def count_below(factor: Factor) -> int:
     if not np.array_equal(factors.perm_r, factors.perm_c):
         return -1
     return int(np.count_nonzero(factors.U.diagonal() < 0.0))
+
+
+def count_by_elimination(here: Configuration) -> Counts | None:
+    """
+    The counts of a large fabric, from the signs of the pivots of A^T A less a little.
+
+    None where an elimination cannot decide.
+    """
+    matrix = sparse_compatibility(here)
+    connectors, freedoms = matrix.shape
+    if not matrix.nnz:
+        return Counts(freedoms, connectors, 0)
+    square = sparse.csr_matrix(matrix.T @ matrix)
+    zero = count_under(here, square, _ZERO * row_sum(square))
+    return None if zero < 0 else Counts(freedoms, connectors, freedoms - zero)

@@ -83,14 +83,14 @@ class TangentLaws:
         self._packed = packed
         connectors = packed.connectors
         # Of connectors around shells this is the model without them, see wrapped.py.
-        self._plain = connectors is None or (
+        self.is_plain = connectors is None or (
             packed.model.wrapping is None and not packed.tables.tables
             and len(connectors.extension) == 1
             and bool(connectors.extension[0] == connectors.compression[0]))
         self._places: LinkPlaces | None = None
         # Laws by table have no kink: their slope is continuous.
         self.kinked = np.zeros(0 if connectors is None else len(connectors.first), bool)
-        if not self._plain:
+        if not self.is_plain:
             assert connectors is not None and packed.model.links is not None
             self._places = link_places(
                 packed.layout, packed.model.links, connectors, slice(None))
