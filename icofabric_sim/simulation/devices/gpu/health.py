@@ -26,6 +26,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads, Model
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.arrays import StateArrays, terms_of
+from icofabric_sim.simulation.devices.gpu.launching import launch
 from icofabric_sim.simulation.devices.gpu.monitor import (
     BOUND,
     EXTENT,
@@ -128,7 +129,7 @@ class HealthCheck:
         if self._model.links is None:
             return 0.0
         room = state.poses[1 - now]
-        wp.launch(
+        launch(
             obstructed, dim=LANES * self._blocks,
             inputs=[self._fabric, state.poses[now], room], device=self._device.handle)
         return _sum(self._fold(room, 1)[0])
@@ -140,7 +141,7 @@ class HealthCheck:
         kernel = figures_kernel(
             linked=terms.linked, midpoints=terms.midpoints, one_law=terms.one_law,
             own_masses=self._model.masses is not None)
-        wp.launch(
+        launch(
             kernel, dim=LANES * self._blocks,
             inputs=[self._fabric, state.poses[now], state.motion, room], device=handle)
         return [
@@ -150,12 +151,12 @@ class HealthCheck:
     def _fold(self, room: Any, figures: int) -> np.ndarray:
         """The first figures of all bodies, (figures, few): the rest is summed up here."""
         handle, count = self._device.handle, -(-self._blocks // SHARE)
-        wp.launch(
+        launch(
             fold_blocks, dim=figures * count,
             inputs=[self._fabric, self._blocks, count, room, self._folded[0]], device=handle)
         for values, folded in zip(self._folded, self._folded[1:]):
             shares = -(-count // SHARE)
-            wp.launch(
+            launch(
                 fold, dim=figures * shares, inputs=[count, shares, values, folded], device=handle)
             count = shares
         last: np.ndarray = self._folded[-1].numpy()[:figures * count].reshape(figures, count)
@@ -169,7 +170,7 @@ class HealthCheck:
         shares = -(-count // SHARE)
         if self._work is None or self._work.size != 2 * shares:
             self._work = wp.zeros(2 * shares, dtype=wp.float64, device=self._device.handle)
-        wp.launch(
+        launch(
             fold_work, dim=shares, inputs=[count, acting, self._work],
             device=self._device.handle)
         work, size = self._work.numpy().reshape(2, shares)

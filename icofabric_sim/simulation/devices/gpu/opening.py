@@ -42,7 +42,7 @@ class Device(NamedTuple):
 
 @cache
 def warp() -> Any:
-    """Return Warp; ParameterError where it is not installed."""
+    """Return Warp. Raise ParameterError if it is not installed or has no folder for kernels."""
     is_own = 'warp' not in sys.modules
     try:
         module = import_module('warp')
@@ -54,7 +54,13 @@ def warp() -> Any:
     if is_own:
         # What it says of devices and compiling is for those who write kernels.
         module.config.log_level = module.LOG_WARNING
-    module.init()
+    try:
+        module.init()
+    except OSError as error:
+        raise ParameterError(
+            'solver.device',
+            f'solver.device: Warp cannot keep its kernels: {error}; WARP_CACHE_PATH names another '
+            'folder for them') from error
     return module
 
 

@@ -49,7 +49,7 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
     terms_of,
 )
 from icofabric_sim.simulation.devices.gpu.health import HealthCheck
-from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
+from icofabric_sim.simulation.devices.gpu.launching import launch, named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.monitor import SHARE
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.paths import place_driven
@@ -334,7 +334,7 @@ class DevicePair:
     def _largest(self, rows: list[Any]) -> list[float]:
         """Return the largest of each row of the first; the others are room on the way there."""
         for values, folded in zip(rows, rows[1:]):
-            wp.launch(
+            launch(
                 fold_largest, dim=folded.shape, inputs=[values.shape[1], values, folded],
                 device=self._device.handle)
         return [
@@ -342,7 +342,7 @@ class DevicePair:
             for row in rows[-1].numpy()]
 
     def _launch(self, kernel: Any, *inputs: Any) -> None:
-        wp.launch(
+        launch(
             kernel, dim=self._threads, inputs=[self._fabric, *inputs], device=self._device.handle)
 
     def _try_step(
@@ -391,7 +391,7 @@ class DevicePair:
             flows.append((self._power, int(keeps_start), self._acting.work, self._earlier))
         for power, keeps, done, before in flows:
             if done.size:
-                wp.launch(
+                launch(
                     add_flow, dim=done.size,
                     inputs=[self._weights[-1], float(h), power, keeps, done, before],
                     device=self._device.handle)

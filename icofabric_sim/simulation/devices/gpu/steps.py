@@ -65,7 +65,7 @@ from icofabric_sim.simulation.devices.gpu.arrays import (
 from icofabric_sim.simulation.devices.gpu.crossings import crossings, kinked_stages, note
 from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
-from icofabric_sim.simulation.devices.gpu.launching import named_failure, TURN
+from icofabric_sim.simulation.devices.gpu.launching import launch, load, named_failure, TURN
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.pair import DevicePair
 from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness, Stage
@@ -401,7 +401,7 @@ class DeviceSteps:
             acting if loaded else None)._replace(touching=touching))
         near = self._near if touching or self._is_watching else None
         # Nothing can be loaded while launches are recorded.
-        wp.load_module(kernel.module, device=self._device.handle)
+        load(kernel, self._device.handle)
         if near is not None:
             near.load()
         with wp.ScopedCapture(device=self._device.handle) as capture:
@@ -411,7 +411,7 @@ class DeviceSteps:
                         self._clock, stage.push_step, stage.push_drifts,
                         self._state.poses[now], touching=touching,
                         watching=self._is_watching)
-                wp.launch(
+                launch(
                     kernel, dim=LANES * len(self._packed.layout.blocks.slot),
                     inputs=[
                         self._fabric, acting, _NOTHING_NEAR if near is None else near.near,
@@ -428,15 +428,15 @@ class DeviceSteps:
         kernel = step_kernel(terms)
         more = crossings(midpoints=terms.midpoints)
         for one in (kernel, note, more.foretell, more.account, more.strike):
-            wp.load_module(one.module, device=self._device.handle)
+            load(one, self._device.handle)
         state, method, handle = self._state, self._method, self._device.handle
         now, threads = self._now, LANES * len(self._packed.layout.blocks.slot)
 
-        def launch(one: Any, *inputs: Any) -> None:
-            wp.launch(one, dim=threads, inputs=[self._fabric, *inputs], device=handle)
+        def launch_on_bodies(one: Any, *inputs: Any) -> None:
+            launch(one, dim=threads, inputs=[self._fabric, *inputs], device=handle)
 
         def take(stage: Any, moved: Any) -> None:
-            launch(
+            launch_on_bodies(
                 kernel, acting, _NOTHING_NEAR, self._clock, stage, state.poses[now], moved,
                 state.motion,
                 state.acceleration)
@@ -446,10 +446,10 @@ class DeviceSteps:
                 first, *parts, back, forth, last = kinked_stages(method, step)
                 wp.copy(self._before, state.motion)
                 take(first, state.poses[1 - now])
-                launch(
+                launch_on_bodies(
                     note, self._clock, method.kicks[0], 1, self._before, state.motion,
                     self._noted)
-                launch(
+                launch_on_bodies(
                     more.foretell, self._clock, method.kicks[0], int(terms.held),
                     state.poses[now], self._noted, state.motion)
                 for stage in parts:
@@ -458,21 +458,22 @@ class DeviceSteps:
                     take(stage, state.poses[1 - now])
                     if stage.drift != 0.0:
                         now = 1 - now
-                launch(
+                launch_on_bodies(
                     note, self._clock, method.kicks[-1], 0, self._before, state.motion,
                     self._noted)
-                launch(more.account, self._clock, state.poses[now], self._noted)
+                launch_on_bodies(more.account, self._clock, state.poses[now], self._noted)
                 for stage, row in ((back, 12), (forth, 0)):
                     # Each body reads its own pose only: in place.
                     take(stage, state.poses[now])
-                    launch(more.strike, row, int(terms.held), state.poses[now], state.motion)
+                    launch_on_bodies(
+                        more.strike, row, int(terms.held), state.poses[now], state.motion)
                 take(last, state.poses[1 - now])
         return capture.graph
 
     def _sample(self, model: Model, work: Work, number: int) -> None:
         """Add the poses at a step end to the difference by which roughness is judged."""
         count = self._difference.shape[0] // POSE
-        wp.launch(
+        launch(
             sample, dim=count, inputs=[
                 self._fabric.slot, count // LANES, LANES, self._packed.layout.slot_count,
                 float(work.weights[number]), int(number == 0), self._state.poses[self._now],

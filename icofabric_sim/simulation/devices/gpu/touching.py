@@ -37,6 +37,7 @@ from icofabric_sim.simulation.devices.gpu.contact import (
     SHARE,
     touch,
 )
+from icofabric_sim.simulation.devices.gpu.launching import launch, load
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Nearness
 from icofabric_sim.simulation.model.layout import Layout
@@ -120,20 +121,20 @@ class DeviceContacts:
         """
         handle = self._device.handle
         if watching:
-            wp.launch(
+            launch(
                 note_ways, dim=LANES * self._blocks,
                 inputs=[self._fabric, self.near, clock, step, drifts, pose], device=handle)
         if touching:
-            wp.launch(
+            launch(
                 touch, dim=self.room, inputs=[self._fabric, self.near, pose], device=handle)
-            wp.launch(
+            launch(
                 add_up, dim=self._layout.slot_count, inputs=[self._fabric, self.near],
                 device=handle)
 
     def load(self) -> None:
         """Load the kernels: nothing can be loaded while launches are recorded."""
         for kernel in (note_ways, touch, add_up):
-            wp.load_module(kernel.module, device=self._device.handle)
+            load(kernel, self._device.handle)
 
     def forget_ways(self) -> None:
         """Begin to note ways anew."""
@@ -142,7 +143,7 @@ class DeviceContacts:
     def note_ways(self, watch: Watch) -> None:
         """Add the largest square of a way [m^2] to what was noted; forgets it on the device."""
         count = self._layout.slot_count
-        wp.launch(
+        launch(
             fold_ways, dim=len(self._shares), inputs=[self.near.ways, count, self._shares],
             device=self._device.handle)
         watch.far[0] = max(watch.far[0], self._shares.numpy().max(initial=0.0))
@@ -160,7 +161,7 @@ class DeviceContacts:
         """Write what contacts do to each block, for the energy that swings in a step."""
         if self._squares is None:
             self._squares = self._zeros(self._blocks)
-        wp.launch(
+        launch(
             fold_pushes, dim=self._blocks, inputs=[self._fabric, self.near, self._squares],
             device=self._device.handle)
         contacts.pushes[:] = self._squares.numpy()
