@@ -322,8 +322,9 @@ class EventLoop:
     def take_step(self, most: int, pause: Callable[[], None]) -> None:
         """
         Take at least one step and at most so many; an input that acts ends a step, which counts.
+
+        After `settle_inputs`.
         """
-        self._cut()
         due = self.inputs.next_time
         self.settle_loads()
         try:
@@ -338,6 +339,7 @@ class EventLoop:
             self.changes += 1
         if done == 0:
             self._handle_events(due)
+            self.settle_inputs()
 
     def state(self) -> State:
         """
@@ -416,24 +418,41 @@ class EventLoop:
                 f'{self.driver.time!r} to {self.driver.next_step_time!r} s')
         self.time = time
 
-    def _handle_events(self, until: float) -> None:
+    def settle_inputs(self) -> None:
+        """Have what acts from the present time on begin: time is about to go on."""
         self._cut()
+        if self.inputs.pulls_are_next and self.inputs.next_time <= self.time:
+            self._pull(self.time)
+
+    def _handle_events(self, until: float) -> None:
+        """
+        Let happen what does so by `until` [s].
+
+        Steps end at the inputs of that very time once time goes on: so a time that was shown keeps
+        its state, whatever begins to act then.
+        """
         # Reached before it is taken out: an interrupt on the way loses nothing.
         while (time := self.inputs.next_time) <= until:
+            self._cut(before=time)
             self._reach(time)
             if self.inputs.pulls_are_next:
-                self._pull(time)
-            elif self.inputs.apply_next():
-                self._cut_due = time
+                if time == until:
+                    break
                 self._cut()
+                self._pull(time)
+                continue
+            if self.inputs.apply_next():
+                self._cut_due = time
+            self.changes += 1
+        self._cut(before=until)
 
-    def _cut(self) -> None:
+    def _cut(self, *, before: float = math.inf) -> None:
         """
-        End the step in progress where an input that was taken asks for it.
+        End the step in progress where an input that was taken `before` a time [s] asks for it.
 
         Where the kernels for that are awaited, it is still due when time goes on.
         """
-        if self._cut_due < math.inf:
+        if self._cut_due < before:
             self._settle_loads_before(self._cut_due)
             self._end_step(self._cut_due)
             self._cut_due = math.inf

@@ -206,13 +206,20 @@ class Simulation:
         with self._deferred:
             self._event_loop.advance(time)
 
-    def advance_steps(self, count: int) -> None:
-        """Take `count` solver steps; an input that acts in between ends a step, which counts."""
+    def advance_steps(self, count: int) -> int:
+        """
+        Take `count` solver steps; an input that acts in between ends a step, which counts.
+
+        Returns how many were taken: a step that is taken anew makes it more.
+        """
         count = checks.count('count', count, 1)
-        goal = self._status.step_count + count
         with self._deferred:
+            self._event_loop.settle_inputs()
+            before = self._status.step_count
+            goal = before + count
             while self._status.step_count < goal:
                 self._event_loop.take_step(goal - self._status.step_count, self._pause)
+            return self._status.step_count - before
 
     def snapshot(self) -> Snapshot:
         """Copy of the state at the present time."""

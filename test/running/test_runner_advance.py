@@ -17,7 +17,8 @@ import json
 
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.messages import decode_string
-from icofabric_sim.messages.topics import EVENTS, POSES
+from icofabric_sim.messages.topics import EVENTS, POSES, STATE
+from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
@@ -155,6 +156,25 @@ def test_loads_are_cleared_and_stay_so():
         push(runner)
         runner.advance().result(60.0)
         assert [str(target) for target in inputs.acting()] == ['loads.tip']
+
+
+def test_repeats_of_a_time_have_one_state(monkeypatch):
+    """Whatever comes while it stands still: so a client may take whichever it gets."""
+    monkeypatch.setattr(runner_module, '_IDLE_REFRESH', 0.0)
+    runner = make_runner(
+        sink := ListSink(POSES, STATE), **PAUSED, solver__method='dop8',
+        advance_duration=0.0123)
+    with Beside(runner) as beside:
+        runner.advance().result(60.0)
+        for act in (lambda: push(runner), runner.clear_loads, lambda: push(runner, 2)):
+            before = len(sink.of(STATE))
+            act()
+            beside.wait_for(lambda before=before: len(sink.of(STATE)) > before + 2)
+        now = runner.now
+        runner.advance().result(60.0)
+    for topic in (POSES, STATE):
+        messages = [data for time, data in sink.of(topic) if time == now]
+        assert len(messages) > 9 and len(set(messages)) == 1
 
 
 def test_bag_of_advances_is_identical(tmp_path):

@@ -54,6 +54,32 @@ def test_impulse_is_force_times_time_whatever_the_step(step, times):
     assert simulation.status.active_loads == {}
 
 
+@pytest.mark.parametrize('method', ['dop8', 'srkn4'])
+@pytest.mark.parametrize('ahead', [False, True])
+def test_a_time_keeps_its_state_whatever_begins_to_act_then(method, ahead):
+    scene = loaded_fabric({'solver.method': method})
+    channel, still, pushed = next(iter(scene.loads)), *(ico.compile_scene(scene) for _ in range(2))
+    at = 0.0123456
+    if ahead:
+        pushed.apply_wrench(channel, FORCE, time=at)
+    for simulation in (still, pushed):
+        simulation.advance_to(at)
+    shown = pushed.snapshot()
+    if not ahead:
+        pushed.apply_wrench(channel, FORCE)
+    pushed.apply_body_wrench(1, FORCE)
+    pushed.pull(0, (1.0, 0.0, 0.0))
+    assert ChannelTarget(channel) in pushed.inputs.acting()
+    again, beside = ico.compile_scene(scene), pushed.snapshot()
+    again.restore(pushed.checkpoint())
+    for other in (still.snapshot(), beside, again.snapshot()):
+        assert same_state(other, shown)
+    for simulation in (still, pushed, again):
+        simulation.advance_to(2.0 * at)
+    assert same_state(again.snapshot(), pushed.snapshot())
+    assert not same_state(still.snapshot(), pushed.snapshot())
+
+
 def test_wrench_applied_now_acts_from_now():
     scene = one_body({'solver.step': 0.01})
     simulation = ico.compile_scene(scene)
