@@ -14,10 +14,13 @@
 """Outputs of a run: what is due, what is wanted, built once and sent to every sink."""
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 import json
 import time as wall
 from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
+from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages import StringBytes, topics, UInt8MultiArrayBytes
 from icofabric_sim.messages.schedule import Schedule, seconds
 from icofabric_sim.messages.topics import Outputs, Topic
@@ -25,6 +28,7 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.load_cell_kernels import LoadCellKernels
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.running.views import Views
+from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
@@ -38,6 +42,8 @@ MOVING = (
     topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF, topics.BROKEN)
 # What is measured by kernels that steps may lack.
 _MEASURED = topics.REACTIONS, topics.CONTACTS
+# Breaks stay with their listeners.
+_REPEATED = tuple(topic for topic in MOVING if topic is not topics.BROKEN)
 _RATES = {
     topics.CLOCK: 'clock_rate',
     topics.POSES: 'publish_rate',
@@ -113,6 +119,8 @@ class Broadcast:
         self._report = report
         self._last_report = 0.0
         self._views = Views()
+        # Topics of the present time that each sink is still to get, see `settle`.
+        self._owed: dict[int, tuple[Sink, set[Topic]]] = {}
         self.set_scene(simulation)
 
     def set_scene(self, simulation: Simulation, outputs: Outputs | None = None) -> None:
@@ -120,6 +128,8 @@ class Broadcast:
         # First, for a scene that they cannot be laid out for.
         self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
+        self._owed.clear()
+        # While the kernels that measure are made ready, and until they are used.
         self._cells: LoadCellKernels | None = None
         self._can_break = simulation.scene.can_break
         self._has_frames = simulation.scene.framed_bodies is not None
@@ -214,26 +224,81 @@ class Broadcast:
 
     def due(self, now: int) -> None:
         """Send what is due exactly `now`, and to pages what they have waited for."""
-        self.emit(
-            now, [topic for topic, schedule in self._schedules.items() if schedule.is_due(now)]
-        )
+        self.owe(now)
+        self.settle(now)
         self._show(now, self._views.due(), None)
 
     def emit(
-        self, now: int, chosen: Iterable[Topic] = MOVING, *, live_only: bool = False,
-        only: Sequence[Sink] | None = None,
+        self, now: int, chosen: Sequence[Topic] = MOVING, *, only: Sequence[Sink] | None = None
     ) -> None:
         """
-        Build and send the messages of the present time that a sink takes; the clock goes first.
+        Send the messages of the present time that a sink takes: all of them, or none yet.
+
+        It is owed them while kernels that measure are made ready; simulated time waits for them.
         """
-        for topic in chosen:
-            if topic is topics.BROKEN and (live_only or not self._is_news_of_breaks()):
-                continue
-            receivers = self._receivers(topic, only, live_only=live_only)
-            if receivers and not self._is_awaited(topic):
-                self._send(topic, now, self._build(topic, now), receivers)
+        self._owe(chosen, self.sinks if only is None else only)
+        self.settle(now)
         if chosen is MOVING:
             self._show(now, topics.VIEWS.items(), only)
+
+    def repeat(self, now: int) -> None:
+        """Send the present once more to live sinks; to one that is owed outputs, the clock."""
+        live = [sink for sink in self.sinks if not sink.is_bag]
+        shown = [sink for sink in live if id(sink) not in self._owed]
+        wanted = {
+            topic: self._receivers(topic, live if topic is topics.CLOCK else shown)
+            for topic in _REPEATED}
+        measured = self._measure([topic for topic in _MEASURED if wanted[topic]]) or {}
+        for topic, receivers in wanted.items():
+            if receivers and (topic not in _MEASURED or topic in measured):
+                self._send(topic, now, measured.get(topic) or self._build(topic, now), receivers)
+        self._show(now, topics.VIEWS.items(), None)
+
+    def owe(self, now: int) -> None:
+        """Owe all sinks what is due exactly `now`."""
+        self._owe([topic for topic, due in self._schedules.items() if due.is_due(now)], self.sinks)
+
+    def _owe(self, chosen: Sequence[Topic], sinks: Sequence[Sink]) -> None:
+        if topics.BROKEN in chosen and not self._is_news_of_breaks():
+            chosen = [topic for topic in chosen if topic is not topics.BROKEN]
+        for sink in sinks:
+            wanted = [topic for topic in chosen if self._receivers(topic, [sink])]
+            if wanted:
+                _, owed = self._owed.setdefault(id(sink), (sink, set()))
+                owed.update(wanted)
+
+    @property
+    def owes(self) -> bool:
+        """Whether outputs of the present time are still to be sent: time must not go on."""
+        return bool(self._owed)
+
+    def waits_for(self) -> float:
+        """Wall time [s] for which kernels that measure are being made ready; 0: they are not."""
+        cells = self._cells
+        return 0.0 if cells is None or cells.are_ready else cells.seconds
+
+    def settle(self, now: int) -> None:
+        """Send what is owed, the clock first, to each sink for which all of it is ready."""
+        if not self._owed:
+            return
+        owed = list(self._owed.values())
+        try:
+            # Whatever may fail, or be awaited, comes before the first message.
+            if any(wanted - {topics.CLOCK} for _, wanted in owed):
+                self.simulation.snapshot()
+            measured = self._measure([
+                topic for topic in _MEASURED if any(topic in wanted for _, wanted in owed)])
+        except SimulationError:
+            self._owed.clear()
+            raise
+        if measured is None:
+            measured, owed = {}, [item for item in owed if item[1].isdisjoint(_MEASURED)]
+        for sink, _ in owed:
+            del self._owed[id(sink)]
+        for topic in MOVING:
+            receivers = [sink for sink, wanted in owed if topic in wanted and sink.wants(topic)]
+            if receivers:
+                self._send(topic, now, measured.get(topic) or self._build(topic, now), receivers)
 
     def _show(
         self, now: int, chosen: Iterable[tuple[Topic, Topic]], only: Sequence[Sink] | None
@@ -246,13 +311,25 @@ class Broadcast:
                 self._send(view, now, self._build(topic, now), receivers)
                 self._views.sent(topic, began)
 
-    def _is_awaited(self, topic: Topic) -> bool:
-        """Whether a live run has yet to get the kernels that measure a topic."""
-        if self._report is None or topic not in _MEASURED:
-            return False
-        if self._cells is None:
+    def _measure(self, chosen: list[Topic]) -> dict[Topic, list[bytes]] | None:
+        """
+        Build what is measured in the present state; None: the kernels for it are not ready.
+
+        For a live run a thread makes them ready. What that leaves out is compiled here.
+        """
+        cells = self._cells
+        if not chosen:
+            return {}
+        if cells is not None and not cells.are_ready:
+            return None
+        try:
+            with no_compiling() if cells is None and self._report is not None else nullcontext():
+                measured = {topic: list(self._build(topic, 0)) for topic in chosen}
+        except KernelsMissing:
             self._cells = LoadCellKernels(self.simulation)
-        return not self._cells.are_ready
+            return self._measure(chosen)
+        self._cells = None
+        return measured
 
     def _is_news_of_breaks(self) -> bool:
         """Whether more has broken than was sent; the message stays, so nothing is sent twice."""
@@ -317,15 +394,10 @@ class Broadcast:
         if receivers:
             self._send(topics.WEAVE, now, [self._outputs.weave(parameters)], receivers)
 
-    def _receivers(
-        self, topic: Topic, only: Sequence[Sink] | None = None, *, live_only: bool = False
-    ) -> list[Sink]:
+    def _receivers(self, topic: Topic, only: Sequence[Sink] | None = None) -> list[Sink]:
         if topic in (topics.CLOCK, topics.TF) and topic not in self._schedules:
             return []
-        return [
-            sink for sink in (self.sinks if only is None else only)
-            if not (live_only and sink.is_bag) and sink.wants(topic)
-        ]
+        return [sink for sink in (self.sinks if only is None else only) if sink.wants(topic)]
 
     def _send(
         self, topic: Topic, now: int, messages: Iterable[bytes], receivers: list[Sink]

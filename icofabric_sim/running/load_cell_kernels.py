@@ -15,6 +15,7 @@
 
 from contextlib import suppress
 import threading
+import time
 from typing import Any
 
 from icofabric_sim.simulation.precompile import LARGEST
@@ -27,6 +28,7 @@ class LoadCellKernels:
     def __init__(self, simulation: Simulation) -> None:
         """Begin to load them, or to compile them where they are not on disk."""
         self._thread: threading.Thread | None = None
+        self._began = time.monotonic()
         if simulation.scene.body_count <= LARGEST:
             has_contacts = simulation.status.has_contacts
             self._thread = threading.Thread(
@@ -37,6 +39,11 @@ class LoadCellKernels:
     def are_ready(self) -> bool:
         """Whether measuring compiles nothing that is known now."""
         return self._thread is None or not self._thread.is_alive()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time [s] since they were asked for."""
+        return time.monotonic() - self._began
 
 
 def _load(simulation: Simulation, has_contacts: bool) -> None:

@@ -308,7 +308,7 @@ class Runner:
         self._broadcast.report(state.now)
         request = self._time.requests.current
         moves = request is not None or not (state.paused or state.failure or state.finished)
-        if self._time.is_held() and moves:
+        if self._time.is_held() and (moves or self._broadcast.owes):
             self._refresh()
             with counted_as_compiling():
                 self.commands.wait(_HELD_CHECK)
@@ -351,7 +351,7 @@ class Runner:
         """
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
             self._last_refresh = wall.monotonic()
-            self._broadcast.emit(self.state.now, live_only=True)
+            self._broadcast.repeat(self.state.now)
 
     def _fresh_status(self) -> Status:
         self._errors = errors_of(self.state.simulation)

@@ -103,14 +103,18 @@ class TimeAdvance:
             # Broken off before its first step, it has shown this time already.
             if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
-            self.requests.answer(state.now)
+            if not self._broadcast.owes:
+                self.requests.answer(state.now)
             self._look_for_stall()
         except SimulationError as error:
             self.fail(str(error), target)
-        except KernelsAwaited as error:
-            self._hold(error.is_for_contacts)
-        except Interrupted:
+        except Interrupted as stop:
             state.catch_up()
+            if isinstance(stop, KernelsAwaited):
+                self._hold(stop.is_for_contacts)
+            if before < state.now != end and not state.failure:
+                # It may be just the time of an output.
+                self._broadcast.owe(state.now)
 
     def begin_steps(self, request: StepRequest) -> None:
         """Queue a request for solver steps, or answer it why there are none."""
@@ -148,18 +152,21 @@ class TimeAdvance:
         if state.finished:
             self.end_requests(self._over())
             return
+        if request.is_shown:
+            self._answer(request)
+            return
         if not request.has_begun:
             request.begin(state.now)
             self._broadcast.event(state.now, 'advance', to=request.end)
         self.advance(request.end)
-        if state.failure:
+        if state.failure or state.is_held:
             return
         if state.now >= request.end:
             # Shown as after steps, once, whether an output is due then or not.
             self._broadcast.event(state.now, 'advanced')
             self.show_after('advanced')
             self._pace.restart(state.now)
-            self.requests.finish(state.now)
+            self._answer(request)
         elif state.finished:
             self.end_requests(self._over())
 
@@ -171,7 +178,9 @@ class TimeAdvance:
     def end_requests(self, reason: str) -> None:
         """Answer all that wait for a time with the `reason` why it is not reached."""
         state, current = self._state, self.requests.current
-        if isinstance(current, AdvanceRequest) and current.has_begun:
+        if current is not None and current.is_shown:
+            self.requests.finish(state.now)
+        elif isinstance(current, AdvanceRequest) and current.has_begun:
             self._broadcast.event(state.now, 'advance_ended')
             self._pace.restart(state.now)
         self.requests.end(reason, state.now)
@@ -187,15 +196,16 @@ class TimeAdvance:
 
     def take_steps(self, request: StepRequest) -> None:
         """Take steps for a moment; the rest follows once commands had their turn."""
+        if request.is_shown:
+            self._answer(request)
+            return
         state, end = self._state, wall.perf_counter() + RESPONSE
         simulation, target = state.simulation, state.now
         try:
             while not request.done:
-                before = simulation.status.step_count
                 # Rounding must not put it before the end of the step.
                 target = nanoseconds_not_before(simulation.status.next_step_time) + 1
-                simulation.advance_steps(1)
-                request.taken += simulation.status.step_count - before
+                request.taken += simulation.advance_steps(1)
                 if wall.perf_counter() > end:
                     break
             state.catch_up()
@@ -206,13 +216,19 @@ class TimeAdvance:
                 self._pace.restart(state.now)
                 self._broadcast.event(state.now, 'step', count=request.taken)
                 self.show_after('step')
-                self.requests.finish(state.now)
+                self._answer(request)
         except SimulationError as error:
             self.fail(str(error), target)
         except KernelsAwaited as error:
             self._hold(error.is_for_contacts)
         except Interrupted:
             state.catch_up()
+
+    def _answer(self, request: StepRequest | AdvanceRequest) -> None:
+        """Answer the current request, which has come to its end, once that is shown."""
+        request.is_shown = True
+        if not self._broadcast.owes:
+            self.requests.finish(self._state.now)
 
     def _look_for_stall(self) -> None:
         """Stop simulated time where it stands nearly still: a clock that stands says nothing."""
@@ -241,21 +257,44 @@ class TimeAdvance:
             pass
 
     def is_held(self) -> bool:
-        """Whether simulated time waits for kernels; where they are ready it runs again."""
+        """
+        Whether simulated time waits for kernels; where they are ready it runs again.
+
+        Those of steps, or those of outputs that are due now.
+        """
         state = self._state
-        if not state.is_held:
+        if not state.is_held and not self._broadcast.owes:
             return False
         kernels = state.simulation.contact_kernels
+        if not state.is_held:
+            self._note_hold(
+                'the kernels that measure reactions and contacts are not ready yet; they are made '
+                'once on a machine')
         if self._held_why and wall.monotonic() - self._held_since > _WORTH_SAYING:
             _LOGGER.info(
                 'simulated time waits at t = %.9g s: %s', seconds(state.now), self._held_why)
             self._held_why = ''
-        if kernels is None or kernels.are_ready or (
-                not self._held_for_contacts and is_compiler_free()):
+        if state.is_held and (kernels is None or kernels.are_ready or (
+                not self._held_for_contacts and is_compiler_free())):
             # At least for a try.
             state.is_held = False
             self._pace.restart(state.now)
-        return state.is_held
+        if self._broadcast.owes:
+            self._settle()
+        return state.is_held or self._broadcast.owes
+
+    def _settle(self) -> None:
+        """Send the outputs of the present time that are still owed, if that needs no kernels."""
+        state = self._state
+        try:
+            if not state.failure:
+                state.simulation.advance_to(seconds(state.now))
+            self._broadcast.settle(state.now)
+        except SimulationError as error:
+            self.fail(str(error), state.now)
+        except Interrupted:
+            return
+        self._pace.restart(state.now)
 
     def _say_it_runs(self) -> None:
         """Time has advanced; where it was said that it waits, say so."""
@@ -266,10 +305,13 @@ class TimeAdvance:
     def waits(self) -> str:
         """What simulated time waits for, '': it does not; for any thread."""
         kernels = self._state.simulation.contact_kernels
-        if not self._state.is_held or kernels is None:
+        what, since = 'kernels that measure', self._broadcast.waits_for()
+        if self._state.is_held and kernels is not None:
+            what = 'the kernels for contacts' if self._held_for_contacts else 'kernels'
+            since = kernels.seconds
+        elif not since or not self._broadcast.owes:
             return ''
-        what = 'the kernels for contacts' if self._held_for_contacts else 'kernels'
-        return f'compiling {what}, for {kernels.seconds:.0f} s so far'
+        return f'compiling {what}, for {since:.0f} s so far'
 
     def _hold(self, for_contacts: bool) -> None:
         """
@@ -285,12 +327,16 @@ class TimeAdvance:
         state.is_held = True
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()
-        if self._held_at == state.now:
-            return  # it has tried once more
-        self._held_at, self._held_since, self._held_why = state.now, wall.monotonic(), (
+        self._note_hold(
             'shells come near each other for the first time, and the kernels for contacts are not '
             'ready yet; they are made once on a machine' if for_contacts else
             'the compiler is at work, and one of its kernels has to be loaded')
+
+    def _note_hold(self, why: str) -> None:
+        """Note since when simulated time waits where it does; the same wait is noted once."""
+        if self._held_at != self._state.now:
+            self._held_at, self._held_since, self._held_why = (
+                self._state.now, wall.monotonic(), why)
 
     def fail(self, reason: str, target: int) -> None:
         """Stop simulated time: the simulation failed on its way to `target` [ns]."""

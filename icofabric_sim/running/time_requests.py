@@ -29,6 +29,7 @@ class StepRequest:
     def __init__(self, count: int | None = None) -> None:
         """Ask for `count` steps; None: for the `step_count` that is in force when they begin."""
         self._wanted, self.count, self.taken = count, count or 0, 0
+        self.is_shown = False
         self.future: Future[Any] = Future()
 
     def begin(self, step_count: int) -> None:
@@ -51,6 +52,7 @@ class AdvanceRequest:
     def __init__(self, duration: int | None = None) -> None:
         """Ask for a `duration` [ns]; None: for the `advance_duration` in force when it is read."""
         self.duration, self.start, self.end = duration, 0, 0
+        self.is_shown = False
         self.future: Future[Any] = Future()
 
     @property

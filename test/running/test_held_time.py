@@ -23,7 +23,7 @@ from icofabric_sim.kernels.runtime.compile_notice import compile_notice, Kernels
 from icofabric_sim.kernels.runtime.kernel_guard import _guard, guarded_alike, no_compiling
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS
+from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, POSES
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running import time_advance
 from icofabric_sim.running.diagnostics import HealthReport
@@ -169,6 +169,53 @@ def test_requests_are_answered_while_simulated_time_waits(held, caplog):
     direct.apply_wrench('push', PUSH)
     direct.advance_to(0.2)
     assert end.position.tobytes() == direct.snapshot().position.tobytes()
+
+
+def test_outputs_of_the_time_at_which_an_input_awaits_its_kernels_are_sent(held, monkeypatch):
+    runner, sink = held
+    sink.topics, sink.is_bag = (*sink.topics, POSES), True
+    driver, free = runner.simulation._driver, threading.Event()
+    cut = driver._stepping.cut
+
+    def missing(time):
+        if time > 0.0 and not free.is_set():
+            raise KernelsMissing
+        return cut(time)
+
+    monkeypatch.setattr(driver._stepping, 'cut', missing)
+    for module in (driver_module, time_advance):
+        monkeypatch.setattr(module, 'is_compiler_free', free.is_set)
+    push(runner, 'push', stamp=50_000_000, force=PUSH)
+    with Beside(runner) as beside:
+        kernels = wait_until_held(beside)
+        assert runner.now == 50_000_000
+        # Before the kernels are there: the state of that time needs none of them.
+        beside.wait_for(lambda: 50_000_000 in dict(sink.of(POSES)))
+        free.set()
+        kernels.finish()
+        final(runner, beside)
+    assert [time for time, _ in sink.of(POSES)] == [round(k * 1e9 / 60) for k in range(13)]
+
+
+def test_outputs_of_a_time_at_which_an_advance_is_broken_off_are_sent(held, monkeypatch):
+    runner, sink = held
+    sink.topics, sink.is_bag = (*sink.topics, POSES), True
+    simulation, broken_off = runner.simulation, []
+    advance_to = simulation.advance_to
+
+    def interrupted(time):
+        before = simulation.time
+        advance_to(time)
+        if before < time == 0.05 and not broken_off:
+            broken_off.append(time)
+            raise KernelsAwaited(False)
+
+    monkeypatch.setattr(simulation, 'advance_to', interrupted)
+    with Beside(runner) as beside:
+        beside.wait_for(lambda: runner.now > 50_000_000)
+        wait_until_held(beside).finish()
+        final(runner, beside)
+    assert broken_off and 50_000_000 in dict(sink.of(POSES))
 
 
 def test_a_reset_ends_the_wait_and_steps_come_to_it_again(held):

@@ -11,20 +11,28 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Topics of a test rig: built for a listener only, and in a live run once kernels are ready."""
+"""Topics of a test rig: for a listener only; a live run waits until their kernels are ready."""
 
+import json
+import threading
 import time
 
 import icofabric_sim as ico
+from icofabric_sim.bag import BagReader, BagRecorder
 from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.kernels.runtime import kernel_guard
+from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.topics import CONTACTS, POSES, REACTIONS, TENSIONS
+from icofabric_sim.running import broadcast as broadcast_module
 from icofabric_sim.running.broadcast import Broadcast
-from icofabric_sim.running.recording import BagSink, summarise_run
+from icofabric_sim.running.diagnostics import HealthReport
+from icofabric_sim.running.recording import BagSink, GIVEN, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
+from icofabric_sim.simulation.simulation import Simulation
 import pytest
-from runner_helpers import ListSink
+from runner_helpers import Beside, ListSink
 
 MEASURED = {REACTIONS: 'reactions', TENSIONS: 'tensions', CONTACTS: 'contacts'}
 
@@ -68,3 +76,135 @@ def test_a_bag_holds_them_where_asked_and_verify_compares_them(tmp_path):
         assert counts == dict.fromkeys(MEASURED, 4)
         report = verify_run(run)
     assert report.verdict == 'identical', report.lines()
+
+
+class Cells:
+    """Kernels that are missing until the test makes them ready."""
+
+    ready = threading.Event()
+    asked = 0
+
+    def __init__(self, simulation):
+        Cells.asked += 1
+        self.seconds = 3.2
+
+    @property
+    def are_ready(self):
+        return self.ready.is_set()
+
+
+@pytest.fixture
+def awaited(tmp_path, monkeypatch):
+    """A live runner with a bag, whose measuring kernels are missing; every re-weave lacks them."""
+    loaded, measure = [], Simulation.reactions
+
+    def reactions(self):
+        if kernel_guard._guard.forbids and self not in loaded:
+            raise KernelsMissing
+        loaded.append(self)
+        return measure(self)
+
+    monkeypatch.setattr(Simulation, 'reactions', reactions)
+    monkeypatch.setattr(broadcast_module, 'LoadCellKernels', Cells)
+    Cells.ready.clear()
+    Cells.asked = 0
+    path = tmp_path / 'bag'
+    simulation = ico.compile_scene(ico.load_scene('hanging_slab').with_changes({
+        'record.path': str(path), 'record.measured': True, 'duration': 0.2,
+        'real_time_factor': 0.0}))
+    report, bag = HealthReport('/icofabric'), BagSink(path, simulation, live=True)
+    sink = ListSink(POSES)
+    return Runner(
+        simulation, [bag, sink], report=lambda status: report.bytes(status)), bag, sink
+
+
+def counts(path):
+    with RecordedRun(path, '/icofabric') as run:
+        return {topic: len(run.times_of(topic.name)) for topic in (POSES, *MEASURED)}
+
+
+def closed(runner, bag):
+    bag.close(summary=summarise_run(runner.status()))
+    with RecordedRun(bag.path, '/icofabric') as run:
+        return verify_run(run)
+
+
+def test_a_live_run_waits_for_the_kernels_and_its_bag_holds_every_output(awaited, caplog):
+    runner, bag, sink = awaited
+    caplog.set_level('INFO', 'icofabric_sim')
+    with Beside(runner) as beside:
+        beside.wait_for(lambda: runner.status().waits)
+        assert runner.status().waits == 'compiling kernels that measure, for 3 s so far'
+        # Who listens to poses alone gets them, and services answer.
+        beside.wait_for(lambda: sink.messages)
+        assert runner.set_paused(True).result(60.0) == 0
+        advance = runner.advance()
+        beside.wait_for(lambda: 'reactions and contacts are not ready yet' in caplog.text)
+        assert not advance.done() and runner.now == 0
+        Cells.ready.set()
+        assert advance.result(60.0) == 10_000_000
+        Cells.ready.clear()
+        changed = runner.change(runner.parameters.with_changes({'connector.stiffness': 700.0}))
+        changed.result(60.0)
+        beside.wait_for(lambda: Cells.asked == 2)
+        # A reset comes in place of what is owed, and what it shows is owed as well.
+        runner.reset(time_reset=False).result(60.0)
+        advance = runner.advance()
+        runner.post(lambda: None).result(60.0)
+        assert not advance.done() and runner.now == 10_000_000
+        Cells.ready.set()
+        assert advance.result(60.0) == 20_000_000
+        runner.set_paused(False).result(60.0)
+        beside.wait_for(lambda: runner.finished)
+    report = closed(runner, bag)
+    assert report.verdict == 'identical', report.lines()
+    # Outputs of 0 to 0.2 s, after each advance, after the reset, whose time another weave shares.
+    assert counts(bag.path) == dict.fromkeys((POSES, *MEASURED), 13 + 2 + 1)
+    assert Cells.asked == 2
+
+
+def test_a_run_that_is_stopped_while_it_waits_leaves_no_half_of_an_output(awaited):
+    runner, bag, _ = awaited
+    with Beside(runner) as beside:
+        Cells.ready.set()
+        beside.wait_for(lambda: runner.now >= 20_000_000)
+        Cells.ready.clear()
+        runner.set_paused(True).result(60.0)
+        runner.change(
+            runner.parameters.with_changes({'connector.stiffness': 700.0})).result(60.0)
+        beside.wait_for(lambda: Cells.asked == 2)
+    report = closed(runner, bag)
+    assert report.verdict == 'identical', report.lines()
+    assert len(set(counts(bag.path).values())) == 1
+
+
+@pytest.mark.parametrize('topic', MEASURED)
+def test_verify_misses_what_is_measured(topic, tmp_path):
+    path = tmp_path / 'bag'
+    simulation = ico.compile_scene(ico.load_scene('hanging_slab').with_changes({
+        'record.path': str(path), 'record.measured': True, 'duration': 0.05,
+        'real_time_factor': 0.0}))
+    bag = BagSink(path, simulation, live=False)
+    runner = Runner(simulation, [bag])
+    runner.run(until_finished=True)
+    bag.close(summary=summarise_run(runner.status()))
+    name = topic.name.replace('~', '/icofabric')
+    with BagReader(path) as reader:
+        types = {name: topic.type_name for name, topic in reader.topics.items()}
+        messages = [message for message in reader.messages() if message[0] in types]
+        custom = dict(reader.custom)
+    lost = [number for number, message in enumerate(messages) if message[0] == name][0]
+    given = json.loads(custom[GIVEN])
+    given[name] -= 1  # as if it had never been sent
+    custom[GIVEN] = json.dumps(given)
+    with BagRecorder(tmp_path / 'less', custom=custom) as recorder:
+        for other, type_name in types.items():
+            if other != '/icofabric/recording':
+                recorder.add_topic(other, type_name)
+        for message in messages[:lost] + messages[lost + 1:]:
+            if message[0] != '/icofabric/recording':
+                recorder.write(*message)
+    with RecordedRun(tmp_path / 'less', '/icofabric') as run:
+        report = verify_run(run)
+    assert report.verdict == 'incomplete', report.lines()
+    assert [(gap.topic, gap.messages, gap.nanoseconds) for gap in report.gaps] == [(name, 1, 0)]

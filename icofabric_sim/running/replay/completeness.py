@@ -45,8 +45,6 @@ from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_a
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.version import __version__
 
-_SENT = tuple(topic for topic in MOVING if topic.recorded)
-_BY_NAME = {topic.name: topic for topic in _SENT}
 # What follows the wall clock, or the writing.
 _BESIDE = ('~/recording', topics.DIAGNOSTICS.name)
 
@@ -88,8 +86,11 @@ class Completeness:
         self._says_pauses = (
             PAUSED in custom and PART not in custom and custom.get('version') == __version__)
         self._is_running = custom.get(PAUSED) == 'false'
-        # Of several fabrics any may have published the time.
+        # Of several fabrics any may have published the time, and all have their frames there.
         self._left_out = (topics.CLOCK, topics.TF) if len(run.nodes) > 1 else ()
+        is_measured = 'scene' in custom and run.parameters_of(custom['scene'])['record.measured']
+        self._sent = {topic.name: topic for topic in MOVING if (
+            topic.recorded or topic is topics.TF or is_measured and topic in topics.MEASURED)}
         self._counted: Counter[str] = Counter()
         self._missing: Counter[Topic] = Counter()
         self._first: dict[Topic, int] = {}
@@ -98,6 +99,7 @@ class Completeness:
         self._has_begun = False
         # What is still to come of what is shown now, and lists of connectors that have come.
         self._owed: set[Topic] = set()
+        self._has_come = False
         self._lists: set[int] = set()
         self._clears = self._may_clear = False
         # Breaks that were sent, None while unknown; whether the present state tells them, and
@@ -139,8 +141,8 @@ class Completeness:
             self._follow(event)
         elif name == topics.WEAVE.name:
             self._take_weave(data)
-        elif name in _BY_NAME:
-            self._take_output(_BY_NAME[name], time, data)
+        elif name in self._sent:
+            self._take_output(self._sent[name], time, data)
 
     def end(self, stop: int | None, *, whole: bool) -> list[Gap]:
         """
@@ -160,7 +162,7 @@ class Completeness:
         gaps = []
         for name in sorted({*given, *(self._full(topic.name) for topic in self._missing)}):
             own = self._own(name)
-            topic = _BY_NAME.get(own)
+            topic = self._sent.get(own)
             more = self._counted[own] - given.get(name, self._counted[own])
             if more > 0:
                 raise Departure(
@@ -186,7 +188,8 @@ class Completeness:
         parameters = self._run.parameters_of(self._run.decoded(decode_string, data))
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
-            if topic in _SENT and topic not in self._left_out}
+            if topic.name in self._sent and topic not in self._left_out and (
+                topic is not topics.TF or parameters['tf.group'])}
         if not self._has_begun:
             self._has_begun = self._may_clear = True
             self._show(anew=True)
@@ -200,6 +203,9 @@ class Completeness:
         shown = shown_after(event.name, running=self._is_running)
         if shown is Shown.NOTHING or is_jump(event.name, event.facts):
             return  # after a jump the next bag has it
+        if not self._has_come:
+            # Time had waited for the kernels of what was due, and this is shown in its place.
+            self._owed.clear()
         self._settle()
         self._has_failed = event.name == 'failed'
         if shown is Shown.ANEW:
@@ -208,7 +214,7 @@ class Completeness:
 
     def _show(self, *, anew: bool = False) -> None:
         """Expect the present state on all topics."""
-        self._anew = anew
+        self._anew, self._has_come = anew, False
         self._owed = {*self._schedules, topics.BROKEN}
 
     def _go_on(self, time: int, *, failed: bool = False, instead: bool = False) -> None:
@@ -229,6 +235,7 @@ class Completeness:
             raise Departure(self._now, 'a message that was not sent', self._full(
                 topics.BROKEN.name))
         before, self._now, self._may_clear = self._now, time, False
+        self._has_come = False
         if not self._is_running:
             return
         for topic, schedule in self._schedules.items():
@@ -275,7 +282,8 @@ class Completeness:
             count = len(self._run.decoded(decode_float64_multi_array, data).values)
             if not self._tells_breaks and (self._anew or count != self._breaks_told):
                 # What is not due is reported when the run ends.
-                self._tells_breaks, self._is_over = True, topic not in self._owed
+                self._has_come = self._tells_breaks = True
+                self._is_over = topic not in self._owed
                 self._breaks_told = count
                 return
             raise Departure(
@@ -289,9 +297,11 @@ class Completeness:
                     return
             elif topic in self._owed and marker.marker_id not in self._lists and (
                     marker.marker_id in self._all_lists(time)):
+                self._has_come = True
                 self._lists.add(marker.marker_id)
                 return
         elif topic in self._owed:
+            self._has_come = True
             self._owed.remove(topic)
             return
         raise Departure(
