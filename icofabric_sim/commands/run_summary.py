@@ -44,9 +44,10 @@ def run_summary(
         ('scene', f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors'),
         *method_rows(simulation),
         ('run', _pace(scene.body_count, status, wall, aside)),
+        *_kept(monitor, status),
         *_compiler(compiling),
         *([] if errors is None else accuracy_rows(simulation, errors, growth)),
-        ('energy', _energy(simulation, monitor)),
+        ('energy', _energy(simulation, monitor, status)),
         ('', _balance(simulation)),
         *_momenta(simulation, monitor),
         ('strain', _strain(simulation, monitor)),
@@ -188,9 +189,19 @@ def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
     return text
 
 
-def _energy(simulation: Simulation, monitor: RunMonitor) -> str:
+def _kept(monitor: RunMonitor, status: Status) -> list[Row]:
+    """Say which times the figures of a failed run are of: outputs, steps, and the kept state."""
+    if not status.failure:
+        return []
+    return [('', f'stopped: outputs come to t = {seconds(status.time):.6g} s, steps and the '
+                 'balance to the failure; energy and momentum at the end are those of the last '
+                 f'good state, t = {monitor.last.time:.6g} s')]
+
+
+def _energy(simulation: Simulation, monitor: RunMonitor, status: Status) -> str:
     first, last = monitor.first.energy['total'], monitor.last.energy['total']
-    text = f'{first:.9g} J at the start, {last:.9g} J at the end'
+    end = f't = {monitor.last.time:.6g} s' if status.failure else 'the end'
+    text = f'{first:.9g} J at the start, {last:.9g} J at {end}'
     if simulation.status.active_loads or simulation.scene.loads and _loads_act(simulation):
         return text
     if not monitor.energy_scale > 0.0:

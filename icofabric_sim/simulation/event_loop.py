@@ -55,6 +55,7 @@ from icofabric_sim.simulation.stepping.method_selection import (
 from icofabric_sim.simulation.stepping.methods import facts_of, Method, METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+from icofabric_sim.simulation.stepping.uniform_stepping import latest_end
 import numpy as np
 
 if TYPE_CHECKING:
@@ -412,7 +413,7 @@ class EventLoop:
             raise ValueError(
                 f'cut_due must be its time {time!r} s or infinite, got {self._cut_due!r}')
         self.driver.load_state(tree.part('stepper'), self._loads(again=True))
-        if not self.driver.time <= time <= self.driver.next_step_time:
+        if not self.driver.time <= latest_end(time) or not time <= self.driver.next_step_time:
             raise ValueError(
                 f'its time {time!r} s is not in the step in progress, '
                 f'{self.driver.time!r} to {self.driver.next_step_time!r} s')

@@ -117,6 +117,27 @@ def test_steps_one_by_one_are_the_steps_of_advance_to(form):
     assert one.time == 101 * 2e-4
 
 
+@pytest.mark.parametrize('method', ['leapfrog', 'srkn4', 'dop8'])
+def test_rounding_of_step_ends_costs_no_step(method):
+    scene = make_scene((2, 2, 2), {
+        'solver.method': method, 'solver.step': 1e-3, 'solver.energy_limit': 1e3}, **RANDOM)
+    whole = ico.compile_scene(scene)
+    whole.advance_to(0.7)
+    assert whole.status.step_count == 700 and whole.time == 0.7
+    # 3 steps of 0.1 s are above 0.3 s, too; inputs and checkpoints there change nothing.
+    pieces = ico.compile_scene(scene)
+    for time in (0.003, 0.1, 0.3, 0.6, 0.7):
+        pieces.advance_to(time)
+        pieces.restore(pieces.checkpoint())
+    assert same_state(whole.snapshot(), pieces.snapshot())
+    assert pieces.status.step_count == 700
+    for simulation in (whole, pieces):
+        simulation.apply_body_wrench(0, [1.0, 0.0, 0.0], time=0.7)
+        simulation.advance_to(0.9)
+    assert same_state(whole.snapshot(), pieces.snapshot())
+    assert whole.status.step_count == 900
+
+
 def test_steps_stop_at_inputs():
     scene = changed(START, {'groups.tip': 'ids 0', 'loads.tip.group': 'tip'})
     simulation = ico.compile_scene(scene)

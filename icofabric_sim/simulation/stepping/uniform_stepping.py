@@ -33,6 +33,13 @@ import numpy as np
 
 # Above it steps cannot be counted in doubles.
 _MOST_STEPS = 2.0**53
+# Ends of steps are rounded: 700 steps of 1e-3 s end one bit after 0.7 s.
+_ROUNDED_BITS = 2.0
+
+
+def latest_end(time: float) -> float:
+    """Return the latest end [s] of a step that counts as ended by `time` [s]."""
+    return time + _ROUNDED_BITS * math.ulp(time)
 
 
 class UniformStepping:
@@ -78,10 +85,10 @@ class UniformStepping:
             trajectory.fail(
                 f'steps of {step:.6g} s never come to t = {time:.9g} s: that would take '
                 f'{count:.3g} of them{reason}')
-        last = int(count)
-        while origin + (last + 1) * step <= time:
+        last, end = int(count), latest_end(time)
+        while origin + (last + 1) * step <= end:
             last += 1
-        while last > 0 and origin + last * step > time:
+        while last > 0 and origin + last * step > end:
             last -= 1
         return last - trajectory.index
 
