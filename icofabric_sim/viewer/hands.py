@@ -25,7 +25,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-# How often a pull is repeated while the mouse is held still [s]; it ends 0.5 s after the last.
+# How often a pull is repeated while the mouse is held still [s].
 _REPEAT = 0.1
 
 
@@ -49,12 +49,15 @@ class Hands(Protocol):
 class Grip:
     """The shell that each page holds: its point follows the mouse, and is sent again and again."""
 
-    def __init__(self, pull: Callable[[int, tuple[float, float, float] | None], None]) -> None:
-        """Send by `pull`."""
-        self._pull = pull
+    def __init__(
+        self, pull: Callable[[int, tuple[float, float, float] | None], None],
+        is_silent: Callable[[int], bool] = lambda page: False
+    ) -> None:
+        """Send by `pull`; `is_silent`: whether a page has stopped answering."""
+        self._pull, self._is_silent = pull, is_silent
         self._lock = threading.Lock()
         self._held: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}  # by page
-        self._sent: dict[int, float] = {}
+        self._sent: dict[int, float] = {}  # of those that pull
 
     def take(
         self, page: int, body: int, centre: np.ndarray, grasp: np.ndarray, point: np.ndarray
@@ -79,25 +82,36 @@ class Grip:
     def let_go(self, page: int) -> None:
         """End it, also when the page closes."""
         with self._lock:
-            held = self._held.pop(page, None)
-            self._sent.pop(page, None)
-            if held is not None:
+            held, sent = self._held.pop(page, None), self._sent.pop(page, None)
+            if held is not None and sent is not None:
                 self._pull(held[0], None)
 
     def repeat(self) -> None:
-        """Send again what was not sent for a while; to be called often."""
+        """
+        Send again what was not sent for a while, and end what silent pages hold; called often.
+
+        A page whose mouse still holds the shell pulls again once that mouse moves.
+        """
         now = time.monotonic()
-        for page in list(self._held):
-            if now - self._sent.get(page, 0.0) > _REPEAT:
+        for page, sent in list(self._sent.items()):
+            if self._is_silent(page):
+                self._interrupt(page)
+            elif now - sent > _REPEAT:
                 self._send(page)
 
     def lines(self, poses: np.ndarray) -> np.ndarray:
         """From each held shell to where it is drawn, (m, 2, 3) [m]."""
         with self._lock:
-            held = list(self._held.values())
+            held = [self._held[page] for page in self._sent]
         ends = [
             (poses[body, :3], point) for body, _, point in held if body < len(poses)]
         return np.array(ends, float).reshape(-1, 2, 3)
+
+    def _interrupt(self, page: int) -> None:
+        """Let go of what a page pulls; the mouse there may still hold the shell."""
+        with self._lock:
+            if self._sent.pop(page, None) is not None:
+                self._pull(self._held[page][0], None)
 
     def _send(self, page: int) -> None:
         # Under the lock: else an older point could go out after a newer one, or after the end.

@@ -83,14 +83,18 @@ class Page:
             self.server: Any = viser.ViserServer(
                 host=host, port=port, label='icofabric', verbose=False)
         self._close_tunnels()
+        self._flow = Flow(_VIEW)
+        self._flow.pace(self.server._websock_server.get_message_buffer())
+        # Those that have come before, in an address that was known, come again.
+        self.server._websock_server.disconnect_all_clients()
         self._host, self.port = host, int(self.server.get_port())
         self.stage = Stage(self.server.scene, sight)
         can_pull = hands is not None and not hands.is_replay
-        self.grip = Grip(hands.pull) if hands is not None and can_pull else None
+        self.grip = (
+            Grip(hands.pull, self._flow.is_silent) if hands is not None and can_pull else None)
         self.panel = Panel(self.server, sight, self.stage, hands)
-        self._flow = Flow(_VIEW)
         self._followed: np.ndarray | None = None
-        self._poses = np.zeros((0, 7))
+        self._poses, self._shift = np.zeros((0, 7)), 1e-6
         self._seen = self._aimed = -1
         self._stopping = threading.Event()
         self.server.on_client_disconnect(self._left)
@@ -123,7 +127,7 @@ class Page:
             self.server.stop()
 
     def frame(self) -> None:
-        """Send what is new, where pages have come to what was sent."""
+        """Send what is new, where a page has come to what was sent."""
         sight = self._sight
         if self.grip is not None:
             self.grip.repeat()
@@ -134,6 +138,9 @@ class Page:
         lines = np.zeros((0, 2, 3))
         if self.grip is not None:
             lines = self.grip.lines(self._poses)
+            # Never the same twice, so that a page that holds a shell has something to answer.
+            self._shift = -self._shift
+            lines[:, 1] *= 1.0 + self._shift
         sent = self.stage.frames
         with self.server.atomic():
             if self.stage.update(lines, self._poses):
@@ -142,8 +149,7 @@ class Page:
                 if len(self._poses) != self._aimed:
                     self._aimed = len(self._poses)
                     self._aim(self.server.get_clients().values())
-        if self.stage.frames != sent:
-            self._flow.mark(self.server.get_clients().values())
+        if self.stage.frames != sent or len(lines):
             # Else viser waits for as long as a frame lasts, and a little more.
             self.server.flush()
         self._follow()
@@ -187,6 +193,7 @@ class Page:
         @self.stage.shells.on_drag('left')  # type: ignore[untyped-decorator]
         async def _(event: Any) -> None:
             body, page, metre = event.instance_index, event.client_id, self.stage.scale
+            self._flow.hear(page)
             if event.phase == 'end' or body is None:
                 grip.let_go(page)
             elif event.phase == 'start' and body < len(self._poses):
@@ -201,7 +208,7 @@ class Page:
         self._aim([client])
 
     def _left(self, client: Any) -> None:
-        self._flow.end(client)
+        self._flow.end(client.client_id)
         if self.grip is not None:
             self.grip.let_go(client.client_id)
 

@@ -26,6 +26,7 @@ from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.report import ReplayReport
 from icofabric_sim.running.replay.source import ReplaySource
+from icofabric_sim.viewer import flow
 from icofabric_sim.viewer.local import ReplayHands, SightSink
 from icofabric_sim.viewer.page import Page
 from icofabric_sim.viewer.panel import _code
@@ -95,6 +96,45 @@ def test_page_that_closes_lets_go(shown):
         client.drag('start', 2, shown.position(2), shown.position(2))
         client.wait_for(lambda: shown.runner.simulation.inputs.pulls.bodies == [2], 'no pull')
     client.wait_for(lambda: not shown.runner.simulation.inputs.pulls.bodies, 'held for ever')
+
+
+def test_page_that_stops_answering_lets_go_and_pulls_again_when_the_mouse_moves(
+        shown, client, monkeypatch):
+    def pulled():
+        return shown.runner.simulation.inputs.pulls.bodies
+
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    place = shown.position(1)
+    client.drag('start', 1, place, place)
+    client.wait_for(lambda: pulled() == [1], 'no pull')
+    # A mouse that is held still sends nothing, but the page answers, also of a paused fabric.
+    reader = next(iter(shown.page._flow._readers.values()))
+    answered = reader.come
+    client.wait_for(lambda: reader.come > answered + 20, 'nothing to answer')
+    monkeypatch.setattr(flow, '_SILENCE_S', 0.5)
+    client.draws = False
+    client.wait_for(lambda: not pulled(), 'a silent page holds on')
+    shown.page.grip.repeat()
+    assert not shown.page.grip.lines(np.zeros((4, 7))).size
+    client.draws = True
+    client.drag('update', 1, place, place)
+    client.wait_for(lambda: pulled() == [1], 'the mouse does not pull again')
+    client.drag('end', 1, place, place)
+    client.wait_for(lambda: not pulled(), 'held for ever')
+
+
+def test_a_silent_page_slows_no_other(shown, client):
+    client.wait_for(lambda: client.shells() is not None, 'no shells')
+    shown.runner.set_paused(False).result(60.0)
+    with PageClient(shown.port) as silent:
+        silent.wait_for(lambda: silent.shells() is not None, 'no shells')
+        silent.draws = False
+        client.wait_for(lambda: silent.frames > 1, 'no frames')
+        before = silent.frames, client.frames
+        client.wait_for(lambda: client.frames > before[1] + 40, 'no frames')
+        # Of these, those that may be under way to it, and one in 3 s.
+        assert silent.frames - before[0] < 20
+    shown.runner.set_paused(True).result(60.0)
 
 
 def test_slider_changes_a_parameter_and_a_refusal_is_said(shown, client):
