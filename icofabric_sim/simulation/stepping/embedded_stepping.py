@@ -24,9 +24,9 @@ outputs nor the pieces in which a run is asked for touch the sequence.
 from functools import partial
 from typing import Any
 
+from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.kernels.monitor import UNSOUND
 from icofabric_sim.kernels.records import Model, State, Team
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.state_tree import StateTree
@@ -36,7 +36,13 @@ from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces, Stepp
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
 from icofabric_sim.simulation.stepping.step_samples import needs_samples, StepSamples
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+import numpy as np
 
+# Statuses that end a run, or warn: those of a step in progress wait until its end is reached.
+_JUDGED = monitor.UNSOUND | monitor.OBSTRUCTING | monitor.TOO_DEEP | monitor.DEEP
+# Numbers of the ledger that keep what a health check found, though its step is given up.
+_LASTING = [
+    monitor.SCALE, monitor.WORST, monitor.ERROR, monitor.NOISE, monitor.DEEPEST_EVER]
 # Part of a displacement that a search reaches after a step led too far.
 _FARTHER = 1.5
 
@@ -54,6 +60,11 @@ class EmbeddedStepping:
         # Takes the step that ends at an input.
         self._uniform = UniformStepping(pieces)
         self._events: list[EventLocator] = make_events(pieces, self._step)
+        # What waits: also whether a given step is too long.
+        self._judged = ~0 if given > 0.0 else _JUDGED
+        self._due = 0  # status that waits
+        # The ledger before the last call of kernels; None: no drive can lead beyond its path.
+        self._before: np.ndarray | None = None
 
     @property
     def next_step_time(self) -> float:
@@ -186,6 +197,10 @@ class EmbeddedStepping:
         """Add the step in progress, and what happens where it ends."""
         self._step.state_tree(tree)
         self._samples.state_tree(tree)
+        if self._due:
+            tree['due_status'] = self._due
+        if self._before is not None:
+            tree['ledger_before'] = self._before
         for event in self._events:
             tree.update(event.state_tree())
 
@@ -197,11 +212,18 @@ class EmbeddedStepping:
         """Go on within the step of there."""
         self._step.load_state(tree)
         self._samples.load_state(tree)
+        self._due = tree.count('due_status', 0, 2**31) if 'due_status' in tree else 0
+        self._before = None
+        if 'ledger_before' in tree:
+            self._before = tree.array('ledger_before', (len(_LASTING),)).copy()
         for event in self._events:
             event.load_state(tree)
 
     def _take(self, goal: float, count: int) -> None:
         """Take up to `count` steps until one ends after `goal` [s] or an event ends one."""
+        due, self._due = self._due, 0
+        if due:
+            self._pieces.respond(due, self._step.end)
         if any(event.is_due for event in self._events):
             self._happen()
         # A step of which each has to be searched is taken alone.
@@ -230,7 +252,7 @@ class EmbeddedStepping:
             status, done = self._call(self._samples.allowed(count))
             count -= done
             trajectory.require_body_force()
-            self._samples.note(done, sound=not status & (UNSOUND | embedded.TOO_SHORT))
+            self._samples.note(done, sound=not status & (monitor.UNSOUND | embedded.TOO_SHORT))
             # The step in progress does not count yet.
             trajectory.step_count += done + before - int(control.length > 0.0)
             trajectory.step = control.length or trajectory.step
@@ -253,14 +275,19 @@ class EmbeddedStepping:
                 f'{pieces.errors.probe.tolerance:g}: steps of {control.shortest:.3g} s still '
                 f'err too much, and the fastest motion is that of {pieces.rates.fastest_term()}; '
                 'allow a larger tolerance, or slow that down')
-        if status & ~again:
-            pieces.respond(status, self._step.end)
+        if self._step.end > goal:
+            # Beyond what was asked for: an input may come before.
+            self._due = status & self._judged & ~again
+        if status & ~(again | self._due):
+            pieces.respond(status & ~self._due, self._step.end)
         return status
 
     def _call(self, count: int) -> tuple[int, int]:
         """Let kernels take up to `count` steps; returns the status and how many they took."""
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
         watch, control = pieces.contact.watching(), self._step.control
+        self._before = None if trajectory.loads.drives is None else (
+            trajectory.ledger.numbers[_LASTING])
         try:
             status, done, checks.since_check = pieces.calls.timed(
                 lambda team: self._kernels.take(
@@ -308,9 +335,12 @@ class EmbeddedStepping:
     def _give_up(self) -> None:
         """Go back to where the step in progress began."""
         self._samples.give_up()
+        if self._before is not None and self._step.length > 0.0:
+            self._pieces.trajectory.ledger.numbers[_LASTING] = self._before
         self._step.give_up()
         self._forget_events()
 
     def _forget_events(self) -> None:
+        self._due = 0
         for event in self._events:
             event.is_due = False
