@@ -398,8 +398,8 @@ class Contacts(Record):
     turns: np.ndarray  # int32, places of the blocks, by their first slots over LANES
     rows: np.ndarray  # (6, s) forces [N] and torques [N m]
     pushes: np.ndarray  # (b,) [J/s^2] squares of these on each block, see contact/stiffness.py
-    # (8 t,) [m] deepest overlap in the last evaluation, and in all since the caller has set it to
-    # zero, for each thread
+    # (8 t,) [m] deepest overlap in the last evaluation, in all since the caller has set it to
+    # zero, and in the stages of a step with drives, for each thread
     deepest: np.ndarray
     tests: np.ndarray  # (8 t,) pairs that were looked at so far
     latest: np.ndarray  # int64 (8 t,), the part of the pairs that each thread took last, -1: none

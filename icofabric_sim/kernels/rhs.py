@@ -20,16 +20,23 @@ the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 
 from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.contact.losses import add_taken, losses_of
-from icofabric_sim.kernels.drives import is_wrench, keep_turning, place_row, resist_slopes
+from icofabric_sim.kernels.drives import (
+    is_wrench,
+    keep_turning,
+    path_of,
+    place_row,
+    resist_slopes,
+)
 from icofabric_sim.kernels.external import add_external
 from icofabric_sim.kernels.flows import accelerations, NONE, place_links
 from icofabric_sim.kernels.gyration import turn_by_moments
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
+from icofabric_sim.kernels.masses import masses_of
 from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.profiles import factor_of
-from icofabric_sim.kernels.records import Loads, Model, State, Work
+from icofabric_sim.kernels.records import Drives, Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise, rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
@@ -302,6 +309,53 @@ def step_error(
         largest = larger_of(largest, lane(error, i))
         probable = max(probable, lane(error_of_step, i))
     return largest, probable
+
+
+@compiled
+def path_error(
+    drives: Drives | None, model: Model, loads: Loads, slopes: np.ndarray, turn_rows: int,
+    error_5: np.ndarray, error_3: np.ndarray, scale: float, first: int, last: int
+) -> float:
+    """
+    Error of the work of paths in a step of length 1, as `step_error`, for blocks first to last.
+
+    Contacts change the work, but not the motion of driven bodies. An error dP of the power counts
+    as one of their velocity, dP / sqrt(m (m v^2 + I omega^2)), whose square is multiplied by
+    `scale`.
+    """
+    largest = 0.0
+    if drives is None:
+        return largest
+    size = 4.0 if turn_rows == 4 else 0.5
+    for block in range(first, last):
+        s = model.blocks.slot[block]
+        mass, inertia = masses_of(model.masses, model.inverse_mass, model.inverse_inertia, s)
+        for m in range(loads.start[block], loads.start[block + 1]):
+            p = path_of(drives, loads.wrench[m])
+            if p < 0:
+                continue
+            sum_5, sum_3, moving = splat(0.0), splat(0.0), splat(1e-200)
+            for j in range(error_5.shape[0]):
+                power = load(loads.power, j, LANES * m)
+                sum_5 = fma(splat(error_5[j]), power, sum_5)
+                sum_3 = fma(splat(error_3[j]), power, sum_3)
+                square, turning = splat(0.0), splat(0.0)
+                for k in range(3):
+                    if drives.moves[p, k]:
+                        v = load(slopes[j], k, s)
+                        square = fma(v, v, square)
+                if drives.moves[p, 3]:
+                    for k in range(3, 3 + turn_rows):
+                        v = load(slopes[j], k, s)
+                        turning = fma(v, v, turning)
+                moving = maximum(fma(mass, square, splat(size) * inertia * turning), moving)
+            part = splat(scale) / (mass * moving)
+            square_5, square_3 = part * (sum_5 * sum_5), part * (sum_3 * sum_3)
+            error = square_5 * rsqrt(
+                maximum(fma(splat(0.01), square_3, square_5), splat(1e-300)))
+            for i in range(LANES):
+                largest = larger_of(largest, lane(error, i))
+    return largest
 
 
 @compiled

@@ -38,7 +38,7 @@ from icofabric_sim.kernels.contact.gap import Axes, axes_of, edge_of, plane_gap,
 from icofabric_sim.kernels.contact.pair import LINE, Scratch, touch_pair_again, touch_plane
 from icofabric_sim.kernels.contact.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.kernels.contact.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
-from icofabric_sim.kernels.records import Contacts, State, Team
+from icofabric_sim.kernels.records import Contacts, Drives, State, Team
 from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load
@@ -388,6 +388,37 @@ def deepest_overlap(contacts: Contacts | None, size: int) -> float:
     for member in range(size):
         most = max(most, contacts.deepest[8 * member])
     return most
+
+
+@compiled
+def note_touch(
+    drives: Drives | None, contacts: Contacts | None, begins: bool, member: int
+) -> None:
+    """
+    Note the deepest overlap in all stages of a step, of which the first `begins` it.
+
+    Only where drives have work to measure.
+    """
+    if drives is None:
+        return
+    if contacts is None:
+        return
+    deepest = contacts.deepest
+    before = 0.0 if begins else deepest[8 * member + 2]
+    deepest[8 * member + 2] = max(before, deepest[8 * member])
+
+
+@compiled
+def has_touched(drives: Drives | None, contacts: Contacts | None, size: int) -> bool:
+    """Whether something touched in a stage of the step, by what `size` threads have noted."""
+    touched = False
+    if drives is None:
+        return touched
+    if contacts is None:
+        return touched
+    for member in range(size):
+        touched = touched or contacts.deepest[8 * member + 2] > 0.0
+    return touched
 
 
 @compiled

@@ -24,7 +24,13 @@ from typing import Any, NamedTuple
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
 from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
-from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
+from icofabric_sim.kernels.contact.forces import (
+    deepest_overlap,
+    has_touched,
+    note_touch,
+    set_tests,
+    tests_of,
+)
 from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET, UNKNOWN
 from icofabric_sim.kernels.contact.losses import (
     accept_stretches,
@@ -59,6 +65,7 @@ from icofabric_sim.kernels.rhs import (
     interpolate,
     larger_of,
     normalise,
+    path_error,
     place_blocks,
     step_error,
 )
@@ -155,6 +162,7 @@ def slope_at(
     ways_of(watch, model.blocks, state, time, team.member, first, last)
     wait_for_all(team)
     touch_moving(model.contacts, state, index, team)
+    note_touch(loads.drives, model.contacts, index == SECOND, team.member)
     ask_outside(work.external, state, time, team)
     find_slopes(model, loads, state, work, time, trail.slopes[index], index, first, last)
     wait_for_all(team)
@@ -260,8 +268,8 @@ def look(
 
 @compiled
 def largest_error(
-    pair: Pair, model: Model, trail: Trail, control: np.ndarray, turn_rows: int, team: Team,
-    watch: Watch | None, h: float, first: int, last: int
+    pair: Pair, model: Model, loads: Loads, trail: Trail, control: np.ndarray, turn_rows: int,
+    team: Team, watch: Watch | None, h: float, first: int, last: int
 ) -> tuple[float, float]:
     """
     Error of a step of length `h` [s] for each second, the largest of all bodies; what it is.
@@ -276,6 +284,10 @@ def largest_error(
             model.blocks.slot[block])
         largest = larger_of(largest, error)
         probable = max(probable, error_of_step)
+    if has_touched(loads.drives, model.contacts, team.size):
+        largest = larger_of(largest, path_error(
+            loads.drives, model, loads, trail.slopes, turn_rows, pair.error_5, pair.error_3,
+            control[SCALES + 2], first, last))
     error, error_of_step = stretch_error(
         losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], smooth,
         team)
@@ -352,7 +364,7 @@ def adaptive_pair(
                 last)
             # Per unit of time, so the length of the step cancels.
             error, probable = largest_error(
-                pair, model, trail, control, turn_rows, team, watch, h, first, last)
+                pair, model, loads, trail, control, turn_rows, team, watch, h, first, last)
             change = _SHRINK
             if error <= tolerance or error * h <= tolerance * spare:
                 accepted = True

@@ -272,14 +272,17 @@ class SharedPair:
         self._order('try', float(time), float(h), is_judged)
 
     def _largest_error(
-        self, pair: Any, model: Model, trail: Any, control: np.ndarray, turn_rows: int,
-        team: Team, watch: Watch | None, h: float, first: int, last: int
+        self, pair: Any, model: Model, loads: Loads, trail: Any, control: np.ndarray,
+        turn_rows: int, team: Team, watch: Watch | None, h: float, first: int, last: int
     ) -> tuple[float, float]:
         kinked = float(control[embedded.KINKED])
         smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
         found = self._asked('errors', control[embedded.SCALES:].copy(), smooth)
         # The maximum of numpy keeps what is no number; none of them is.
-        largest, probable, far = (float(number) for number in found.max(axis=0))
+        largest, probable, of_paths, touched, far = (
+            float(number) for number in found.max(axis=0))
+        if touched:
+            largest = max(largest, of_paths)
         if self._of_run and watch is not None:
             watch.far[0] = max(watch.far[0], far)
             if far > watch.limits[LATE] and largest < embedded._MISSED:

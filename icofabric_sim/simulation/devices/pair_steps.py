@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.contact.clearance import fastest_points
 from icofabric_sim.kernels.contact.displacement import ways_of
+from icofabric_sim.kernels.contact.forces import has_touched, note_touch
 from icofabric_sim.kernels.contact.losses import (
     accept_stretches,
     combine_stretches,
@@ -31,7 +32,7 @@ from icofabric_sim.kernels.contact.losses import (
 )
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.embedded import DENSE, LAST, Pair, repeat_slope
+from icofabric_sim.kernels.integrators.embedded import DENSE, LAST, Pair, repeat_slope, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import save
@@ -184,6 +185,7 @@ class PairPart:
             return
         self._put(requests, state, work, contacts)
         touch_moving(contacts, state, number, self._team)
+        note_touch(loads.drives, contacts, index == SECOND, 0)
         self.touches += 1
         find_slopes(model, loads, state, work, time, slope, number, first, last)
 
@@ -206,13 +208,19 @@ class PairPart:
             ways_of(watch, self._model.blocks, arrays.trail.stage, time + h, 0, first, last)
 
     def _errors(self, arrays: PairArrays, scales: np.ndarray, smooth: float) -> np.ndarray:
-        """What the step errs by: to be judged, and probably; and the square of the longest way."""
+        """
+        What the step errs by: to be judged, and probably, and in the work of paths.
+
+        Then whether something touched, and the square of the longest way.
+        """
         contacts, watch = arrays.contacts, arrays.watch
-        largest, probable = errors_of(
-            arrays.trail, None if contacts is None else contacts.losses, self._pair.error_5,
-            self._pair.error_3, scales, smooth, self._model.blocks.slot, self._exchange.first,
-            self._exchange.last, self._team)
-        return np.array([largest, probable, 0.0 if watch is None else watch.far[0]])
+        found = errors_of(
+            arrays.trail, self._model, arrays.loads,
+            None if contacts is None else contacts.losses, self._pair.error_5,
+            self._pair.error_3, scales, smooth, self._exchange.first, self._exchange.last,
+            self._team)
+        touched = has_touched(arrays.loads.drives, contacts, 1)
+        return np.array([*found, touched, 0.0 if watch is None else watch.far[0]])
 
     def _accept(self, arrays: PairArrays, h: float, keeps_start: bool) -> None:
         """The step has been taken: the stage is the state."""
@@ -286,7 +294,8 @@ class PairPart:
         combine_all(state, trail, pair.step, 0.0, slot, 0, 0, True)
         losses = None if contacts is None else contacts.losses
         errors_of(
-            trail, losses, pair.error_5, pair.error_3, np.zeros(4), 1.0, slot, 0, 0, self._team)
+            trail, self._model, loads, losses, pair.error_5, pair.error_3, np.zeros(4), 1.0, 0, 0,
+            self._team)
         save(self._model, state, trail.start, 0, 0)
         keep_work(loads, 0, 0)
         add_work(loads, 0.0, pair.step, 0, 0)
@@ -294,6 +303,8 @@ class PairPart:
         repeat_slope(self._model, loads, work, trail, 0, 0)
         if contacts is not None:
             touch_moving(contacts, state, number, self._team)
+            note_touch(loads.drives, contacts, False, 0)
+            has_touched(loads.drives, contacts, 1)
             combine_stretches(losses, pair.step, 0.0, False, self._team)
             accept_stretches(losses, self._team)
             repeat_stretches(losses, self._team)

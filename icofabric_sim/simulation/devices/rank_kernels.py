@@ -32,7 +32,7 @@ from icofabric_sim.kernels.records import (
     Trail,
     Work,
 )
-from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
+from icofabric_sim.kernels.rhs import combine, larger_of, normalise, path_error, step_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, splat, store
@@ -292,16 +292,24 @@ def combine_all(
 
 @compiled
 def errors_of(
-    trail: Trail, losses: ContactLosses | None, error_5: np.ndarray, error_3: np.ndarray,
-    scales: np.ndarray, smooth: float, slot: np.ndarray, first: int, last: int, team: Team
-) -> tuple[float, float]:
-    """As `largest_error` of embedded.py, of blocks first to last and the pairs of a part."""
+    trail: Trail, model: Model, loads: Loads, losses: ContactLosses | None,
+    error_5: np.ndarray, error_3: np.ndarray, scales: np.ndarray, smooth: float, first: int,
+    last: int, team: Team
+) -> tuple[float, float, float]:
+    """
+    As `largest_error` of embedded.py, of blocks first to last and the pairs of a part.
+
+    The error of the work of paths, which counts where something touches, comes last.
+    """
     largest, probable = 0.0, 0.0
     turn_rows = rows_of(trail.stage.orientation).shape[0]
     for block in range(first, last):
         error, error_of_step = step_error(
-            trail.slopes, turn_rows, error_5, error_3, scales, smooth, slot[block])
+            trail.slopes, turn_rows, error_5, error_3, scales, smooth, model.blocks.slot[block])
         largest = larger_of(largest, error)
         probable = max(probable, error_of_step)
     error, error_of_step = stretch_error(losses, error_5, error_3, scales[0], smooth, team)
-    return larger_of(largest, error), max(probable, error_of_step)
+    of_paths = path_error(
+        loads.drives, model, loads, trail.slopes, turn_rows, error_5, error_3, scales[2], first,
+        last)
+    return larger_of(largest, error), max(probable, error_of_step), of_paths

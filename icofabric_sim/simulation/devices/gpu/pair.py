@@ -32,6 +32,8 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, SAVED_AT, TOO_DEEP, UNSOUND
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.rhs import path_error
+from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.gpu.arrays import (
@@ -349,6 +351,9 @@ class DevicePair:
         self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
         team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
     ) -> None:
+        if loads.drives is not None:
+            # What touches from here on has done so in this step.
+            self._has_touched()
         for index, weights in enumerate(self._weights, start=1):
             is_end = index == len(self._weights)
             self._launch(
@@ -360,8 +365,8 @@ class DevicePair:
         self._evaluate(self._stage[0], float(time + h), touching=False)
 
     def _largest_error(
-        self, pair: Any, model: Model, trail: Any, control: np.ndarray, turn_rows: int,
-        team: Team, watch: Watch | None, h: float, first: int, last: int
+        self, pair: Any, model: Model, loads: Loads, trail: Any, control: np.ndarray,
+        turn_rows: int, team: Team, watch: Watch | None, h: float, first: int, last: int
     ) -> tuple[float, float]:
         kinked = float(control[embedded.KINKED])
         smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
@@ -369,11 +374,30 @@ class DevicePair:
         self._launch(
             judge, *self._errors_by, wp.vec4d(*scales), smooth, self._slopes, self._errors[0])
         largest, probable = self._largest(self._errors)
+        if loads.drives is not None and self._has_touched():
+            for index in range(_LAST):
+                copy_back(trail.slopes[index], self._slopes[index])
+                copy_back(loads.power[index], self._power[index])
+            rows = rows_of(trail.start.orientation).shape[0]
+            largest = max(largest, path_error(
+                loads.drives, model, loads, trail.slopes, rows, pair.error_5, pair.error_3,
+                scales[2], first, last))
         if self._is_watching and watch is not None and self._near is not None:
             self._near.note_ways(watch)
             if watch.far[0] > watch.limits[LATE] and largest < embedded._MISSED:
                 largest = embedded._MISSED
         return embedded._ESTIMATE * largest, probable
+
+    def _has_touched(self) -> bool:
+        """Whether something has touched since this was asked last."""
+        contacts = self._contacts
+        if self._near is None or contacts is None:
+            return False
+        before, contacts.deepest[1] = contacts.deepest[1], 0.0
+        self._near.note_depths(contacts)
+        touched = contacts.deepest[1] > 0.0
+        contacts.deepest[1] = max(before, contacts.deepest[1])
+        return bool(touched)
 
     def _accept(
         self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,

@@ -1,0 +1,116 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Bodies on paths that meet each other, what is held, and planes: contact changes no motion there.
+
+Where paths lead is known, and with it the energy of contact, which is the work of the drives.
+"""
+
+from contact_scenes import A, loose
+import icofabric_sim as ico
+from icofabric_sim import contact
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+# Half of the width of a shell along an axis of its own.
+REACH = 0.5 * (1.0 + 5.0**0.5) * A
+SPEED = 0.1  # [m/s]
+
+
+def onto_plane(way):
+    """A shell 0.01 m beside a plane, that a drive moves there by `way` [m] within way / SPEED."""
+    return loose(**{
+        'planes.wall.normal': [-1.0, 0.0, 0.0], 'planes.wall.offset': -0.01 - REACH,
+        'drives.one.group': 'all', 'drives.one.motion': 'velocity',
+        'drives.one.linear': [SPEED, 0.0, 0.0], 'drives.one.duration': way / SPEED})
+
+
+def test_steps_are_judged_only_up_to_where_a_drive_stops():
+    """A step in progress ends where shell and plane would overlap by more than ends a run."""
+    live = ico.compile_scene(onto_plane(0.02))
+    time = 0.1
+    while not live._driver.next_step_time * SPEED > 0.0133:
+        time += 1e-4
+        live.advance_to(time)
+    lasting = ico.compile_scene(onto_plane(0.02))
+    lasting.restore(live.checkpoint())
+    live.apply_twist('one')
+    timed = ico.compile_scene(onto_plane(time * SPEED))
+    for simulation in (live, timed):
+        simulation.advance_to(1.0)
+        place = simulation.snapshot().position[0]
+        assert place == pytest.approx([time * SPEED, 0.0, 0.0], abs=1e-12)
+        assert simulation.status.deepest_overlap == pytest.approx(place[0] - 0.01, rel=1e-9)
+        assert simulation.status.deepest_overlap < 0.003
+        assert simulation.balance.worst < 1e-9
+    with pytest.raises(ico.SimulationError, match='body 0 and plane wall overlap by'):
+        lasting.advance_to(0.2)
+
+
+def meeting(tmp_path, kind, **fields):
+    """Two shells that drives bring nearer along x, until they overlap by 1.7 % of a."""
+    way = 0.0163
+    flat = {
+        'groups.one': 'ids 0', 'groups.other': 'ids 1', 'drives.one.group': 'one',
+        'drives.one.motion': 'velocity', 'drives.one.linear': [SPEED, 0.0, 0.0],
+        'drives.one.duration': way / SPEED}
+    both = {'drives.other.group': 'other'}
+    if kind == 'both driven':
+        half = 0.5 * way / SPEED
+        flat |= {**both, 'drives.other.motion': 'velocity', 'drives.one.duration': half,
+                 'drives.other.linear': [-SPEED, 0.0, 0.0], 'drives.other.duration': half}
+    elif kind == 'guided':
+        flat |= {'drives.one.freedoms': 'tx', 'supports.guide.group': 'one',
+                 'supports.guide.fix': 'ty tz rotation', **both}
+    elif kind == 'held by a support':
+        flat['supports.other.group'] = 'other'
+    else:
+        table = tmp_path / 'path.csv'
+        table.write_text(f'0, 0, 0, 0\n0.08, {0.7 * way}, 0, 0\n0.15, {way}, 0, 0\n')
+        flat |= {**both, 'drives.one.motion': 'table', 'drives.one.file': str(table)}
+        del flat['drives.one.linear'], flat['drives.one.duration']
+    return loose(
+        ((0.05, 0.004, 0.002), (0, 0, 0), (0, 0, 0), Rotation.from_rotvec([0.2, 0.5, 0.1])),
+        **flat, **fields)
+
+
+def require_balance(scene, worst):
+    """What drives do is what contact stores, less the energy with which they began to move."""
+    simulation = ico.compile_scene(scene)
+    moving = simulation.snapshot().energy['kinetic']
+    for time in np.linspace(0.0, 0.2, 9)[1:]:
+        simulation.advance_to(float(time))
+    snapshot = simulation.snapshot()
+    stored = contact.push(
+        A, *zip(snapshot.position, snapshot.orientation), scene.parameters['contact.stiffness'],
+    ).energy
+    assert snapshot.position[1, 0] - snapshot.position[0, 0] == pytest.approx(0.0337, abs=1e-12)
+    assert stored > moving
+    assert snapshot.energy['contact'] == pytest.approx(stored, rel=1e-9)
+    assert snapshot.energy['work_in'] == pytest.approx(stored - moving, abs=worst * stored)
+    assert simulation.balance.worst < worst
+    return simulation
+
+
+@pytest.mark.parametrize('kind', [
+    'both driven', 'guided', 'held by a support', 'by a table'])
+def test_drives_do_the_energy_of_contact_as_work(tmp_path, kind):
+    require_balance(meeting(tmp_path, kind), 1e-9)
+
+
+@pytest.mark.parametrize('method, worst', [('leapfrog', 1e-3), ('srkn6', 1e-3)])
+def test_steps_of_one_length_do_so_too(tmp_path, method, worst):
+    require_balance(meeting(tmp_path, 'both driven', **{
+        'solver.method': method, 'solver.tolerance': 1e-6}), worst)
