@@ -21,11 +21,12 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
-from icofabric_sim.studies.sweep.dask_runs import pool, SchedulerLost
-from icofabric_sim.studies.sweep.single_run import State, WorkersDiffer
+from icofabric_sim.studies.sweep.dask_runs import Pool, pool, SchedulerLost
+from icofabric_sim.studies.sweep.single_run import Outcome, State, WorkersDiffer
 from icofabric_sim.studies.sweep.store import Store
 from icofabric_sim.studies.sweep.sweep import Study
 import pytest
@@ -139,6 +140,62 @@ def test_a_worker_that_is_killed_costs_its_run_only(folder, single):
             return len(now) == 2 and killed[0] not in now
 
         wait_until(are_both_there)
+    assert [one.state for one in outcomes] == [State.DONE] * 12
+    study.table(outcomes).save(folder / 'slow.csv')
+    assert same_bits(folder, single)
+
+
+class Answer:
+    """A future of Dask whose result never comes where `found` is None."""
+
+    def __init__(self, status, found):
+        self.status, self.found = status, found
+
+    def add_done_callback(self, call):
+        call(self)
+
+    def cancel(self):
+        self.status = 'cancelled'
+
+    def result(self, timeout=None):
+        if self.found is None:
+            assert timeout, 'would wait for ever'
+            raise TimeoutError
+        return self.found
+
+
+def test_outcomes_that_died_with_their_workers_are_asked_for_again(tmp_path):
+    study = Study(ico.Scene.from_parameters(SLOW), {'connector.damping': [0.1, 0.2]},
+                  store=tmp_path)
+    answers, scaled = [('finished', False), ('lost', False)], []
+
+    def submit(function, order, **words):
+        status, found = answers.pop() if answers else ('finished', True)
+        return Answer(status, Outcome(order.number, order.key, State.DONE) if found else None)
+
+    client = SimpleNamespace(
+        submit=submit, status='running', nthreads=lambda: {'one': 1}, cancel=lambda *a, **b: None,
+        scheduler=SimpleNamespace(address='tcp://nowhere'))
+    cluster = SimpleNamespace(worker_spec={0: {}, 1: {}}, scale=scaled.append)
+    found = list(Pool(client, cluster).perform(*study._by_kind(study.orders)))
+    assert not answers and [outcome.state for outcome in found] == [State.DONE] * 2
+    assert scaled and set(scaled) == {2}
+
+
+def test_workers_that_die_while_they_start_are_replaced(folder, single):
+    study = Study(
+        ico.Scene.from_parameters(SLOW), {'connector.stiffness': '500..600/12'}, keep='energies',
+        store=folder / 'store')
+    study.store.prepare()
+    outcomes = []
+    with pool(workers=1, scheduler='') as workers:
+        workers.check(study.store.path)
+        for outcome in workers.perform(*study._by_kind(study.orders)):
+            outcomes.append(outcome)
+            if len(outcomes) == 3:
+                # As Dask leaves it when the worker that follows one that died dies at its start.
+                present = workers._cluster.workers
+                workers._cluster.sync(next(iter(present.values())).close)
     assert [one.state for one in outcomes] == [State.DONE] * 12
     study.table(outcomes).save(folder / 'slow.csv')
     assert same_bits(folder, single)

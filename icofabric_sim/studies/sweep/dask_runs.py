@@ -53,6 +53,8 @@ _AHEAD, _LEAST_AHEAD = 8, 32
 # again; for which there may be no worker, at the start and after the last one has left.
 _LOOK, _BUSY = 0.5, 0.2
 WORKERS_WITHIN: Final = 120.0
+# Wall time [s] within which a scheduler hands over an outcome; its worker may have died since.
+_ANSWER_WITHIN_S = 5.0
 _CONNECT = '10s'
 
 
@@ -63,9 +65,9 @@ class SchedulerLost(RuntimeError):
 class Pool:
     """Workers of one scheduler."""
 
-    def __init__(self, client: Any) -> None:
-        """Wrap a client of Dask."""
-        self._client = client
+    def __init__(self, client: Any, cluster: Any = None) -> None:
+        """Wrap a client of Dask, and the local `cluster` whose workers are started again."""
+        self._client, self._cluster = client, cluster
 
     def check(self, store: Path, within: float = WORKERS_WITHIN) -> None:
         """
@@ -119,7 +121,10 @@ class Pool:
                     # Between the death of a worker and the start of the next there may be none.
                     if threads:
                         manned = now
-                    elif now - manned >= WORKERS_WITHIN:
+                    if self._cluster is not None:
+                        # Workers that died while they started are not replaced otherwise.
+                        self._cluster.scale(len(self._cluster.worker_spec))
+                    if now - manned >= WORKERS_WITHIN:
                         raise SchedulerLost(
                             f'no worker is left at the scheduler {self._address}, for '
                             f'{now - manned:.0f} s; start some: dask worker {self._address} '
@@ -178,10 +183,13 @@ class Pool:
 
     def _outcome(self, order: Order, future: Any) -> Outcome:
         """What a future holds; what a worker cannot be blamed for is raised."""
-        if future.status in ('cancelled', 'lost'):
+        if future.status == 'cancelled' or not self._is_alive:
             raise self._gone()
+        again = Outcome(order.number, order.key, State.BUSY)
+        if future.status == 'lost':
+            return again
         try:
-            return future.result()  # type: ignore[no-any-return]
+            return future.result(timeout=_ANSWER_WITHIN_S)  # type: ignore[no-any-return]
         except WorkersDiffer:
             raise
         except CancelledError as error:
@@ -189,6 +197,10 @@ class Pool:
         except Exception as error:  # noqa: BLE001 - a fault of one run; the others go on
             if not self._is_alive:
                 raise self._gone() from error
+            if isinstance(error, TimeoutError) and future.status != 'error':
+                # What was found went with its worker, but for what is in the store.
+                future.cancel()
+                return again
             outcome = lost(order, error)
             if type(error).__name__ == 'KilledWorker':
                 outcome = outcome._replace(reason=(
@@ -218,8 +230,9 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
             'distributed.comm.timeouts.connect': _CONNECT,
             'distributed.admin.tick.limit': '1h',
             'distributed.scheduler.events-cleanup-delay': '1m'}))
+        cluster = None
         if not scheduler:
-            client = _local_client(distributed, workers, stack)
+            client, cluster = _local_client(distributed, workers, stack)
         else:
             address = _address_of(scheduler)
             try:
@@ -230,10 +243,11 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
                     f'scheduler: none answers at {address}: {" ".join(str(error).split())}; '
                     'start one with dask scheduler, and give the address that it prints'
                 ) from error
-        yield Pool(client)
+        yield Pool(client, cluster)
 
 
-def _local_client(distributed: Any, workers: int, stack: ExitStack) -> Any:
+def _local_client(distributed: Any, workers: int, stack: ExitStack) -> tuple[Any, Any]:
+    """Return a client, and the cluster that it started."""
     try:
         cluster = stack.enter_context(_closed_quietly(distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True,
@@ -248,7 +262,7 @@ def _local_client(distributed: Any, workers: int, stack: ExitStack) -> Any:
             f'the workers could not be started ({" ".join(str(error).split())}): they import the '
             "program that starts them, so a script calls sweep below if __name__ == '__main__': "
             'only; with workers 0 (--workers 0) all runs are done in this process') from error
-    return client
+    return client, cluster
 
 
 def _address_of(scheduler: str) -> str:
