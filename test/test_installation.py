@@ -101,3 +101,10 @@ def test_installs_follow_each_other_in_any_order(tmp_path):
     assert 'again' in clone.run('.ci/environment', 'run')
     assert clone.imported() == own and not clone.installed.exists()
     assert not clone.run('.ci/environment', 'run')
+
+
+def test_numba_writes_nothing_into_the_package():
+    """Its own cache lies beside the source; a remnant there would shadow an editable install."""
+    texts = {path: path.read_text() for path in (ROOT / 'icofabric_sim').rglob('*.py')}
+    assert len(texts) > 400
+    assert [path for path, text in texts.items() if 'cache=True' in text] == []
