@@ -307,9 +307,9 @@ class Broadcast:
         for topic, view in chosen:
             receivers = self._receivers(view, only)
             if receivers:
-                began = wall.monotonic()
+                began, before = wall.monotonic(), wall.thread_time()
                 self._send(view, now, self._build(topic, now), receivers)
-                self._views.sent(topic, began)
+                self._views.sent(topic, began, wall.thread_time() - before)
 
     def _measure(self, chosen: list[Topic]) -> dict[Topic, list[bytes]] | None:
         """

@@ -15,7 +15,8 @@
 When a page that draws a run is sent what is new: by the wall clock, and not too often.
 
 A run as fast as possible has hundreds of outputs in a second of wall time, of which a page draws a
-few; to lay out and to send the others would cost the run up to two thirds of its pace.
+few; to lay out and to send the others would cost the run up to two thirds of its pace. What a
+message costs is its processor time: wall time is longer where other programs compute.
 """
 
 import time as wall
@@ -23,11 +24,13 @@ import time as wall
 from icofabric_sim.messages import topics
 from icofabric_sim.messages.topics import Topic
 
-# Wall time between two messages [s], and the part of the wall time that they may take at most.
+# Wall time between two messages [s], and the largest ratio of their processor time to wall time.
 _INTERVALS = {topics.POSES: 1.0 / 60.0}
 _INTERVAL = 0.1
 _SHARES = {topics.POSES: 0.012, topics.CONNECTORS: 0.008}
 _SHARE = 0.004
+# Poses that take no more processor time [s] are sent at this interval [s], whatever their share.
+_CHEAP_S, _CHEAP_INTERVAL_S = 1.5e-3, 1.0 / 30.0
 
 
 class Views:
@@ -36,15 +39,19 @@ class Views:
     def __init__(self) -> None:
         """All may be sent at first."""
         self._next = dict.fromkeys(topics.VIEWS, 0.0)
+        self._costs = dict.fromkeys(topics.VIEWS, 0.0)  # of the last message [s]
 
     def due(self) -> list[tuple[Topic, Topic]]:
         """Pairs of a topic, and its view, that may be sent now."""
         now = wall.monotonic()
         return [(topic, view) for topic, view in topics.VIEWS.items() if now >= self._next[topic]]
 
-    def sent(self, topic: Topic, began: float) -> None:
-        """Note that it was laid out and sent from `began` on, by time.monotonic()."""
-        now = wall.monotonic()
-        pause = (now - began) / _SHARES.get(topic, _SHARE)
+    def sent(self, topic: Topic, began: float, cost: float) -> None:
+        """Note a message that was begun at `began` of time.monotonic(), and its processor time."""
+        # One alone may have been interrupted.
+        cost, self._costs[topic] = min(cost, self._costs[topic]), cost
+        interval = cost / _SHARES.get(topic, _SHARE)
+        if topic is topics.POSES and cost <= _CHEAP_S:
+            interval = min(interval, _CHEAP_INTERVAL_S)
         # From its beginning, so that frames come in time.
-        self._next[topic] = max(began + _INTERVALS.get(topic, _INTERVAL), now + pause)
+        self._next[topic] = began + max(interval, _INTERVALS.get(topic, _INTERVAL))
