@@ -23,6 +23,7 @@ Theory of Crystal Lattices, 24).
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+import logging
 import math
 from typing import Any
 
@@ -54,6 +55,9 @@ _PIECE = [5, 5, 5]
 _KEPT = ('shell.', 'connector.', 'connector_groups.', 'weave.kind', 'weave.azimuth',
          'weave.connector_length', 'weave.connector_angle')
 _ZERO = 1e-9
+# Ratio of stiffnesses above which rounding is reported.
+_ROUNDED_RATIO = 1e7
+_LOGGER = logging.getLogger('icofabric_sim')
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,12 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
             neighbours = np.concatenate([neighbours, np.setdiff1d(
                 pressed[pressed >= 0], neighbours)])
     here = here.on(branch or PUSH)
+    slope = np.abs(here.slope[here.slope != 0.0])
+    if len(slope) and slope.max() > _ROUNDED_RATIO * slope.min():
+        _LOGGER.warning(
+            'connectors differ %.2g times in stiffness: rounding takes digits of soft waves and '
+            'moduli of the endless fabric, and may count soft ones as 0',
+            slope.max() / slope.min())
     blocks = np.zeros((len(neighbours), 6, 6))
     for number, other in enumerate(neighbours):
         for freedom in range(6):

@@ -124,3 +124,12 @@ def test_digits_that_rounding_takes_are_reported():
     ordinary = ico.solve_modes(make_scene(SIZE))
     assert ordinary.hidden_count == 0 and 0.0 < ordinary.relative_errors.max() < 1e-10
     assert 'rounding' not in '\n'.join(summary(ordinary, 0.0))
+
+
+@pytest.mark.parametrize('stiff, count', [(1e2, 0), (1e10, 1)])
+def test_constants_of_the_endless_fabric_report_lost_digits(stiff, count, caplog):
+    constants = ico.homogenise(make_scene((3, 3, 3), {
+        'connector.stiffness': 1.0, 'connector_groups.s.direction': 'up down',
+        'connector_groups.s.stiffness': stiff}))
+    assert constants.stiffness.max() > 0.1 * stiff
+    assert caplog.text.count('rounding takes digits') == count
