@@ -213,7 +213,7 @@ def _node(scene: Path, log: Path) -> Iterator[subprocess.Popen[bytes]]:
             [sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args', '--params-file',
              str(scene)], stdout=file, stderr=subprocess.STDOUT, env=_environment())
     try:
-        while ' bodies, ' not in log.read_text(errors='replace'):
+        while 'ready: ' not in log.read_text(errors='replace'):
             if node.poll() is not None:
                 raise RuntimeError(f'the node ended:\n{log.read_text(errors="replace")}')
             time.sleep(0.05)

@@ -95,7 +95,7 @@ class FabricProcess:
         return self.log_path.read_text(errors='replace')
 
     def wait_until_ready(self) -> None:
-        self.wait_for(lambda: ' bodies, ' in self.log(), 'a node that runs')
+        self.wait_for(lambda: 'ready: ' in self.log(), 'a node that runs')
 
     def wait_for(
         self, condition: Callable[[], Any], what: str, limit: float = PATIENCE,

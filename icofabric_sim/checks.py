@@ -253,6 +253,12 @@ def alike_rows(name: str, value: np.ndarray, other: str, reference: np.ndarray) 
             f'{value.shape} and {reference.shape}') from None
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a count in words: 1 body, 1,000 bodies."""
+    several = f'{noun[:-1]}ies' if noun.endswith('y') else f'{noun}s'
+    return f'{number:,} {noun if number == 1 else several}'
+
+
 def shown(value: Any) -> str:
     """Return a value as a message shows it: short, on one line."""
     kind = type(value).__name__

@@ -157,7 +157,7 @@ class NodeProcess:
     """`fabric_node` in a process of its own; its log goes to a file."""
 
     MODULE = 'icofabric_sim.ros.fabric_node'
-    READY = ' bodies, '  # stands in its log once it runs
+    READY = 'ready: '  # stands in its log once it runs
 
     def __init__(
         self, log_path, *arguments, parameters=None, scene=None, offset=0, launcher=(), own=()

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from icofabric_sim.bag.recorded_run import RecordedEvent
+from icofabric_sim.checks import counted
 from icofabric_sim.scene.summary import Row
 
 # Events listed in the text of a summary; a client may step thousands of times.
@@ -80,7 +81,7 @@ def describe_event(event: RecordedEvent) -> str:
     texts = {
         'pause': 'pause',
         'resume': 'goes on',
-        'step': f'{facts.get("count", "?")} solver steps taken',
+        'step': _steps(facts.get('count')),
         'advance': 'goes on for a call of ~/advance',
         'advanced': 'the advance is over',
         'advance_ended': 'the advance ended early',
@@ -118,3 +119,7 @@ def _list(facts: Mapping[str, Any], name: str) -> list[Any]:
 def _dropped(facts: Mapping[str, Any]) -> str:
     count = facts.get('dropped')
     return f' ({count} waiting wrenches dropped)' if count else ''
+
+
+def _steps(count: Any) -> str:
+    return f'{counted(count, "solver step") if isinstance(count, int) else "solver steps"} taken'

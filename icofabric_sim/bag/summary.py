@@ -14,6 +14,7 @@
 """A recorded run in words."""
 
 from dataclasses import dataclass
+from datetime import datetime, UTC
 import json
 import math
 from pathlib import Path
@@ -25,11 +26,21 @@ from icofabric_sim.bag.storage import CONTINUED, PART
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.scene.summary import as_lines, Row, times, vector
+from icofabric_sim.scene.summary import as_lines, Row, size_text, times, vector
 import numpy as np
 
 # Inputs listed in the text of a summary; a joystick sends thousands.
 _LARGEST_LIST = 12
+# Later times [ns] are wall times, of a bag that another tool has recorded.
+_LATEST_SIMULATED = 10**18
+
+
+def span_text(start: int, end: int) -> str:
+    """Return the interval [ns] of a bag in words, from its own start if that is a wall time."""
+    if start <= _LATEST_SIMULATED:
+        return f'{seconds(start):.6g} s to {seconds(end):.6g} s of simulated time'
+    began = datetime.fromtimestamp(seconds(start), UTC)
+    return f'{seconds(end - start):.6g} s from {began:%F %T} UTC'
 
 
 @dataclass(frozen=True)
@@ -88,8 +99,7 @@ class BagSummary:
         """Label and text of everything."""
         rows = [
             ('bag', f'{self.path} ({self.size / 1e6:.3g} MB)'),
-            ('span', f'{seconds(self.start):.6g} s to {seconds(self.end):.6g} s of simulated '
-                     'time'),
+            ('span', span_text(self.start, self.end)),
         ]
         if PART in self.custom:
             rows.append((
@@ -101,7 +111,7 @@ class BagSummary:
             size = ' x '.join(str(count) for count in weave.size)
             rows.append((
                 'scene', f'{weave.kind} weave, variant {weave.variant}, {size}: '
-                f'{scene.body_count:,} bodies, {scene.connector_count:,} connectors'))
+                + size_text(scene)))
         rows += self._origin()
         rows += self._input_rows()
         if f'{self.node}/events' in self.topics:

@@ -30,6 +30,7 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
     """
     Compare the rotation formulations; 0: they agree as far as rounding allows, 1: they do not.
     """
+    from icofabric_sim.checks import counted
     from icofabric_sim.running.cross_check import cross_check
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.simulation.simulation import compile_scene, SimulationError
@@ -46,7 +47,7 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
             progress.note(f'icofabric run: the simulation has stopped: {error}')
             return 1
     print(f'{name}: quaternions (eqs 21-27) against direction cosines (eqs 16-20), '
-          f'{scene.body_count:,} bodies')
+          f'{counted(scene.body_count, "body")}')
     print(f'{"t [s]":>9} {"steps":>9} {"position/a":>11} {"angle [rad]":>11} '
           f'{"growth":>9} {"rounding":>9}')
     count = len(result.rows)

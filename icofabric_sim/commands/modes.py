@@ -100,13 +100,14 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
     bands = picture_path(arguments, 'bands')
     animation = _animation_path(arguments)
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.scene.summary import size_text
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
 
     began = time.monotonic()
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        print(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+        print(f'{name}: {size_text(scene)}')
         at = None
         if arguments.equilibrium:
             found = solve_equilibrium(scene, time=arguments.time)

@@ -65,6 +65,7 @@ def main(arguments: argparse.Namespace) -> int:
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.scene.summary import size_text
 
     path = Path(arguments.file).expanduser()
     if path.suffix not in ('.yaml', '.yml'):
@@ -81,7 +82,7 @@ def main(arguments: argparse.Namespace) -> int:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-    print(f'{path}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+    print(f'{path}: {size_text(scene)}')
     print(f'next: icofabric info {path}, or icofabric film {path} film.gif')
     return 0
 

@@ -34,7 +34,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Copy all that can be read into a new bag."""
     from icofabric_sim.bag import BagError, next_free_path, recover_bag
     from icofabric_sim.bag.reader import storage_files
-    from icofabric_sim.messages.schedule import seconds
+    from icofabric_sim.bag.summary import span_text
 
     source = bag_path(arguments.bag)
     if not source.exists():
@@ -57,8 +57,8 @@ def main(arguments: argparse.Namespace) -> int:
             raise FileSaysNo(str(error)) from error
     print_report([
         ('bag', str(report.path)),
-        ('messages', f'{report.message_count:,}, {seconds(report.start_time):.6g} s to '
-                     f'{seconds(report.end_time):.6g} s of simulated time'),
+        ('messages', f'{report.message_count:,}, '
+                     f'{span_text(report.start_time, report.end_time)}'),
         *(('' if number else 'topics', f'{topic}: {count:,}')
           for number, (topic, count) in enumerate(sorted(report.topics.items()))),
         ('source', f'the source was damaged: {report.damage}' if report.damage else

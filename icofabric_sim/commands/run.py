@@ -100,12 +100,13 @@ def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:
         from icofabric_sim.commands.cross_check_report import report_cross_check
         return report_cross_check(name, parameters)
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.scene.summary import size_text
     from icofabric_sim.simulation.simulation import compile_scene
 
     path = _bag_path(arguments, name, parameters)
     with bad_input():
         scene = Scene.from_parameters(parameters)
-        say(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+        say(f'{name}: {size_text(scene)}')
         simulation = compile_scene(scene, ranks=ranks)
     is_shared = ranks is not None and ranks.size > 1
     if is_shared and not arguments.no_growth:

@@ -16,10 +16,11 @@
 import math
 
 from icofabric_sim.bag import BagRecorder
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.running.run_records import Errors, Status, step_limit
-from icofabric_sim.scene.summary import Row, times, vector
+from icofabric_sim.scene.summary import Row, size_text, times, vector
 from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
@@ -41,7 +42,7 @@ def run_summary(
     """
     scene = simulation.scene
     rows = [
-        ('scene', f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors'),
+        ('scene', f'{name}: {size_text(scene)}'),
         *method_rows(simulation),
         ('run', _pace(scene.body_count, status, wall, aside)),
         *_kept(monitor, status),
@@ -73,8 +74,7 @@ def broken_off_summary(
     Its last state is not known.
     """
     return [
-        ('scene', f'{name}: {simulation.scene.body_count:,} bodies, '
-                  f'{simulation.scene.connector_count:,} connectors'),
+        ('scene', f'{name}: {size_text(simulation.scene)}'),
         *_compiler(compiling),
         ('stopped', f'by the user at t = {seconds(status.time):.6g} s, while kernels were being '
                     'compiled or the step was being measured: no figures of the run'),
@@ -178,8 +178,8 @@ def _compiler(compiling: float) -> list[Row]:
 
 def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
     simulated = seconds(status.time)
-    text = f'{simulated:.6g} s of simulated time in {status.step_count:,} steps, {wall:.3g} s of '
-    text += 'wall time'
+    text = (f'{simulated:.6g} s of simulated time in {counted(status.step_count, "step")}, '
+            f'{wall:.3g} s of wall time')
     if wall > 0.0 and status.step_count:
         each = wall / (status.step_count * body_count) * 1e9
         text += (f' (real-time factor {simulated / wall:.3g}, {each:,.0f} ns per body and step, '
@@ -275,7 +275,7 @@ def _breaks(simulation: Simulation) -> list[Row]:
         times = snapshot.break_time[gone]
         first = int(gone[np.argmin(times)])
         one, two = scene.connectors.bodies[first]
-        rows.append(f'{len(gone):,} of {len(snapshot.intact):,} connectors, from t = '
+        rows.append(f'{len(gone):,} of {counted(len(snapshot.intact), "connector")}, from t = '
                     f'{times.min():.6g} s (connector {first}, bodies {one} and {two}) to t = '
                     f'{times.max():.6g} s; {lost}')
     if len(torn) and snapshot.anchors_broken_since is not None:
@@ -298,7 +298,8 @@ def _displacement(simulation: Simulation, monitor: RunMonitor) -> str:
 
 def _bag(bag: BagRecorder) -> str:
     statistics = bag.statistics
-    text = f'{bag.path} ({statistics.written:,} messages, {statistics.written_bytes / 1e6:.3g} MB)'
+    text = (f'{bag.path} ({counted(statistics.written, "message")}, '
+            f'{statistics.written_bytes / 1e6:.3g} MB)')
     if bag.error is not None:
         text += f'; incomplete: {bag.error}'
     return text

@@ -78,10 +78,11 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     if not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.scene.summary import size_text
 
     with bad_input():
         scene = Scene.from_parameters(parameters)
-    print(f'{name}: {scene.body_count:,} bodies, {scene.connector_count:,} connectors')
+    print(f'{name}: {size_text(scene)}')
     from icofabric_sim.statics.held import without_potential
     turning = without_potential(scene)
     if turning:
@@ -169,13 +170,15 @@ def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> l
 
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     """Lines for the terminal."""
+    from icofabric_sim.checks import counted
     from icofabric_sim.statics.contacts import MEANT
     import numpy as np
 
     lines = [
         f'verdict    {result.verdict}',
         f'residual   {result.residual:.2g} of the largest force, {result.force_scale:.4g} N; '
-        f'{result.step_count:,} steps, {result.product_count:,} products, {seconds:.3g} s']
+        f'{counted(result.step_count, "step")}, {counted(result.product_count, "product")}, '
+        f'{seconds:.3g} s']
     if not result.converged:
         worst = ', '.join(map(str, result.worst_bodies))
         most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())

@@ -40,7 +40,8 @@ def draw_elasticity(
     from matplotlib.figure import Figure
 
     columns = (constants is not None) + bool(curves) + bool(turns)
-    figure = Figure(figsize=(6.0 * columns, 5.4), dpi=100, facecolor='white')
+    figure = Figure(
+        figsize=(6.0 * columns, 5.4), dpi=100, facecolor='white', layout='constrained')
     FigureCanvasAgg(figure)
     if constants is not None:
         _draw_moduli(figure.add_subplot(1, columns, 1, projection='3d'), constants)
@@ -63,6 +64,8 @@ def draw_elasticity(
 
 def _draw_moduli(left: Any, constants: Elasticity) -> None:
     """Draw Young's modulus in every direction as a surface."""
+    from matplotlib.ticker import MaxNLocator
+
     kinked = bool(constants.branches)
     around, rows = (_FEW_AROUND, _FEW_DOWN) if kinked else (_AROUND, _DOWN)
     across, down = np.meshgrid(
@@ -81,6 +84,8 @@ def _draw_moduli(left: Any, constants: Elasticity) -> None:
     most = most or 1.0
     for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):
         set_limits(-most, most)
+    for axis in (left.xaxis, left.yaxis, left.zaxis):
+        axis.set_major_locator(MaxNLocator(4))
     left.set_box_aspect((1, 1, 1))
     left.set_title("Young's modulus [Pa], endless fabric" + (
         ':\npulled (light) and pushed (dark)' if kinked else ''))

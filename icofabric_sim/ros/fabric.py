@@ -55,6 +55,7 @@ from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.summary import size_text
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
@@ -304,8 +305,8 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
     simulation = node.runner.simulation
     count = simulation.status.rank_count
     _LOGGER.info(
-        '%s%d bodies, %d connectors, %s, step %.3g s%s', READY, simulation.scene.body_count,
-        simulation.scene.connector_count, simulation.status.method_name, simulation.status.step,
+        '%s%s, %s, step %.3g s%s', READY, size_text(simulation.scene),
+        simulation.status.method_name, simulation.status.step,
         f', {count} ranks share the steps' if count > 1 else '')
     if node.runner.paused and not node.runner.now and node.runner.parameters['publish_clock']:
         _LOGGER.info(

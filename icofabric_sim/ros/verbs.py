@@ -18,6 +18,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.ros.answers import Answers
@@ -73,7 +74,7 @@ class Verbs:
         steps = StepRequest()
         return await self._answer(
             response, lambda: self._runner.take_steps(steps),
-            lambda time: _at(f'{steps.count} solver steps taken')(time))
+            lambda time: _at(f'{counted(steps.count, "solver step")} taken')(time))
 
     async def _advance(
         self, request: Trigger.Request, response: Trigger.Response

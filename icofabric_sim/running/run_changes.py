@@ -25,6 +25,7 @@ from pathlib import Path
 import threading
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.parameters.changes import (
     changed_names,
@@ -297,4 +298,4 @@ class RunChanges:
             changed=sorted(changed_names(state.parameters, wanted)))
         self._said.add(
             'change', f'the changed fabric is in place at t = {seconds(state.now):.9g} s: '
-            f'{simulation.scene.body_count} bodies, step {simulation.status.step:.3g} s')
+            f'{counted(simulation.scene.body_count, "body")}, step {simulation.status.step:.3g} s')

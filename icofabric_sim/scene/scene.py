@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from icofabric_sim import checks
+from icofabric_sim.checks import counted
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.named_files import NamedFile, reading
@@ -289,8 +290,9 @@ class Scene:
     def __repr__(self) -> str:
         """Say what is woven."""
         size = ' x '.join(str(count) for count in self.weave.size)
-        return (f'<Scene: {self.weave.kind} weave of {size} grid positions, {self.body_count:,} '
-                f'bodies, {self.connector_count:,} connectors>')
+        return (f'<Scene: {self.weave.kind} weave of {size} grid positions, '
+                f'{counted(self.body_count, "body")}, '
+                f'{counted(self.connector_count, "connector")}>')
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

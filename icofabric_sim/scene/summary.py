@@ -16,6 +16,7 @@
 from collections.abc import Iterable, Sequence
 import math
 
+from icofabric_sim.checks import counted
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.masses import own_masses
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
@@ -24,6 +25,11 @@ from icofabric_sim.scene.weave_geometry import slab_depth
 import numpy as np
 
 Row = tuple[str, str]
+
+
+def size_text(scene: Scene) -> str:
+    """Return how many bodies and connectors a scene has."""
+    return f'{counted(scene.body_count, "body")}, {counted(scene.connector_count, "connector")}'
 
 
 def as_lines(rows: Iterable[Row]) -> list[str]:
@@ -75,7 +81,7 @@ def describe_scene(scene: Scene) -> list[Row]:
         ('gravity', vector(parameters['gravity'], 'm/s^2')),
     ]
     rows += _several('groups', (
-        f'{name}: {len(scene.groups[name]):,} bodies ({parameters[f"groups.{name}"]})'
+        f'{name}: {counted(len(scene.groups[name]), "body")} ({parameters[f"groups.{name}"]})'
         for name in parameters.names('groups')
     ))  # fmt: skip
     rows += _several('supports', (
@@ -174,7 +180,7 @@ def _several(label: str, texts: Iterable[str]) -> list[Row]:
 
 def _group(scene: Scene, prefix: str) -> str:
     name = scene.parameters[f'{prefix}.group']
-    return f'{name} ({len(scene.groups[name]):,} bodies)'
+    return f'{name} ({counted(len(scene.groups[name]), "body")})'
 
 
 def _load(scene: Scene, name: str) -> str:

@@ -21,6 +21,7 @@ import subprocess
 from typing import NoReturn, TYPE_CHECKING
 
 from icofabric_sim import checks
+from icofabric_sim.checks import counted
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
@@ -161,8 +162,8 @@ class Simulation:
 
     def __repr__(self) -> str:
         """Say what it is of and how it steps."""
-        return (f'<Simulation at t = {self.time:.9g} s: {self.scene.body_count:,} bodies, '
-                f'{self.scene.connector_count:,} connectors, {self.status.method_name}, '
+        return (f'<Simulation at t = {self.time:.9g} s: {counted(self.scene.body_count, "body")}, '
+                f'{counted(self.scene.connector_count, "connector")}, {self.status.method_name}, '
                 f'steps of {self.status.step:.6g} s>')
 
     def __reduce__(self) -> NoReturn:

@@ -16,6 +16,7 @@
 import math
 from typing import NoReturn
 
+from icofabric_sim.checks import counted
 from icofabric_sim.simulation.contact.broad_phase import Overlap, Touching
 from icofabric_sim.simulation.event_loop import EventLoop
 from icofabric_sim.simulation.fastest_place import fastest_place
@@ -42,8 +43,8 @@ class SimulationStatus:
 
     def __repr__(self) -> str:
         """Say how the run steps."""
-        return (f'<SimulationStatus: {self.step_count:,} steps of {self.method_name}, now of '
-                f'{self.step:.6g} s>')
+        return (f'<SimulationStatus: {counted(self.step_count, "step")} of {self.method_name}, '
+                f'now of {self.step:.6g} s>')
 
     def __reduce__(self) -> NoReturn:
         """Refuse to be pickled or copied."""

@@ -26,6 +26,7 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim import checks
+from icofabric_sim.checks import counted
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.load_cells import Reactions
@@ -129,7 +130,7 @@ class Equilibrium(AsTable):
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
         return (f'<Equilibrium: {self.verdict}, residual {self.residual:.2g}, '
-                f'{len(self.snapshot.position):,} bodies>')
+                f'{counted(len(self.snapshot.position), "body")}>')
 
     def table(self) -> dict[str, list[Any]]:
         """Bodies at rest, and what supports and drives bear: a list for each column."""

@@ -25,6 +25,7 @@ import threading
 import time
 from typing import Any, NamedTuple
 
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.markers import STRAIN_CLASSES
 from icofabric_sim.viewer.hands import Hands
 from icofabric_sim.viewer.sight import Curve, Fabric, Sight
@@ -161,8 +162,8 @@ class Panel:
             # Negative numbers are those of anchors.
             broken = int((sight.broken >= 0).sum())
             lines = [
-                f't = {sight.time * 1e-9:.3f} s, {fabric.scene.body_count:,} shells, '
-                f'{fabric.scene.connector_count:,} connectors, {broken:,} broken']
+                f't = {sight.time * 1e-9:.3f} s, {counted(fabric.scene.body_count, "shell")}, '
+                f'{counted(fabric.scene.connector_count, "connector")}, {broken:,} broken']
             if figures:
                 pace = figures.get('real-time factor', '?')
                 # All of it would move what stands below, under the mouse.

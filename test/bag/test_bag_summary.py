@@ -22,7 +22,7 @@ from driven_runs import Drive, lively_scene
 from icofabric_sim.bag import BagError, BagRecorder, recover_bag
 from icofabric_sim.bag.event_text import describe_event, digest_events, event_rows
 from icofabric_sim.bag.recorded_run import active_inputs, RecordedEvent, RecordedRun
-from icofabric_sim.bag.summary import summarise_bag
+from icofabric_sim.bag.summary import span_text, summarise_bag
 from icofabric_sim.commands.main import main
 from icofabric_sim.messages import ClockBytes, PoseArrayBytes, StringBytes
 from icofabric_sim.messages.schedule import seconds
@@ -270,3 +270,9 @@ def test_malformed_message_is_a_bag_error(tmp_path: Path) -> None:
         recorder.write('/icofabric/poses', 0, PoseArrayBytes('world', 3).stamped(0)[:-9])
     with RecordedRun(tmp_path / 'bag') as run, pytest.raises(BagError, match='malformed'):
         list(run.poses())
+
+
+def test_span_of_a_bag_of_another_tool_is_told_from_its_start():
+    assert span_text(0, 1_500_000_000) == '0 s to 1.5 s of simulated time'
+    start = 1_795_870_000 * 10**9
+    assert span_text(start, start + 12_300_000_000) == '12.3 s from 2026-11-28 12:46:40 UTC'

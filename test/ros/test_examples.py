@@ -20,6 +20,9 @@ import signal
 import subprocess
 import sys
 
+import icofabric_sim as ico
+from icofabric_sim.messages import decode_string
+from icofabric_sim.messages.topics import Outputs
 import pytest
 from ros_helpers import Client, domain, next_line, NodeProcess, ROOT
 
@@ -135,8 +138,21 @@ def test_poses_become_frames_of_the_bodies_that_are_chosen():
     poses = PoseArray(poses=[Pose() for _ in range(3)])
     poses.header.frame_id, poses.header.stamp.sec = 'world', 4
     poses.poses[2].position.y, poses.poses[2].orientation.x = 0.5, 1.0
-    first, second = poses_to_tf.transforms_of(poses, [2, 0])
+    rows = poses_to_tf.Rows()
+    first, second = poses_to_tf.transforms_of(poses, [2, 0], rows)
     assert (first.header.frame_id, first.header.stamp.sec) == ('world', 4)
     assert (first.child_frame_id, second.child_frame_id) == ('icosahedron_2', 'icosahedron_0')
     assert first.transform.translation.y == 0.5 and first.transform.rotation.x == 1.0
     assert second.transform.translation.y == 0.0
+    scene = ico.load_scene('hanging_slab')
+    chosen = scene.with_changes({'publish.group': 'tip', 'publish.stride': 3})
+    for one, is_known in ((chosen, False), (scene, True)):
+        weave = Outputs(one).weave(one.parameters)
+        rows.take_weave(decode_string(weave))
+        assert rows.are_known == is_known
+    rows.take_bodies(chosen.published_bodies)
+    body = int(chosen.published_bodies[2])
+    [frame] = poses_to_tf.transforms_of(poses, [body], rows)
+    assert frame.child_frame_id == f'icosahedron_{body}' and frame.transform.translation.y == 0.5
+    with pytest.raises(SystemExit, match='body 0 is not among the poses'):
+        poses_to_tf.transforms_of(poses, [0], rows)

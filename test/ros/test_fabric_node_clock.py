@@ -48,7 +48,7 @@ def pair(tmp_path_factory):
     folder = tmp_path_factory.mktemp('pair')
     with in_namespace(folder, 'left') as left, \
             in_namespace(folder, 'right', publish_clock='false') as right, Client(left) as client:
-        wait_for(lambda: right.lines(' bodies, '), 'the right node', node=right)
+        wait_for(lambda: right.lines(right.READY), 'the right node', node=right)
         yield left, right, client
         assert right.stop() == 0
         assert left.stop() == 0

@@ -272,7 +272,7 @@ def test_going_on_as_a_simulation(tmp_path, driven, paused):
         assert told == moment if paused else moment <= told
         expected = {time: data for time, data in recorded.items() if time > told}
         assert len(expected) > 10
-        client.wait_for(lambda: node.lines(' bodies, '), 'the simulation')
+        client.wait_for(lambda: node.lines('ready: '), 'the simulation')
         client.set(real_time_factor=0.5)
         assert client.get('duration', 'record.path', 'weave.size') == [
             0.0, str(tmp_path / 'more'), [3, 3, 2]]

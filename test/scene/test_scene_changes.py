@@ -14,6 +14,8 @@
 """A changed scene from one that is there."""
 
 import icofabric_sim as ico
+from icofabric_sim.checks import counted
+from icofabric_sim.scene.summary import size_text
 import numpy as np
 import pytest
 
@@ -50,3 +52,12 @@ def test_a_shell_that_was_given_is_kept():
 def test_bad_changes(changes, error, said):
     with pytest.raises(error, match=said):
         ico.load_scene('hanging_slab').with_changes(changes)
+
+
+@pytest.mark.parametrize(('size', 'expected'), [
+    ([1, 1, 1], '1 body, 0 connectors'), ([2, 2, 1], '2 bodies, 1 connector')])
+def test_one_body_is_singular(size, expected):
+    scene = ico.Scene.from_parameters({'weave': {'size': size}})
+    assert size_text(scene) == expected and f' {expected}>' in repr(scene)
+    assert counted(1, 'solver step') == '1 solver step'
+    assert counted(1000, 'message') == '1,000 messages'

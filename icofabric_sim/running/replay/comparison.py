@@ -20,6 +20,7 @@ import math
 from typing import Any
 
 from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.checks import counted
 from icofabric_sim.messages import (
     decode_clock,
     decode_float64_multi_array,
@@ -252,11 +253,7 @@ def _whole(recorded: bytes, simulated: bytes | None, what: str) -> str:
 
 def _counts(recorded: int, simulated: int, what: str) -> str:
     return (
-        f'{recorded:,} {_plural(what)} in the bag, {simulated:,} {_plural(what)} simulated again')
-
-
-def _plural(what: str) -> str:
-    return 'bodies' if what == 'body' else f'{what}s'
+        f'{counted(recorded, what)} in the bag, {counted(simulated, what)} simulated again')
 
 
 def _values(

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from icofabric_sim.bag.recorded_run import RecordedRun
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.running.replay.comparison import CloseComparison, ExactComparison
@@ -103,7 +104,7 @@ class Verification:
         """Label and text of what was compared."""
         rows: list[Row] = [
             ('bag', str(self.path)),
-            ('fabric', f'{self.node}, {self.body_count:,} bodies'),
+            ('fabric', f'{self.node}, {counted(self.body_count, "body")}'),
             ('recorded by', self.recorded_by),
             ('compared', 'bit by bit: the same version, processor type and libraries'
              if not self.elsewhere else

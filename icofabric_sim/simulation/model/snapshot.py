@@ -18,6 +18,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+from icofabric_sim.checks import counted
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
@@ -73,8 +74,8 @@ class Snapshot(AsTable):
         """Say what it is of, without the numbers."""
         broken = int(np.count_nonzero(~self.intact))
         torn = f', {broken:,} of them broken' if broken else ''
-        return (f'<Snapshot at t = {self.time:.9g} s: {len(self.position):,} bodies, '
-                f'{self.connector_count:,} connectors{torn}>')
+        return (f'<Snapshot at t = {self.time:.9g} s: {counted(len(self.position), "body")}, '
+                f'{counted(self.connector_count, "connector")}{torn}>')
 
     def table(self) -> dict[str, list[float]]:
         """State of the bodies as plain numbers: a list for each column, named with its unit."""

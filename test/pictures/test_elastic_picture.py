@@ -1,0 +1,51 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The picture of elastic constants: no label lies over another."""
+
+from itertools import combinations
+from types import SimpleNamespace
+
+import icofabric_sim as ico
+from icofabric_sim.pictures.elastic_picture import draw_elasticity
+import pytest
+
+pytest.importorskip('matplotlib')
+
+
+def test_labels_do_not_overlap(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+    shown = []
+
+    def save(figure, *arguments, **named):
+        figure.canvas.draw()
+        renderer = figure.canvas.get_renderer()
+        for item in figure.findobj(Text):
+            box = item.get_window_extent(renderer)
+            if item.get_text() and item.get_visible() and box.width and (
+                    figure.bbox.contains(box.x0, box.y0)):
+                shown.append((item.get_text(), box))
+
+    monkeypatch.setattr(Figure, 'savefig', save)
+    curves = {
+        kind: [SimpleNamespace(strain=0.01 * k, stress=rate * k) for k in range(1, 11)]
+        for kind, rate in (('pull', 130.0), ('push', 110.0))}
+    draw_elasticity(
+        tmp_path / 'e.png', 'stiff_cantilever',
+        ico.homogenise(ico.load_scene('stiff_cantilever')), curves, {})
+    texts = {text for text, _ in shown}
+    assert {'stiff_cantilever', 'stress [Pa]', 'x', 'y', 'z', 'pull'} <= texts
+    over = [(one, other) for (one, first), (other, second) in combinations(shown, 2)
+            if first.overlaps(second)]
+    assert not over
