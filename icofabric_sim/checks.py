@@ -20,6 +20,7 @@ right kind, but not in range, not finite or of another shape. Integers are numbe
 too. Booleans and texts are no numbers.
 """
 
+import codecs
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import IntEnum
 import math
@@ -251,6 +252,19 @@ def alike_rows(name: str, value: np.ndarray, other: str, reference: np.ndarray) 
         raise ValueError(
             f'{name} and {other} must have as many rows as each other, or one, got the shapes '
             f'{value.shape} and {reference.shape}') from None
+
+
+def decoded(content: bytes) -> str:
+    """Return the text of a file in UTF-8; raise ValueError that says what else it is."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b'\0' in content:
+        raise ValueError('this is UTF-16, or no text; save it as UTF-8')
+    try:
+        return content.decode('utf-8-sig')
+    except UnicodeDecodeError as error:
+        line = content.count(b'\n', 0, error.start) + 1
+        raise ValueError(
+            f'this is not UTF-8 (byte 0x{content[error.start]:02x} in line {line}); save it as '
+            'UTF-8') from None
 
 
 def counted(number: int, noun: str) -> str:

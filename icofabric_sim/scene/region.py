@@ -88,6 +88,11 @@ class Box:
         return np.all(np.abs(points) <= self.half_extent * (1.0 + ROUNDING), axis=1)
 
 
+def sides_text(sides: np.ndarray) -> str:
+    """Return three sides in words."""
+    return ' x '.join(f'{side:.6g}' for side in sides)
+
+
 def make_region(text: str) -> Region | None:
     """
     Region of `sphere R`, `cylinder R H`, `box X Y Z` or a mesh file; None of an empty text.

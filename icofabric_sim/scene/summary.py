@@ -17,8 +17,10 @@ from collections.abc import Iterable, Sequence
 import math
 
 from icofabric_sim.checks import counted
+from icofabric_sim.parameters.named_files import reading
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.masses import own_masses
+from icofabric_sim.scene.region import make_region, sides_text
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
 from icofabric_sim.scene.weave import estimate_weave
 from icofabric_sim.scene.weave_geometry import slab_depth
@@ -64,6 +66,7 @@ def describe_scene(scene: Scene) -> list[Row]:
             f'{shell.inner_edge_length:.6g} m, thickness T = {shell.thickness:.6g} m',
         ),
         ('weave', f'{weave.kind}, variant {weave.variant}, {_times(weave.size)} grid positions'),
+        *_region(scene),
         (
             '',
             f'cube width w = {geometry.cube_width:.6g} m, connector length L = '
@@ -118,6 +121,14 @@ def _weaving(scene: Scene) -> int:
 
 def _times(numbers: Sequence[int]) -> str:
     return ' x '.join(str(number) for number in numbers)
+
+
+def _region(scene: Scene) -> list[Row]:
+    text = scene.parameters['weave.region']
+    with reading(scene.files):
+        region = make_region(text)
+    return [] if region is None else [(
+        '', f'cut to {text.strip()}, {sides_text(2.0 * region.half_extent)} m')]
 
 
 def _depths(scene: Scene) -> str:

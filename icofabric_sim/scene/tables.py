@@ -16,6 +16,7 @@
 import math
 from pathlib import Path
 
+from icofabric_sim.checks import decoded
 from icofabric_sim.parameters.named_files import note_content, recorded_content
 from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
@@ -44,13 +45,13 @@ def read_time_table(
             path = find_table(name, file)
             content = path.read_bytes()
             note_content(file, content)
-        lines = content.decode('utf-8-sig').splitlines()
-    except (OSError, UnicodeDecodeError, MemoryError) as error:
+        lines = decoded(content).splitlines()
+    except (OSError, MemoryError) as error:
         raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
     except ParameterError:
         raise
     except ValueError as error:
-        raise ParameterError(name, f'{name}: {error}') from None
+        raise ParameterError(name, f'{name}: {path}: {error}') from None
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text.startswith('#'):

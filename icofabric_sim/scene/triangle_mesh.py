@@ -13,6 +13,7 @@
 # limitations under the License.
 """Closed triangle meshes from files: STL, binary or text, and OBJ."""
 
+import codecs
 from functools import lru_cache
 import os
 from pathlib import Path
@@ -25,6 +26,7 @@ SUFFIXES = ('.stl', '.obj')
 # Points this near to the surface, beside the size of the mesh, belong to it.
 _ROUNDING = 1e-9
 _HEADER, _RECORD = 84, 50  # bytes of a binary STL
+_TEXT_WORDS = (b'solid', b'facet', b'outer', b'vertex', b'endloop', b'endfacet')
 _STRIPS = 1024
 # Larger files are hardly meant.
 _LARGEST_FILE = 2**30
@@ -93,6 +95,7 @@ def parse_mesh(path: Path, data: bytes) -> TriangleMesh:
     """
     The closed mesh that a file of this `path` with the bytes `data` holds; ValueError as above.
     """
+    data = data.removeprefix(codecs.BOM_UTF8)
     corners = _read_obj(path, data) if path.suffix.lower() == '.obj' else _read_stl(path, data)
     if not len(corners):
         raise ValueError(f'{path} holds no triangles')
@@ -108,30 +111,37 @@ def parse_mesh(path: Path, data: bytes) -> TriangleMesh:
 
 
 def _read_stl(path: Path, data: bytes) -> np.ndarray:
+    count, need = 0, _HEADER
     if len(data) >= _HEADER:
         count = struct.unpack_from('<I', data, _HEADER - 4)[0]
-        if len(data) == _HEADER + _RECORD * count:
+        need += _RECORD * count
+        # Some programs write a byte or two after the last triangle.
+        if 0 <= len(data) - need < _RECORD:
             record = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('_', '<u2')])
             return np.frombuffer(data, record, count, _HEADER)['corners'].astype(np.float64)
     if not data.lstrip()[:5].lower() == b'solid':
         raise ValueError(
-            f'{path} is neither a text STL, which begins with "solid", nor a binary one, whose '
-            f'length of {len(data):,} bytes would fit its number of triangles: it may be cut off')
-    numbers = []
-    for number, line in enumerate(data.split(b'\n'), 1):
+            f'{path} is neither a text STL, which begins with "solid", nor a binary one: it has '
+            f'{len(data):,} bytes, and its {count:,} triangles take {need:,}'
+            + (': it may be cut off' if len(data) < need else ''))
+    numbers, is_open = [], True
+    for number, line in enumerate(data.splitlines(), 1):
         words = line.split()
-        if words[:1] == [b'vertex']:
+        first = words[0].lower() if words else b''
+        if first == b'vertex':
             numbers.append(_three(path, number, words[1:]))
-    if len(numbers) % 3 or not data.rstrip().split(b'\n')[-1].lstrip().startswith(b'endsolid'):
-        raise ValueError(f'{path} is cut off: it has {len(numbers)} corners and no last line')
+        is_open = first != b'endsolid' and (is_open or first in _TEXT_WORDS)
+    if len(numbers) % 3 or is_open:
+        raise ValueError(
+            f'{path} is cut off: it has {len(numbers)} corners and no "endsolid" after them')
     return np.array(numbers).reshape(-1, 3, 3)
 
 
 def _read_obj(path: Path, data: bytes) -> np.ndarray:
     points: list[tuple[float, ...]] = []
     faces: list[tuple[int, int, int]] = []
-    for number, line in enumerate(data.split(b'\n'), 1):
-        words = line.split()
+    for number, line in enumerate(data.splitlines(), 1):
+        words = line.partition(b'#')[0].split()
         if words[:1] == [b'v']:
             points.append(_three(path, number, words[1:4]))
         elif words[:1] == [b'f']:

@@ -19,11 +19,12 @@ along which rows, columns and levels run; in the bias orientation they are turne
 """
 
 from dataclasses import dataclass
+import logging
 import math
 from typing import Final, get_args, Literal, NamedTuple, Sequence
 
 from icofabric_sim.scene.region import NAME as REGION
-from icofabric_sim.scene.region import Region
+from icofabric_sim.scene.region import Region, sides_text
 from icofabric_sim.scene.weave_connect import connect_grid, Connections, Fastest
 from icofabric_sim.scene.weave_geometry import (
     checked_box,
@@ -42,6 +43,8 @@ from icofabric_sim.scene.weave_lattice import (
 )
 from icofabric_sim.scene.weave_tables import connector_count as table_count
 import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
 
 Kind = Literal['orthogonal', 'bias']
 Boundary = Literal['upright', 'fabric']
@@ -154,19 +157,26 @@ def build_weave(
     upright = kind == 'bias' and boundary == 'upright'
     low, high = _bounds(size, rotation, geometry, region)
     _refuse_unnumbered(size, low, high)
-    origin = np.zeros(3)
+    origin, whole = np.zeros(3), None
     if upright:
-        grid = turned_box_grid(variant, rotation, _half_extent(extent, geometry, region))
+        half = _half_extent(extent, geometry, region)
+        grid = turned_box_grid(variant, rotation, half)
         origin = 0.5 * (extent - 1.0) * geometry.pitch
         if region is not None:
+            whole = len(grid) if np.array_equal(half, 0.5 * extent) else None
             grid = grid[region.contains(geometry.pitch * turned_points(rotation, grid))]
     elif region is not None:
-        middle = 0.5 * (np.array(size) - 1.0)
+        middle, whole = 0.5 * (np.array(size) - 1.0), slab_count(variant, size)
         grid = part_grid(variant, low, high, lambda points: region.contains(
             geometry.pitch * turned_points(rotation, points - middle)))
     else:
         grid = slab_grid(variant, size)
     _refuse_empty(len(grid), kind, variant, size, region)
+    if region is not None and len(grid) == whole:
+        _LOGGER.warning(
+            '%s keeps all %d bodies: it is %s m, and the fabric %s m; a mesh is read in m',
+            REGION, whole, sides_text(2.0 * region.half_extent),
+            sides_text(extent * geometry.pitch))
     cut = upright or region is not None
     fastest: Fastest = 'y' if is_turned(variant) and not cut else 'x'
     connections = Connections(

@@ -288,3 +288,15 @@ def test_bad_tables_are_refused_with_file_and_line(text, words, tmp_path):
     with pytest.raises(ico.ParameterError, match=r'loads\.tip\.profile') as caught:
         one_body({'loads.tip.profile': f'table {path}'})
     assert words in str(caught.value) and 'bad.csv' in str(caught.value)
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    (TABLE.encode('utf-16'), 'UTF-16'), (TABLE.encode('utf-16-le'), 'UTF-16'),
+    (TABLE.replace('push', 'pu\u00dfh').encode('latin-1'), 'byte 0xdf in line 2')])
+def test_a_table_in_another_encoding_is_refused_by_its_name(content, words, tmp_path):
+    path = tmp_path / 'push.csv'
+    path.write_bytes(content)
+    with pytest.raises(ValueError) as caught:
+        one_body({'loads.tip.profile': f'table {path}'})
+    assert words in str(caught.value) and 'save it as UTF-8' in str(caught.value)
+    assert 'codec' not in str(caught.value) and 'push.csv' in str(caught.value)

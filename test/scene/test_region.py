@@ -24,6 +24,7 @@ import icofabric_sim as ico
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.region import make_region
 from icofabric_sim.scene.scene import estimate_bodies
+from icofabric_sim.scene.summary import describe_scene
 from icofabric_sim.scene.weave import build_weave, fabric_orientation, rotation_matrix
 from icofabric_sim.scene.weave_connect import connect_grid
 import numpy as np
@@ -300,6 +301,8 @@ CUBE = CORNERS[TRIANGLES]
     ('open.stl', text_stl(CUBE[:-1]), ['not closed', '3 of its']),
     ('cut.stl', binary_stl(CUBE)[:-10], ['cut off']),
     ('cut.stl', text_stl(CUBE)[:-60], ['cut off']),
+    ('long.stl', binary_stl(CUBE).replace(b'solid', b'stuff') + bytes(60),
+     ['744 bytes', '12 triangles take 684']),
     ('empty.stl', text_stl(CUBE[:0]), ['no triangles']),
     ('flat.stl', text_stl(CUBE * (1, 1, 0)), ['flat']),
     ('nan.stl', binary_stl(CUBE * np.nan), ['not finite']),
@@ -313,3 +316,41 @@ def test_files_that_are_no_closed_mesh_are_refused(name, data, words, tmp_path):
         make_scene((4, 4, 4), {'weave.region': path})
     for word in ['weave.region', name, *words]:
         assert word in str(caught.value)
+
+
+VARIANTS_OF_FILES = {
+    'upper case': text_stl(CUBE).upper(),
+    'comment at the end': text_stl(CUBE) + b'# made by hand\n; and more\n',
+    'byte order mark': b'\xef\xbb\xbf' + text_stl(CUBE),
+    'carriage returns': text_stl(CUBE).replace(b'\r\n', b'\r').replace(b'\n', b'\r'),
+    'one byte more': binary_stl(CUBE) + b'\n',
+    'two bytes more': binary_stl(CUBE) + b'\0\0'}
+
+
+@pytest.mark.parametrize('form', VARIANTS_OF_FILES)
+def test_forms_that_other_programs_write_are_read(form, tmp_path):
+    region = make_region(write(tmp_path / 'cube.stl', VARIANTS_OF_FILES[form]))
+    assert region.half_extent.tolist() == [1.0, 1.0, 1.0] and len(region.corners) == 12
+
+
+def test_an_obj_of_another_program_is_read(tmp_path):
+    data = obj(CORNERS, QUADS).replace(b'\n', b' # a comment\r')
+    region = make_region(write(tmp_path / 'cube.obj', b'\xef\xbb\xbf' + data))
+    assert len(region.corners) == 12
+
+
+@pytest.mark.parametrize('changes', [{}, {'weave.kind': 'bias'}])
+def test_a_mesh_in_millimetres_is_reported(changes, tmp_path, caplog):
+    """It keeps all bodies. `info` names the region and its sides."""
+    size = (5, 5, 5)
+    small = write(tmp_path / 'm.stl', text_stl(1.5 * PITCH * CUBE))
+    scene = make_scene(size, {**changes, 'weave.region': small})
+    assert not caplog.messages
+    path = write(tmp_path / 'mm.stl', text_stl(1500.0 * PITCH * CUBE))
+    whole = make_scene(size, {**changes, 'weave.region': path})
+    assert whole.body_count > scene.body_count
+    [warning] = caplog.messages
+    assert f'weave.region keeps all {whole.body_count} bodies' in warning
+    assert '97.0' in warning and 'read in m' in warning
+    rows = [text for _, text in describe_scene(whole)]
+    assert any(text.startswith(f'cut to {path}, 97.0') for text in rows)

@@ -27,7 +27,7 @@ from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-from icofabric_sim.checks import shown
+from icofabric_sim.checks import decoded, shown
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.parameters.text import flatten_parameters
@@ -103,7 +103,7 @@ def _read(path: Path) -> StudyText:
     if path.stat().st_size > _LARGEST:
         raise ValueError(f'a study has at most {_LARGEST:,} bytes; give the right file')
     try:
-        said = parse_yaml(path.read_text('utf-8'))
+        said = parse_yaml(decoded(path.read_bytes()))
     except yaml.YAMLError as error:
         raise ValueError(f'this is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(said, Mapping):
