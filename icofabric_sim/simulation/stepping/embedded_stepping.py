@@ -17,8 +17,9 @@ Steps that the kernel accepts or refuses by their error estimate, each with its 
 They are one ahead of the time that was asked for: a state in between comes from the dense output
 of the step in progress, so outputs do not touch the sequence. An input gives that step up, and
 takes one to its own time instead. So does an event (`events/`): it is found in the dense output,
-a step is taken that ends there, and the event happens when the next step begins. So neither
-outputs nor the pieces in which a run is asked for touch the sequence.
+a step is taken that ends there, and the event happens when the next step begins. What a health
+check finds at the end of the step in progress ends a run likewise, once the run comes there. So
+neither outputs nor the pieces in which a run is asked for touch the sequence.
 """
 
 from functools import partial
