@@ -212,6 +212,8 @@ class SimulationStatus:
                 'natural length: nothing takes an error of velocity back there, and the error at '
                 'the end was up to 90 times the estimate in tests; without solver.step far less '
                 'is added')
+        if self._driver.contact.rounding:
+            found.append(self._driver.contact.rounding)
         if self.deepest_overlap > 0.0 or self.contact_count:
             found.append(
                 'a contact that begins and ends between two evaluations of the forces within a '

@@ -448,3 +448,30 @@ def test_the_first_step_after_a_jump_does_not_depend_on_what_is_listed():
         listed.append(driver.contact.contacts is not None)
     assert listed == [True, False]
     assert lengths[0] == lengths[1] and lengths[0][0] > 0.01
+
+
+def test_contact_far_from_the_origin_takes_as_many_steps_as_near(caplog):
+    def bounced(offset):
+        scene = make_scene((1, 1, 1), {
+            'contact.mode': 'auto', 'gravity': [0.0, 0.0, -9.81], 'solver.method': 'dop8',
+            'planes.floor.normal': [0.0, 0.0, 1.0], 'groups.it': 'all', 'initial.it.group': 'it',
+            'initial.it.displacement': [offset] * 3,
+            'planes.floor.offset': offset - (midradius(1.0) + 0.1) * A})
+        simulation = ico.compile_scene(scene)
+        pieces = ico.compile_scene(scene)
+        simulation.advance_to(0.05)
+        for time in (0.0139, 0.0143, 0.02, 0.05):
+            pieces.advance_to(time)
+            pieces.restore(pieces.checkpoint())
+        assert same_state(simulation.snapshot(), pieces.snapshot())
+        return simulation, simulation.snapshot().linear_velocity[0, 2]
+
+    near, velocity = bounced(0.0)
+    assert 'origin' not in near.status.error_estimate_lacks and not caplog.records
+    far, other = bounced(1e4)
+    assert velocity > 0.1 - 9.81 * 0.05  # it has bounced
+    assert other == pytest.approx(velocity, abs=1e-3 * 0.14)
+    assert far.status.step_count < 2 * near.status.step_count
+    assert far.balance.worst < 1e-5
+    assert 'up to 1e+04 m from the origin' in far.status.error_estimate_lacks
+    assert 'up to 1e+04 m from the origin' in caplog.text

@@ -14,6 +14,7 @@
 """For how long the neighbour list is valid: searches, what contacts add, and what stops a run."""
 
 from collections.abc import Callable
+import logging
 import math
 from typing import Any, NoReturn
 
@@ -28,6 +29,8 @@ from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
 
+_LOGGER = logging.getLogger('icofabric_sim')
+
 
 class ContactScheduler:
     """Keeps the contacts of a trajectory up to date; without a broad phase there are none."""
@@ -35,6 +38,8 @@ class ContactScheduler:
     def __init__(self, trajectory: Trajectory, broad_phase: BroadPhase | None) -> None:
         """Find contacts of the `trajectory` by the `broad_phase`."""
         self._trajectory, self.broad_phase = trajectory, broad_phase
+        # Sentence on contacts that are too far from the origin for the tolerance; '': none are.
+        self.rounding = ''
         self._set_limits(math.inf if broad_phase is None else broad_phase.deepest)
 
     def _set_limits(self, deepest: float) -> None:
@@ -81,6 +86,16 @@ class ContactScheduler:
         """Search faster, as more may be listed than can touch: steps do not follow that."""
         if self.broad_phase is not None:
             self.broad_phase.lists_by_few_axes = True
+
+    def note_rounding(self, extent: float, noise: float) -> None:
+        """Warn once that contacts `extent` [m] from the origin are rounded by a `noise` [1/s]."""
+        if not self.rounding:
+            self.rounding = (
+                f'shells that may touch are up to {extent:.4g} m from the origin, where places '
+                f'are rounded to {math.ulp(extent):.2g} m: while they are near each other, errors '
+                f'below {noise:.2g} per second are not asked for; move the scene nearer to the '
+                'origin')
+            _LOGGER.warning('%s', self.rounding)
 
     def count_touching(self) -> None:
         """Count what touches at a health check, as stiff as it is, for the frequency."""
@@ -244,6 +259,7 @@ class ContactScheduler:
     def forget(self) -> None:
         """Search and report as if nothing had come close yet."""
         self.report_overlaps()
+        self.rounding = ''
         if self.broad_phase is not None:
             self.broad_phase.forget()
 

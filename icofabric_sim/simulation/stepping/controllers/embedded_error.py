@@ -50,8 +50,11 @@ _AHEAD = 6.0
 # A force that jumps is passed by a step that errs by as much as the tolerance allows in so many
 # radians of the fastest motion. With a whole period smooth steps made use of it too.
 _SPARE = 0.1
-# Rounding of forces of contacts as it shows in the estimate of the error, or somewhat more.
-_NOISE = float(np.finfo(float).eps)
+# Rounding of forces of contacts as it shows in the estimate of the error, beside a coordinate.
+_NOISE_RATIO = 0.25 * float(np.finfo(float).eps)
+# Up to so many tolerances of it steps of contacts are hardly shorter; from ten times as many on
+# they were 10,000 times shorter.
+_LARGEST_NOISE = 30.0
 
 RANK = 0
 
@@ -159,9 +162,14 @@ class EmbeddedError:
         # A step of a contact, as far as that can be known before.
         control.resume = _FIRST_STEP / rate
         if contact.rate > 0.0:
-            noise = contact.stiffness * self._pieces.trajectory.model.inverse_mass * self._extent()
+            trajectory = self._pieces.trajectory
+            extent = trajectory.extent
+            noise = contact.stiffness * trajectory.model.inverse_mass * extent
             # As errors of velocities count.
-            control.floor = _NOISE * noise * math.sqrt(control.scales[2])
+            noise *= _NOISE_RATIO * math.sqrt(control.scales[2])
+            if noise > _LARGEST_NOISE * control.tolerance:
+                control.floor = noise
+                contact.note_rounding(extent, noise)
         return False
 
     def follow_touching(self) -> bool:
@@ -211,9 +219,3 @@ class EmbeddedError:
             return 0.0
         # With whatever may touch: estimates must not depend on searches either.
         return rate * rate + contact.least_rate
-
-    def _extent(self) -> float:
-        """Largest coordinate [m] of a body."""
-        trajectory = self._pieces.trajectory
-        position = trajectory.state.position[:, trajectory.packed.layout.slot]
-        return float(np.abs(position).max(initial=0.0))
