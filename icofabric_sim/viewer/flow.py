@@ -36,6 +36,18 @@ _SILENCE_S, _SILENCE_RATIO, _NEWEST_RATIO, _LONGEST_ANSWER_S = 0.5, 3.0, 0.3, 1.
 # Relative differences of the angle: viser passes over what is nearer than 1e-5.
 _MARKS, _STEP = 4, 3e-5
 
+# A page draws on and answers while the browser around it has stopped, which no mouse reaches then:
+# so answers wait for a word of the browser, whose own process knows permissions.
+_ASK_BROWSER = """(() => {
+    const page = window.__viserMutable, send = page?.sendCamera;
+    if (send && !send.asks && navigator.permissions) {
+        page.sendCamera = () => {
+            navigator.permissions.query({name: 'geolocation'}).then(send, send);
+        };
+        page.sendCamera.asks = true;
+    }
+})()"""
+
 Windows = AsyncGenerator[Sequence[Any], None]
 
 
@@ -85,6 +97,7 @@ class Flow:
         self._readers: dict[int, _Reader] = {}
         messages = import_module('viser._messages')
         self._update, self._fov = messages.SceneNodeUpdateMessage, messages.SetCameraFovMessage
+        self._script = messages.RunJavascriptMessage(_ASK_BROWSER)
 
     def pace(self, buffer: Any) -> None:
         """Have what the broadcast `buffer` of viser holds wait for each page by itself."""
@@ -95,6 +108,8 @@ class Flow:
     def begin(self, page: Any) -> None:
         """Hear the marks of a client of viser that has come."""
         reader = self._readers[page.client_id] = _Reader()
+
+        page._websock_connection.queue_message(self._script)
 
         @page.camera.on_update  # type: ignore[untyped-decorator]
         async def _(camera: Any) -> None:

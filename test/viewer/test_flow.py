@@ -44,6 +44,10 @@ class Reader:
         self.client_id, self.camera, self.marks = number, self, []
         self._frames, self._buffer = frames, buffer
 
+    @property
+    def _websock_connection(self):
+        return SimpleNamespace(queue_message=lambda message: None)
+
     def on_update(self, heard):
         self._heard = heard
 

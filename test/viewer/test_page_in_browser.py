@@ -16,6 +16,7 @@
 from functools import partial
 import http.server
 import io
+import signal
 import threading
 
 from browser import Browser, find_browser
@@ -26,6 +27,7 @@ if not find_browser():
 pytest.importorskip('viser', reason='viser (extra `viewer`) is not installed')
 
 from icofabric_sim.messages import decode_point_stamped  # noqa: E402, I100 - after what skips
+from icofabric_sim.viewer import flow  # noqa: E402 - after what skips
 import numpy as np  # noqa: E402 - after what skips
 from PIL import Image  # noqa: E402 - viser brings it
 from shown_page import Shown  # noqa: E402 - needs viser
@@ -165,6 +167,28 @@ def test_a_drag_pulls_a_shell_and_moves_the_fabric(shown, page):
     finally:
         page.mouse('released', place + [0.0, 120.0])
     page.wait_for(lambda: not shown.runner.simulation.inputs.pulls.bodies, 'it is not let go')
+    shown.runner.reset().result(60.0)
+    shown.runner.set_paused(True).result(60.0)
+
+
+def test_a_browser_that_is_stopped_lets_go(shown, page, monkeypatch):
+    """Its main process alone: the page draws on then, but no mouse reaches the page."""
+    def pulled():
+        return shown.runner.simulation.inputs.pulls.bodies
+
+    body, place = nearest_free_shell(shown, page)
+    shown.runner.set_paused(False).result(60.0)
+    page.mouse('moved', place)
+    page.mouse('pressed', place, 1)
+    page.mouse('moved', place + [0.0, 12.0], 1)
+    page.wait_for(lambda: pulled() == [body], 'nothing is pulled')
+    monkeypatch.setattr(flow, '_SILENCE_S', 3.0)
+    page.process.send_signal(signal.SIGSTOP)
+    try:
+        page.wait_for(lambda: not pulled(), 'it is held on')
+    finally:
+        page.process.send_signal(signal.SIGCONT)
+        page.mouse('released', place + [0.0, 12.0])
     shown.runner.reset().result(60.0)
     shown.runner.set_paused(True).result(60.0)
 
