@@ -55,6 +55,28 @@ class ConnectorTables(NamedTuple):
 
     tables: tuple[LawTable, ...]
     of: np.ndarray  # (c,) int, which of them each connector follows, -1: none; (0,) without any
+    stops: np.ndarray = np.zeros(0, bool)  # (c,) whether a run stops beyond it; (0,) likewise
+
+    def describe_beyond(self, length: np.ndarray, bodies: np.ndarray) -> tuple[str, bool]:
+        """
+        Describe the connector that is farthest beyond its table, and return whether it stops.
+
+        `length` (c,) [m], NaN of broken ones; `bodies` (c, 2). Those that stop come first; '':
+        none is beyond.
+        """
+        low = np.array([table.rows[1, 0] for table in self.tables] + [-np.inf])[self.of]
+        high = np.array([table.rows[-1, 0] for table in self.tables] + [np.inf])[self.of]
+        excess = np.maximum(length - high, low - length)
+        beyond = excess > 0.0
+        if not beyond.any():
+            return '', False
+        stops = bool((beyond & self.stops).any())
+        number = int(np.argmax(np.where(beyond & (self.stops | ~np.bool_(stops)), excess, -1.0)))
+        one, two = bodies[number]
+        return (
+            f'connector {number}, between bodies {one} and {two}, is {length[number]:.6g} m long, '
+            f'beyond its table {self.tables[self.of[number]].file} ({low[number]:.6g} to '
+            f'{high[number]:.6g} m)'), stops
 
 
 NO_TABLES = ConnectorTables((), np.zeros(0, np.int64))
@@ -75,19 +97,22 @@ def make_laws(
         return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_TABLES
     laws = ConnectorLaws(*(np.full(count, value) for value in general[:3]))
     files = [general[3]]
+    stops = np.full(count, parameters['connector.law_beyond'] == 'stop')
     table_of = np.zeros(count, np.int32)
     for name, chosen in members.items():
         own = _law(parameters, f'connector_groups.{name}', length, general)
         for array, value in zip(laws, own[:3]):
             array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
         table_of[chosen] = len(files)
+        if said := parameters[f'connector_groups.{name}.law_beyond']:
+            stops[chosen] = said == 'stop'
         files.append(own[3])
     if not any(files):
         return laws, NO_TABLES
     tables = {table.file: table for table in files if table is not None}
     number = np.array([
         -1 if table is None else list(tables).index(table.file) for table in files])
-    return laws, ConnectorTables(tuple(tables.values()), number[table_of])
+    return laws, ConnectorTables(tuple(tables.values()), number[table_of], stops)
 
 
 def spread_over(

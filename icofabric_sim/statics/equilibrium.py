@@ -22,6 +22,7 @@ start, and as they are found at its end in the next.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+import logging
 import math
 from typing import Any, NamedTuple
 
@@ -42,6 +43,8 @@ from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
 import numpy as np
+
+_LOGGER = logging.getLogger('icofabric_sim')
 
 STABLE = 'equilibrium, stable'
 MECHANISM = 'equilibrium, with mechanisms'
@@ -572,11 +575,23 @@ class _Search:
         if here.fabric.contacts is not None:
             here.fabric.contacts.smoothed = False
             here = here.anew()
+        beyond = ''
+        if converged and here.fabric.packed.tables.tables:
+            beyond, stops = here.fabric.packed.tables.describe_beyond(
+                np.where(here.snapshot.intact, here.snapshot.connector_length, np.nan),
+                here.fabric.scene.connectors.bodies)
+            if stops:
+                converged = False
+            elif beyond:
+                _LOGGER.warning(
+                    '%s at rest: the law goes on straight there (connector.law_beyond)', beyond)
         verdict, curvature = NOT_AT_REST, Curvature(-1, -1)
         branches: Mapping[str, Curvature] = {}
         if converged:
             verdict, curvature, branches = judge(here)
-        reason = '' if converged else self._reason()
+        reason = '' if converged else self._reason() if not beyond else (
+            f'{beyond} at rest, and connector.law_beyond is stop; extrapolate lets it go on '
+            'straight')
         return Equilibrium(
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,

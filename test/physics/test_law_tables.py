@@ -197,3 +197,57 @@ def test_what_contradicts_a_table_is_refused(band):
         make_scene((2, 2, 1), {'connector.law': 'nowhere.csv'})
     with pytest.raises(ParameterError, match='natural_length.*leave one of them out'):
         make_scene((2, 2, 1), {'connector.law': band, 'connector.natural_length': 0.03})
+
+
+def pulled(band, **changes):
+    """A fabric whose top is pulled up until its connectors leave their table."""
+    return make_scene((2, 2, 2), {
+        'connector.law': band, 'groups.top': 'z_max', 'groups.foot': 'z_min',
+        'supports.foot.group': 'foot', 'drives.top.group': 'top', 'drives.top.motion': 'velocity',
+        'drives.top.linear': [0.0, 0.0, 1.0], 'contact.mode': 'never', **changes})
+
+
+@pytest.mark.parametrize('method', ['leapfrog', 'dop8'])
+def test_lengths_beyond_a_table_are_reported_once(band, method, caplog):
+    simulation = ico.compile_scene(pulled(band, **{'solver.method': method}))
+    simulation.advance_to(0.01)
+    assert 'beyond its table' not in caplog.text
+    simulation.advance_to(0.06)
+    simulation.restore(simulation.checkpoint())
+    simulation.advance_to(0.07)
+    said, = [record.getMessage() for record in caplog.records if 'table' in record.getMessage()]
+    assert 'band.csv (0.0161803 to 0.0517771 m)' in said and 'seen at t = 0.0' in said
+    assert 'connector ' in said and 'between bodies' in said
+    assert simulation.snapshot().connector_length.max() > 1.6 * LENGTH
+
+
+@pytest.mark.parametrize('changes', [
+    {'connector.law_beyond': 'stop'},
+    {'connector_groups.some.between': 'all all', 'connector_groups.some.law_beyond': 'stop'}])
+def test_run_stops_beyond_a_table_in_pieces_and_in_one_go(band, changes):
+    ended = []
+    for times in ([0.3], np.linspace(0.0, 0.3, 30)[1:]):
+        simulation = ico.compile_scene(pulled(band, **changes))
+        with pytest.raises(ico.SimulationError, match='law_beyond is stop') as caught:
+            for time in times:
+                simulation.advance_to(float(time))
+        assert '(0.0161803 to 0.0517771 m), seen at t = 0.' in str(caught.value)
+        ended.append((str(caught.value), simulation.time))
+    assert ended[0] == ended[1]
+
+
+def test_scene_that_begins_beyond_its_table_is_refused_or_reported(tmp_path, caplog):
+    short = write(tmp_path / 'short.csv', [(0.5, -1.0), (0.8, 0.0)])
+    with pytest.raises(ValueError, match='law_beyond is stop'):
+        ico.compile_scene(pulled(short, **{'connector.law_beyond': 'stop'}))
+    ico.compile_scene(pulled(short))
+    assert 'seen at t = 0 s' in caplog.text
+
+
+def test_equilibrium_beyond_a_table_is_reported_or_not_found(band, caplog):
+    found = ico.solve_equilibrium(pulled(band), time=0.05)
+    assert found.converged and 'm long, beyond its table' in caplog.text
+    refused = ico.solve_equilibrium(pulled(band, **{'connector.law_beyond': 'stop'}), time=0.05)
+    assert not refused.converged and 'connector.law_beyond is stop' in refused.reason
+    assert ico.solve_equilibrium(
+        pulled(band, **{'connector.law_beyond': 'stop'}), time=0.001).converged

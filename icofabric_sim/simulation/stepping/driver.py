@@ -47,6 +47,7 @@ from icofabric_sim.simulation.stepping.pieces import StepChoice, StepController,
 from icofabric_sim.simulation.stepping.shown_energies import ShownEnergies
 from icofabric_sim.simulation.stepping.step_errors import StepErrors
 from icofabric_sim.simulation.stepping.step_monitor import differences_of, StepMonitor
+from icofabric_sim.simulation.stepping.table_watch import TableWatch
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
@@ -148,6 +149,8 @@ class Driver:
         # Whether a step whose kernel is not compiled is taken back, with KernelsAwaited.
         self.awaits_kernels = False
         self._leaves_contacts = leaves_contacts
+        links = packed.model.links
+        self._tables = None if links is None or links.tables is None else TableWatch(packed)
         if begins:
             self._start(exact=False)
             self._require_stable(origin)
@@ -183,9 +186,15 @@ class Driver:
             while not self.is_near_contact and (count := self._stepping.count_until(time)) > 0:
                 # What overlaps from the start is reported when the motion begins.
                 self.contact.announce()
-                self._or_back(partial(self._stepping.run, time, count))
+                self._or_back(partial(self._stepping.run, time, self._until_check(count)))
+                self._watch_tables()
                 self._on_pause()
             if self.is_near_contact or self._stepping.check_within(time):
+                if self._tables is not None and self.trajectory.control is not None and (
+                        not self._tables.found and self._tables.is_suspect()):
+                    # The run may end within this step.
+                    self._report_beyond_table(
+                        self._stepping.state_at(time), time, may_stop=False)
                 return
             self._or_back(self._stepping.go_back)
 
@@ -196,7 +205,50 @@ class Driver:
         May return early; 0 says that the next step would end later.
         """
         self.trajectory.require_sound()
-        return self._or_back(partial(self._stepping.run_steps, count, until))
+        done = self._or_back(partial(self._stepping.run_steps, self._until_check(count), until))
+        self._watch_tables()
+        return done
+
+    def _until_check(self, count: int) -> int:
+        """Return `count` steps, or as many as lead to where tables are looked at next."""
+        if self._tables is None or not self._tables.is_watching:
+            return count
+        if self.trajectory.control is not None:
+            return min(count, 1)
+        return min(count, max(self.monitor.interval - self.monitor.since_check, 1))
+
+    def _watch_tables(self) -> None:
+        """
+        Warn, or stop the run, if a connector is beyond its table: at health checks.
+
+        Of adaptive steps where each begins: its end may never be reached.
+        """
+        tables, trajectory = self._tables, self.trajectory
+        if tables is None or not tables.is_watching:
+            return
+        state = trajectory.state
+        if trajectory.control is None:
+            is_due = self.monitor.since_check == 0 and tables.is_suspect()
+        else:
+            is_due = tables.was_suspect()
+            if trajectory.control.length > 0.0 and trajectory.work.trail is not None:
+                state = trajectory.work.trail.start
+        if is_due:
+            self._report_beyond_table(state, self.time)
+
+    def _report_beyond_table(self, state: State, time: float, *, may_stop: bool = True) -> None:
+        tables, trajectory = self._tables, self.trajectory
+        assert tables is not None
+        text, stops = tables.describe(time, state, trajectory.broken.since)
+        if stops and may_stop:
+            trajectory.return_to_saved()
+            trajectory.fail(
+                f'{text}, and connector.law_beyond is stop; extrapolate lets it go on straight. '
+                f'The state of t = {trajectory.saved_time:.9g} s is kept')
+        if text and not tables.found and not stops:
+            tables.found = text
+            _LOGGER.warning(
+                '%s: the law goes on straight there (connector.law_beyond)', text)
 
     def cut(self, time: float) -> bool:
         """
@@ -251,6 +303,8 @@ class Driver:
         self.trajectory.ledger.reported_limit = before.trajectory.ledger.reported_limit
         self._stepping.settle(before.error_estimate(before.time))
         self.awaits_kernels = before.awaits_kernels
+        if self._tables is not None and before._tables is not None:
+            self._tables.found = before._tables.found
 
     def set_loads(self, loads: Loads, load_rate: float) -> None:
         """Replace the loads at the current state."""
@@ -293,6 +347,8 @@ class Driver:
         self.trajectory.step_count = 0
         self.errors.forget()
         self.monitor.obstruction.found = ''
+        if self._tables is not None:
+            self._tables.found = ''
         self.contact.forget()
         self._stepping.forget()
 
@@ -383,6 +439,8 @@ class Driver:
             'load_rate': self.rates.load_rate,
             'frequency': self.rates.fabric.rate,
         }
+        if self._tables is not None and self._tables.found:
+            tree['beyond_table'] = self._tables.found
         self._stepping.state_tree(tree)
         return tree
 
@@ -402,6 +460,8 @@ class Driver:
         self.rates.fabric = Frequency(tree.number('frequency', 0.0, finite=False), (), 0)
         self.errors.load_state(tree)
         self.monitor.load_state(tree)
+        if self._tables is not None:
+            self._tables.found = tree.text('beyond_table') if 'beyond_table' in tree else ''
         self._stepping.load_state(tree)
 
     def choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
@@ -518,3 +578,4 @@ class Driver:
         self.choose_step()
         self._allow_rounding()
         self.errors.restart_touching(trajectory.saved_time)
+        self._watch_tables()

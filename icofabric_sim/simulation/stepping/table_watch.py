@@ -1,0 +1,71 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Watches for connectors that are longer or shorter than the table of their law says."""
+
+from icofabric_sim.kernels.law_tables import PIECE
+from icofabric_sim.kernels.records import LINK_COUNT, State
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.snapshot import Snapshot
+import numpy as np
+
+
+class TableWatch:
+    """
+    Remembers the first connector that was seen beyond its table, at the health checks.
+
+    Forces remember on which piece of its table each connector is: lengths are computed only where
+    that is one beyond either end.
+    """
+
+    def __init__(self, packed: PackedScene) -> None:
+        """Watch the connectors of a scene with tables."""
+        self._packed, self.found = packed, ''  # sentence
+        self._suspected = True
+        self._always = packed.model.wrapping is not None  # pieces are those of straight lengths
+        links = packed.model.links
+        assert links is not None and links.tables is not None
+        tables = links.tables
+        self._pieces = tables.pieces.reshape(-1, LINK_COUNT, PIECE, LANES)
+        self._tabled = (tables.first >= 0.0).reshape(LINK_COUNT, -1, LANES).swapaxes(0, 1)
+
+    @property
+    def is_watching(self) -> bool:
+        """Whether something is still to be found."""
+        return not self.found or bool(self._packed.tables.stops.any())
+
+    def is_suspect(self) -> bool:
+        """Whether a connector may be beyond its table in the state that was evaluated last."""
+        outside = (self._pieces[:, :, 0] == -np.inf) | (self._pieces[:, :, 1] == np.inf)
+        return self._always or bool((outside & self._tabled).any())
+
+    def was_suspect(self) -> bool:
+        """Return whether this or the state before was suspect, where the latter is to be seen."""
+        before, self._suspected = self._suspected, self.is_suspect()
+        return before or self._suspected
+
+    def describe(
+        self, time: float, state: State, broken_since: np.ndarray | None
+    ) -> tuple[str, bool]:
+        """Describe what is beyond its table at a `time` [s], and return whether that stops."""
+        packed = self._packed
+        assert packed.connectors is not None
+        first, second = packed.connectors.first, packed.connectors.second
+        bodies = packed.layout.unpack(state)
+        snapshot = Snapshot(time, *bodies, len(first), packed, {}, broken_since)
+        length = snapshot.connector_length
+        if broken_since is not None:
+            length = np.where(snapshot.intact, length, np.nan)
+        text, stops = packed.tables.describe_beyond(length, np.column_stack([first, second]))
+        return text and f'{text}, seen at t = {time:.6g} s', stops
