@@ -241,6 +241,9 @@ class Driver:
         assert tables is not None
         text, stops = tables.describe(time, state, trajectory.broken.since)
         if stops and may_stop:
+            if trajectory.saved_time > time:
+                # At the end of the step in progress, which may lie beyond what was asked for.
+                self._stepping.cut(time)
             trajectory.return_to_saved()
             trajectory.fail(
                 f'{text}, and connector.law_beyond is stop; extrapolate lets it go on straight. '
