@@ -24,6 +24,9 @@ from collections.abc import Callable
 # the bodies of a fabric, so many at least. Above both it is a stall: some ten times as many are
 # computed in a second.
 _MOST_BESIDE_USUAL, _MOST_OF_BODIES, _FEWEST_BODIES = 1e3, 3e8, 32
+# Contacts take a fifth of what is usual of them at most, in tests: so many times as many are a
+# stall already. Of stiff ones 1,000 times as many would take a day.
+_MOST_BESIDE_CONTACTS = 10.0
 # They are counted over some outputs, but over this simulated time [s] at least and at most.
 _OUTPUTS, _SHORTEST_WINDOW, _LONGEST_WINDOW = 3.0, 0.1, 1.0
 
@@ -37,15 +40,19 @@ class StallWatch:
         self._usual = 0.0
         self._since, self._steps, self._evaluations = 0.0, -1, 0
 
-    def begin(self, usual: float, bodies: int, output_period: float) -> None:
+    def begin(
+        self, usual: float, bodies: int, output_period: float, contacts: float = 0.0
+    ) -> None:
         """
         Judge a motion of so many `bodies`.
 
-        Its scene asks for `usual` evaluations in a second; outputs are `output_period` [s] apart.
+        Its scene asks for `usual` evaluations in a second, and for so many of `contacts` where
+        shells touch; outputs are `output_period` [s] apart.
         """
-        self._usual = usual
+        self._usual = max(usual, contacts)
         self._limit = max(
-            _MOST_BESIDE_USUAL * usual, _MOST_OF_BODIES / max(bodies, _FEWEST_BODIES))
+            _MOST_BESIDE_USUAL * usual, _MOST_BESIDE_CONTACTS * contacts,
+            _MOST_OF_BODIES / max(bodies, _FEWEST_BODIES))
         self._window = min(max(_OUTPUTS * output_period, _SHORTEST_WINDOW), _LONGEST_WINDOW)
         self._steps = -1
 

@@ -192,7 +192,8 @@ class TimeAdvance:
             simulation = self._state.simulation
             self.stall.begin(
                 simulation.status.usual_evaluation_rate, simulation.scene.body_count,
-                1.0 / simulation.scene.parameters['publish_rate'])
+                1.0 / simulation.scene.parameters['publish_rate'],
+                simulation.status.contact_evaluation_rate)
 
     def take_steps(self, request: StepRequest) -> None:
         """Take steps for a moment; the rest follows once commands had their turn."""

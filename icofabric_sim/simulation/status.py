@@ -104,14 +104,15 @@ class SimulationStatus:
 
     @property
     def usual_evaluation_rate(self) -> float:
-        """
-        Evaluations of the forces for each simulated second [1/s] with the present step.
+        """Evaluations of the forces for each simulated second [1/s] with the present step."""
+        return self.stage_count / self.step
 
-        Or with one as short as contacts need, if any are possible.
-        """
+    @property
+    def contact_evaluation_rate(self) -> float:
+        """Evaluations [1/s] with a step as short as contacts need; 0: none are possible."""
         contact = self._driver.contact
         rate = math.sqrt(contact.least_rate) + contact.velocity_rate
-        return self.stage_count * max(1.0 / self.step, rate / _CONTACT_ANGLE)
+        return self.stage_count * rate / _CONTACT_ANGLE
 
     @property
     def rank_count(self) -> int:

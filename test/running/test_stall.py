@@ -81,8 +81,13 @@ def test_contacts_that_the_scene_makes_stiff_are_usual():
         'contact.mode': 'always', 'contact.stiffness': 1e9, 'solver.method': 'dop8',
         'gravity': [0.0, 0.0, -9.81]})
     status = ico.compile_scene(scene).status
-    assert status.usual_evaluation_rate > 12.0 * math.sqrt(1e9 / scene.shell.mass)
-    assert status.usual_evaluation_rate > 1e3 * status.stage_count / status.step
+    contacts = status.contact_evaluation_rate
+    assert contacts > 12.0 * math.sqrt(1e9 / scene.shell.mass)
+    assert contacts > 1e3 * status.usual_evaluation_rate
+    for rate, stalls in ((5.0 * contacts, False), (20.0 * contacts, True)):
+        watch = StallWatch()
+        watch.begin(status.usual_evaluation_rate, 1, PERIOD, contacts)
+        assert bool(words(watch, rate, until=0.5)) == stalls
 
 
 def test_run_that_stalls_stops_and_goes_on_after_a_reset(monkeypatch):
