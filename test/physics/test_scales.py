@@ -47,8 +47,9 @@ DROP = {
     **SHELL, 'weave.size': [1, 1, 1], 'weave.connected': False, 'contact.mode': 'auto',
     'gravity': [0.0, 0.0, -9.81], 'planes.floor.normal': [0.0, 0.0, 1.0],
     'planes.floor.offset': -0.02, 'solver.method': 'dop8'}
-# Shells of 1 m, 1 mm and 1 um, in slow and in fast time.
-SCALES = [(2.0**7, 2.0**7, 2.0**21), (2.0**-3, 2.0**-20, 2.0**-9), (2.0**-13, 2.0**20, 2.0**-39)]
+# Shells of 5 m, 1 mm and 1 um, in slow and in fast time; masses by powers of four, whose roots
+# are exact.
+SCALES = [(2.0**8, 2.0**7, 2.0**24), (2.0**-4, 2.0**-20, 2.0**-12), (2.0**-14, 2.0**20, 2.0**-42)]
 
 
 def scaled(flat, length, time, mass):
