@@ -40,6 +40,7 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.parameter import Parameter
+import yaml
 
 # Names that ROS itself puts on every node: they are its own business.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
@@ -237,26 +238,28 @@ def as_meant(value: Any, default: Any) -> Any:
     Return the `value` that a parameter file gives where a tool has sent a text in its place.
 
     `ros2 param load` and `set` read YAML 1.1, to which 1e-06 and 1.5E3 are texts, and write a list
-    that has such an item as one text. `default` has the type that is meant.
+    that has such an item as one text. `default` has the type that is meant. What YAML 1.1 reads as
+    a number was quoted, and stays a text.
     """
     if isinstance(value, array):
         value = list(value)
     if not isinstance(default, list):
         return _resolved(value, type(default))
-    is_text = isinstance(value, str) and value[:1] == '[' and value[-1:] == ']'
-    items = value[1:-1].split(',') if is_text else value
-    if not isinstance(items, list):
-        return value
-    resolved = [_resolved(item, type(default[0])) for item in items]
-    return value if is_text and any(isinstance(item, str) for item in resolved) else resolved
+    kind = type(default[0])
+    if isinstance(value, str) and value[:1] == '[' and value[-1:] == ']':
+        items = [_resolved(item, kind, any_text=True) for item in value[1:-1].split(',')]
+        return value if any(isinstance(item, str) for item in items) else items
+    return [_resolved(item, kind) for item in value] if isinstance(value, list) else value
 
 
-def _resolved(value: Any, kind: type) -> Any:
+def _resolved(value: Any, kind: type, *, any_text: bool = False) -> Any:
     """Return what ROS reads from the text `value` in a file, if it is of the `kind`."""
     if not isinstance(value, str) or kind is str:
         return value
     found = resolve_scalar(value.strip(' \'"'))
-    return found if type(found) in (kind, int if kind is float else kind) else value
+    if type(found) not in (kind, int if kind is float else kind):
+        return value
+    return found if any_text or isinstance(yaml.safe_load(value), str) else value
 
 
 def _same(one: Any, other: Any) -> bool:

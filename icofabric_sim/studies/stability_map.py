@@ -54,7 +54,7 @@ FABRICS: Final[dict[str, dict[str, Any]]] = {
     'hanging': {**_PLAIN, **_HELD, 'gravity': [0.0, 0.0, -1e-4]},
     'driven': {
         **_PLAIN, 'groups.top': 'z_max', 'drives.top.group': 'top', 'drives.top.motion': 'sine',
-        'drives.top.linear': [0.0, 0.0, 1e-8], 'drives.top.frequency': 100.0,
+        'drives.top.linear': [0.0, 0.0, 1e-8], 'drives.top.frequency': 20.0,
         'drives.top.phase': -0.5 * math.pi},
     # In the middle of a held rim tensions balance.
     'tensioned': {

@@ -23,9 +23,18 @@ def test_without_ros_one_line_says_what_to_do(module, capsys):
         raise ModuleNotFoundError(f'No module named {module!r}', name=module)
     assert ended.value.code == 2
     said = capsys.readouterr().err
-    assert said.count('\n') == 1 and 'icofabric_sim[ros]' in said and module[:5] in said
+    assert said.count('\n') == 1 and 'ros-jazzy-rclpy' in said and module[:5] in said
 
 
-def test_what_else_is_missing_stays_an_error():
-    with pytest.raises(ModuleNotFoundError), start.importing():
+def test_another_library_that_is_missing_is_named_in_one_line(capsys):
+    with pytest.raises(SystemExit) as ended, start.importing():
         raise ModuleNotFoundError("No module named 'numpy'", name='numpy')
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1 and 'numpy is not installed' in said
+
+
+def test_a_missing_module_of_the_package_stays_an_error():
+    with pytest.raises(ModuleNotFoundError), start.importing():
+        raise ModuleNotFoundError(
+            "No module named 'icofabric_sim.gone'", name='icofabric_sim.gone')

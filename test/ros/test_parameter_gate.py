@@ -86,7 +86,7 @@ def test_a_file_that_is_loaded_live_means_what_it_means_at_the_start(tmp_path):
 
 def test_an_option_of_a_replay_is_taken_as_a_text():
     assert as_meant('1E-01', OPTIONS['rate'].default) == 0.1
-    assert as_meant('on', OPTIONS['loop'].default) is True
+    assert as_meant('y', OPTIONS['loop'].default) is True
     assert as_meant('on', OPTIONS['bag'].default) == 'on'
 
 

@@ -105,7 +105,9 @@ def test_pull_goes_on_in_a_changed_fabric_with_the_new_strength():
     wanted = runner.parameters.with_changes({'pull.strength': 4.0})
     with Beside(runner) as beside:
         pull(runner, (100.0, 0.0, 0.0))
-        beside.wait_for(lambda: pulled(runner))
+        # The first force is that of the next step.
+        beside.wait_for(
+            lambda: runner.post(lambda: runner.simulation.inputs.pulls.forces).result(60.0))
         mass = runner.post(lambda: runner.simulation.inputs.pulls.mass(BODY)).result(60.0)
         largest = 50.0 * mass  # [N] at strength 1
         runner.change(wanted).result(60.0)

@@ -342,7 +342,9 @@ def test_huge_numbers_end_in_a_plain_error():
     simulation = ico.compile_scene(changed(START, {'solver.step': 0.0}))
     position = START.position.copy()
     position[1] = 1e200
-    with pytest.raises((ValueError, ico.SimulationError), match='body 1|finite|too fast'):
+    # Which of them depends on the processor's rounding.
+    plain = 'body 1|finite|too fast|short enough'
+    with pytest.raises((ValueError, ico.SimulationError), match=plain):
         simulation.set_state(position=position)
         simulation.advance_to(1.0)
 
