@@ -336,6 +336,11 @@ class Broadcast:
         told, self._breaks_told = self._breaks_told, self.simulation.status.broken_count
         return told != self._breaks_told
 
+    @property
+    def reports_to_any(self) -> bool:
+        """Whether a sink takes /diagnostics."""
+        return bool(self._receivers(topics.DIAGNOSTICS))
+
     def report(self, now: int, *, at_once: bool = False) -> None:
         """
         Send /diagnostics once a second of wall time.

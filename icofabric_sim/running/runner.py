@@ -356,7 +356,8 @@ class Runner:
     def _fresh_status(self) -> Status:
         self._errors = errors_of(self.state.simulation)
         if not self.state.failure:
-            self._limited_by = self._step_limit.describe(self.state.simulation, self.state.now)
+            self._limited_by = self._step_limit.describe(
+                self.state.simulation, self.state.now, with_place=self._broadcast.reports_to_any)
         status, self.commands.lag = self.status(), 0.0
         return status
 

@@ -37,8 +37,12 @@ class StepLimit:
         self._since = 0
         self._place, self._place_since, self._looked = '', 0, 0.0
 
-    def describe(self, simulation: Simulation, now: int) -> str:
-        """Sentence on the limit at time `now` [ns]: which, by what, and since when."""
+    def describe(self, simulation: Simulation, now: int, *, with_place: bool = True) -> str:
+        """
+        Return a sentence on the limit at time `now` [ns]: which, by what, and since when.
+
+        The place of the fastest motion takes an eigenvalue search, so it is left out on request.
+        """
         status = simulation.status
         term = status.fastest_term
         known = _kind(simulation), term.rpartition(', up to')[0]
@@ -48,7 +52,7 @@ class StepLimit:
         where = ''
         if 'contacts' in term:
             where = f', {status.contact_count} of which touched at the last health check'
-        place = self._place_of(simulation, now, anew=is_other)
+        place = self._place_of(simulation, now, anew=is_other) if with_place else ''
         return (
             f'{known[0]}; fastest: {term}{where}; since t = {seconds(self._since):.6g} s{place}')
 

@@ -151,7 +151,9 @@ class _Locator:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], path: str) -> Any:
-        """Return the locator, or None if the folder cannot be written."""
+        """Return the locator, or None if there is no source file or no folder to write."""
+        if not os.path.isfile(path):
+            return None
         try:
             locator = cls(function, path)
             locator.ensure_cache_path()
