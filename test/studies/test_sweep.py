@@ -462,7 +462,7 @@ class FakeFuture:
         if self.client.answers:
             call(self)
 
-    def result(self):
+    def result(self, timeout=None):
         self.client.log.append(('answered', self.order.number))
         return single_run.Outcome(self.order.number, self.order.key, State.DONE)
 

@@ -226,14 +226,20 @@ class Driver:
         tables, trajectory = self._tables, self.trajectory
         if tables is None or not tables.is_watching:
             return
-        state = trajectory.state
-        if trajectory.control is None:
-            is_due = self.monitor.since_check == 0 and tables.is_suspect()
-        else:
+        if trajectory.method.holder is not None:
+            # Ranks note the pieces of their own connectors only. A run that stops does so at the
+            # step at which one process stops.
+            is_due = self.monitor.since_check == 0 or (
+                trajectory.control is not None and tables.may_stop)
+        elif trajectory.control is not None:
             is_due = tables.was_suspect()
-            if trajectory.control.length > 0.0 and trajectory.work.trail is not None:
-                state = trajectory.work.trail.start
+        else:
+            is_due = self.monitor.since_check == 0 and tables.is_suspect()
         if is_due:
+            state, trail = trajectory.state, trajectory.work.trail
+            if trajectory.control is not None and trajectory.control.length > 0.0 and (
+                    trail is not None):
+                state = trail.start
             self._report_beyond_table(state, self.time)
 
     def _report_beyond_table(self, state: State, time: float, *, may_stop: bool = True) -> None:
@@ -321,8 +327,10 @@ class Driver:
     def _allow_rounding(self) -> None:
         """Allow for rounding of what loads move between two health checks."""
         trajectory = self.trajectory
+        # What has acted so far has no part in it, so ranks need not bring it here.
+        loads, *_ = trajectory.for_steps()
         trajectory.ledger.allow_rounding(
-            trajectory.loads, trajectory.model, self.monitor.interval * trajectory.step)
+            loads, trajectory.model, self.monitor.interval * trajectory.step)
 
     def set_last_forces(self, forces: np.ndarray) -> None:
         """

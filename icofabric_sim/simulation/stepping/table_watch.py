@@ -43,7 +43,12 @@ class TableWatch:
     @property
     def is_watching(self) -> bool:
         """Whether something is still to be found."""
-        return not self.found or bool(self._packed.tables.stops.any())
+        return not self.found or self.may_stop
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether a run stops beyond some table."""
+        return bool(self._packed.tables.stops.any())
 
     def is_suspect(self) -> bool:
         """Whether a connector may be beyond its table in the state that was evaluated last."""
