@@ -404,6 +404,11 @@ class Client:
         return self.next('/diagnostics', lambda message: condition(message[1][0]))[1][0]
 
 
+def reasons(status):
+    """Return the full reasons of a status; its `message` may be cut, and a start has none."""
+    return status.values.get('reasons', 'none')
+
+
 def parameter(name, value):
     """A rcl_interfaces/Parameter; dots in the name may be written as `__`."""
     return Parameter(name.replace('__', '.'), value=value).to_parameter_msg()

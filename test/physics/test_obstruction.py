@@ -229,7 +229,8 @@ def test_it_is_marked_and_counted():
     _, [status] = decode_diagnostic_array(HealthReport('/icofabric').bytes(runner.status()))
     values = dict(status.values)
     assert int(values['connector ends in their shells']) == simulation.status.obstructed_ends > 0
-    assert status.level == WARN and 'ends of connectors were in their own shells' in status.message
+    assert status.level == WARN
+    assert 'ends of connectors were in their own shells' in values['reasons']
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
 
 

@@ -18,7 +18,7 @@ import time
 
 from icofabric_sim.messages import WARN
 import pytest
-from ros_helpers import Client, NodeProcess, wait_for, write_scene
+from ros_helpers import Client, NodeProcess, reasons, wait_for, write_scene
 
 SCENE = {
     'weave': {'size': [2, 2, 2]},
@@ -97,10 +97,13 @@ def test_a_second_clock_is_told_by_both(tmp_path):
         status = status_of(client, '/two/icofabric', lambda status: 'clock' in status.values)
         assert '/one/icofabric' in status.values['clock']
         assert 'publish_clock' in status.values['clock']
-        status = status_of(client, '/one/icofabric', lambda status: 'clock' in status.values)
+        # On a busy machine, other reports also say that the run is slow.
+        status = status_of(
+            client, '/one/icofabric',
+            lambda status: reasons(status) == status.values.get('clock'))
         assert '/two/icofabric' in status.values['clock']
         assert status.message == '/clock is published by /two/icofabric too'
-        assert status.values['clock'] in status.values['reasons'] and status.level == WARN
+        assert status.level == WARN
         for node, other in ((one, '/two/icofabric'), (two, '/one/icofabric')):
             # The log is written beside the diagnostics.
             found = client.wait_for(lambda node=node: node.lines('/clock is published by'),

@@ -20,7 +20,16 @@ import time
 
 from icofabric_sim.messages import WARN
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_helpers import Client, domain, NodeProcess, ROOT, ros_class, wait_for, write_scene
+from ros_helpers import (
+    Client,
+    domain,
+    NodeProcess,
+    reasons,
+    ROOT,
+    ros_class,
+    wait_for,
+    write_scene,
+)
 
 SCENE = {
     'weave': {'size': [3, 3, 3]},
@@ -42,7 +51,7 @@ def test_second_node_of_a_name_does_not_start(tmp_path):
                 [line] = second.lines('fabric_node:')
                 assert 'another node /icofabric runs already' in line and '__node:=' in line
             else:
-                client.health(lambda status: '2 nodes are named' in status.message)
+                client.health(lambda status: '2 nodes are named' in reasons(status))
                 assert second.stop() == 0
         # Under another name it does.
         with NodeProcess(tmp_path / 'third', '-r', '__node:=other', scene=scene,
@@ -51,12 +60,12 @@ def test_second_node_of_a_name_does_not_start(tmp_path):
             assert third.stop() == 0
         # Not only nodes of this package can have the name.
         twin = ros_node('icofabric', client)
-        status = client.health(lambda status: '2 nodes are named' in status.message)
-        assert status.level == WARN and '/icofabric' in status.message
+        status = client.health(lambda status: '2 nodes are named' in reasons(status))
+        assert status.level == WARN and '/icofabric' in reasons(status)
         assert node.lines('2 nodes are named /icofabric')
         client.executor.remove_node(twin)
         twin.destroy_node()
-        client.health(lambda status: 'nodes are named' not in status.message)
+        client.health(lambda status: 'nodes are named' not in reasons(status))
         assert node.stop() == 0
 
 

@@ -20,7 +20,7 @@ from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.running.replay.verify import verify_run
 from mpi_launcher import launcher
 import pytest
-from ros_helpers import Client, NodeProcess, parameter, ROOT, write_scene
+from ros_helpers import Client, NodeProcess, parameter, reasons, ROOT, write_scene
 
 SCENE = {
     'weave': {'size': [5, 5, 5], 'connector_angle': 0.4},
@@ -52,8 +52,8 @@ def test_a_node_on_ranks_is_driven_as_any_other_and_verifies(tmp_path):
         client.wait_for(lambda: len(poses[-1].values) == 88, 'the longer fabric')
         # What ranks cannot share is refused in words, and the fabric goes on.
         [refused] = client.set_messages([parameter('connector.damping', 0.1)])
-        words = refused.reason or client.health(
-            lambda status: 'damped' in status.message).message
+        words = refused.reason or reasons(client.health(
+            lambda status: 'damped' in reasons(status)))
         assert 'damped' in words and 'dop8' in words
         hand, start = client.publisher('~/pull', 'geometry_msgs/msg/PointStamped'), len(poses)
         moved = pulls = 0.0

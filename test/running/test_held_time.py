@@ -154,7 +154,8 @@ def test_requests_are_answered_while_simulated_time_waits(held, caplog):
         beside.wait_for(lambda: len(sink.of(CLOCK)) >= ticks + 3)
         assert {decode_clock(data) for _, data in sink.of(CLOCK)[ticks:]} == {now}
         beside.wait_for(lambda: any(
-            'simulated time waits: compiling' in decode_diagnostic_array(data)[1][0].message
+            'simulated time waits: compiling'
+            in decode_diagnostic_array(data)[1][0].values['reasons']
             for _, data in sink.of(DIAGNOSTICS)))
         beside.wait_for(lambda: 'simulated time waits at t = ' in caplog.text)
         assert not advance.done() and runner.now == now
