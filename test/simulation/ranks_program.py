@@ -32,6 +32,7 @@ import icofabric_sim as ico
 from icofabric_sim.kernels.monitor import LOOKS
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.leader import SharedSteps
+from icofabric_sim.simulation.devices.pair_leader import SharedPair
 from icofabric_sim.simulation.devices.server import Server
 from icofabric_sim.simulation.devices.shared_state import SharedState
 import numpy as np
@@ -302,6 +303,29 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
         SharedSteps._gather, SharedState.largest = gather, largest
 
 
+def pair_gathered(ranks):
+    """Count how often steps of dop8 gather the whole state on the first rank."""
+    scene = ico.Scene.from_parameters({
+        'weave.size': [15, 15, 15], 'contact.mode': 'never',
+        'initial_random': COMMON['initial_random'],
+        'solver': {'method': 'dop8', 'tolerance': 1e-5}})
+    calls, gather = [], SharedPair._gather
+    SharedPair._gather = lambda self, *words, **named: (
+        calls.append(named), gather(self, *words, **named))
+    try:
+        simulation = ico.compile_scene(scene, ranks=ranks)
+        simulation.advance_steps(1)
+        calls.clear()
+        for _ in range(5):
+            simulation.advance_steps(2)
+        counts = [sum(named['whole'] for named in calls)]
+        # A state that is read is gathered, which shows that the count works.
+        simulation.snapshot()
+        return [*counts, sum(named['whole'] for named in calls)]
+    finally:
+        SharedPair._gather = gather
+
+
 def frequencies(ranks=None):
     """The largest frequency at the start and in motion, and the steps of its iterations."""
     found = []
@@ -468,6 +492,7 @@ def main():
                         gathered(ranks, 40, method='srkn8', tolerance=1e-4),
                         gathered(ranks, 300, KINKED, method='leapfrog', tolerance=1e-2),
                         gathered(ranks, 40, KINKED, method='srkn4', tolerance=1e-3)]
+                    found[count]['pair_gathered'] = pair_gathered(ranks)
                     found[count]['frequencies'] = frequencies(ranks)
                     found[count]['jumps'] = [jumps(ranks, mode) for mode in ('never', 'auto')]
                 left = steps_taken(ranks)

@@ -221,6 +221,12 @@ def test_from_the_start_on_states_are_where_the_bodies_are(shared):
             assert again == 0
 
 
+def test_steps_of_an_embedded_pair_gather_no_whole_state(shared):
+    for found in shared['found'].values():
+        in_steps, after_snapshot = found['pair_gathered']
+        assert in_steps == 0 and after_snapshot == 1
+
+
 def test_a_rank_that_fails_ends_the_run_on_all_with_its_number_and_reason(shared):
     *members, outsider = shared['heard']
     assert outsider == ''

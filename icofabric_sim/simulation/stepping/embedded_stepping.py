@@ -290,8 +290,9 @@ class EmbeddedStepping:
         """Let kernels take up to `count` steps; returns the status and how many they took."""
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
         watch, control = pieces.contact.watching(), self._step.control
-        self._before = None if trajectory.loads.drives is None else (
-            trajectory.ledger.numbers[_LASTING])
+        # Do not read trajectory.loads: that gathers the whole state from ranks or a GPU.
+        loads, *_ = trajectory.for_steps()
+        self._before = None if loads.drives is None else trajectory.ledger.numbers[_LASTING]
         try:
             status, done, checks.since_check = pieces.calls.timed(
                 lambda team: self._kernels.take(
