@@ -56,9 +56,12 @@ def start(*words, folder):
         start_new_session=True, env={**os.environ, 'PYTHONPATH': str(ROOT)})
 
 
-def wait_until(condition, seconds=120.0):
+def wait_until(condition, *programs, seconds=300.0):
+    """Wait for a condition, and show the errors of a program that ends before."""
     end = time.monotonic() + seconds
     while not condition():
+        for program in programs:
+            assert program.poll() is None, program.communicate()[1]
         assert time.monotonic() < end, 'waited in vain'
         time.sleep(0.02)
 
@@ -215,13 +218,13 @@ def test_a_script_without_a_main_is_told_so(tmp_path):
 def test_a_study_that_is_killed_goes_on_beside_another_one(folder, many):
     """Kill -9 of the command; its workers end with it. Then two at once share the rest."""
     client = start(*COMMAND, *MANY, '--workers', '2', folder=folder)
-    wait_until(lambda: len(finished(folder)) >= 3)
+    wait_until(lambda: len(finished(folder)) >= 3, client)
     os.kill(client.pid, signal.SIGKILL)
     client.communicate(timeout=60)
     before = finished(folder)
     # Workers see that their parent is gone, and end within a moment.
     wait_until(lambda: not subprocess.run(
-        ['pgrep', '-s', str(client.pid)], capture_output=True, check=False).stdout, 60.0)
+        ['pgrep', '-s', str(client.pid)], capture_output=True, check=False).stdout, seconds=60.0)
     assert 3 <= len(before) < RUNS
     both = [start(*COMMAND, *MANY, '--workers', '1', '--json', '--output', f'{number}.csv',
                   folder=folder) for number in range(2)]
@@ -246,12 +249,12 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, many):
     programs = [start(*dask, 'scheduler', *where, '--host', '127.0.0.1', '--port', '0',
                       folder=folder)]
     try:
-        wait_until((folder / 'scheduler.json').exists)
-        programs += [start(*dask, 'worker', *where, '--nthreads', '1', '--death-timeout', '5',
-                           folder=folder) for _ in range(2)]
+        wait_until((folder / 'scheduler.json').exists, *programs)
+        programs += [start(*dask, 'worker', *where, '--nthreads', '1', folder=folder)
+                     for _ in range(2)]
         client = start(*COMMAND, *MANY, '--scheduler', 'scheduler.json', folder=folder)
         programs.append(client)
-        wait_until(lambda: len(finished(folder)) >= 3)
+        wait_until(lambda: len(finished(folder)) >= 3, *programs)
         os.kill(programs[0].pid, signal.SIGKILL)
         _, error = client.communicate(timeout=120)
         assert client.returncode == 1 and 'is gone' in error and 'goes on' in error, error
@@ -272,7 +275,7 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, many):
 
 def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
     client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)
-    wait_until(lambda: len(finished(folder)) >= 2)
+    wait_until(lambda: len(finished(folder)) >= 2, client)
     # As Ctrl-C on a terminal: to the whole group.
     os.killpg(client.pid, signal.SIGINT)
     _, error = client.communicate(timeout=60)
