@@ -59,7 +59,7 @@ def test_steps_are_judged_only_up_to_where_a_drive_stops():
         lasting.advance_to(0.2)
 
 
-def meeting(tmp_path, kind, **fields):
+def meeting(tmp_path, kind, rows=((0.0, 0.0), (0.08, 0.7), (0.15, 1.0)), **fields):
     """Two shells that drives bring nearer along x, until they overlap by 1.7 % of a."""
     way = 0.0163
     flat = {
@@ -78,7 +78,7 @@ def meeting(tmp_path, kind, **fields):
         flat['supports.other.group'] = 'other'
     else:
         table = tmp_path / 'path.csv'
-        table.write_text(f'0, 0, 0, 0\n0.08, {0.7 * way}, 0, 0\n0.15, {way}, 0, 0\n')
+        table.write_text(''.join(f'{time}, {part * way}, 0, 0\n' for time, part in rows))
         flat |= {**both, 'drives.one.motion': 'table', 'drives.one.file': str(table)}
         del flat['drives.one.linear'], flat['drives.one.duration']
     return loose(
@@ -114,3 +114,25 @@ def test_drives_do_the_energy_of_contact_as_work(tmp_path, kind):
 def test_steps_of_one_length_do_so_too(tmp_path, method, worst):
     require_balance(meeting(tmp_path, 'both driven', **{
         'solver.method': method, 'solver.tolerance': 1e-6}), worst)
+
+
+@pytest.mark.parametrize('kind', ['both driven', 'held by a support', 'by a table'])
+def test_implicit_steps_do_so_too(tmp_path, kind):
+    simulation = require_balance(meeting(tmp_path, kind, **{
+        'solver.method': 'sdirk4', 'solver.tolerance': 1e-4}), 1e-4)
+    assert simulation.status.method_name == 'sdirk4'
+
+
+@pytest.mark.parametrize('method, tolerance, worst', [
+    ('dop8', 1e-8, 1e-9), ('sdirk4', 1e-4, 1e-4)])
+def test_drives_that_part_bodies_get_the_work_back(tmp_path, method, tolerance, worst):
+    scene = meeting(tmp_path, 'by a table', ((0.0, 0.0), (0.15, 1.0), (0.4, -1.0)), **{
+        'solver.method': method, 'solver.tolerance': tolerance})
+    simulation, stored = ico.compile_scene(scene), 0.0
+    for time in np.linspace(0.0, 0.5, 11)[1:]:
+        simulation.advance_to(float(time))
+        stored = max(stored, simulation.snapshot().energy['contact'])
+    energy = simulation.snapshot().energy
+    assert stored > 1e-4 and energy['contact'] == 0.0
+    assert energy['work_in'] == pytest.approx(0.0, abs=worst * stored)
+    assert simulation.balance.worst < worst

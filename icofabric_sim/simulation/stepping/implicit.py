@@ -68,7 +68,7 @@ from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import least_scale, LIMIT, save
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
-from icofabric_sim.kernels.rhs import add_work, place_blocks
+from icofabric_sim.kernels.rhs import add_work, path_error, place_blocks
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.model.layout import aligned_empty, copied_state
@@ -150,6 +150,9 @@ class Tableau(NamedTuple):
     # the first on, for states within it; None: there is no embedded method.
     error: np.ndarray | None
     dense: np.ndarray | None
+    # Weights of the step less those of a rule of higher order for integrals over the step, which
+    # has the start of the step as its last node.
+    integral_error: np.ndarray | None
 
 
 TABLEAUS = {
@@ -165,7 +168,11 @@ TABLEAUS = {
             [11 / 3, 11 / 2, -125 / 18, 0.0, -11 / 9],
             [-463 / 72, -385 / 16, 20125 / 432, -85 / 4, 557 / 108],
             [217 / 36, 661 / 24, -8875 / 216, 85 / 6, -359 / 54],
-            [-20 / 9, -10.0, 250 / 27, 0.0, 80 / 27]])),
+            [-20 / 9, -10.0, 250 / 27, 0.0, 80 / 27]]),
+        # The rule of Boole.
+        np.array([
+            25 / 24 - 32 / 90, -49 / 48 - 32 / 90, 125 / 16, -85 / 12 - 12 / 90, 1 / 4 - 7 / 90,
+            -7 / 90])),
 }
 
 
@@ -204,6 +211,7 @@ class ImplicitSteps:
             aligned_empty((6, slots)) for _ in range(3))
         self._velocity[:] = self._residual[:] = self._change[:] = 0.0
         self._kept: list[_Kept] = []
+        self._has_touched = False
 
     @property
     def kept_slopes(self) -> tuple[int, ...] | None:
@@ -252,8 +260,9 @@ class ImplicitSteps:
         """
         Take up to `count` steps until one ends after control[GOAL], as `adaptive_pair`.
 
-        Steps are refused too where they probably err by too much energy. Their lengths are powers
-        of the root of 2, so that a matrix serves more of them.
+        Steps are refused too where they probably err by too much energy, or in the work of paths
+        while something touches. Their lengths are powers of the root of 2, so that a matrix serves
+        more of them.
         """
         trail, last = _trail(work), len(model.blocks.slot)
         weights, error_weights = self._tableau.step, self._tableau.error
@@ -264,16 +273,20 @@ class ImplicitSteps:
         while done < count and control[START] + control[LENGTH] <= control[GOAL] and not status:
             start, h = float(control[START] + control[LENGTH]), float(control[NEXT])
             accepted = False
+            begins_touching = self._begins_touching(
+                model, loads, state, work, trail, team, watch, start)
             while not accepted and not status:
                 error, change = math.inf, _SHRINK
+                self._has_touched = begins_touching
                 forget_ways(watch, 0)
                 ways = _Ways(watch)
                 if self._find_stages(
                         model, loads, state, saved, work, team, watch, start, h, ways):
                     end_step(model, state, trail.slopes, weights, h, trail.stage)
                     ways_of(watch, model.blocks, trail.stage, start + h, 0, 0, last)
-                    error = _ESTIMATE * stage_error(
-                        model, trail.slopes, error_weights, turn_rows, scales)
+                    error = _ESTIMATE * max(
+                        stage_error(model, trail.slopes, error_weights, turn_rows, scales),
+                        self._work_error(model, loads, trail, turn_rows, float(scales[2])))
                 # Steps must not depend on which contacts were known where it was looked.
                 if watch is not None and can_look_farther(watch, start) and (
                         ways.looked > watch.limits[LATE] or has_missed(watch, 0)):
@@ -321,6 +334,31 @@ class ImplicitSteps:
                     model, loads, state, saved, work, team, since_check, check_interval, watch,
                     ledger, done, float(control[START] + control[LENGTH]), 0.0, 0, last)
         return int(status), done, int(since_check)
+
+    def _begins_touching(
+        self, model: Model, loads: Loads, state: State, work: Work, trail: Trail, team: Team,
+        watch: Watch | None, start: float
+    ) -> bool:
+        """Find the power of paths where a step begins; return whether something touches there."""
+        if loads.drives is None or model.contacts is None:
+            return False
+        slope_at(
+            model, loads, state, work, trail, np.int64(len(self._tableau.stages)), team, watch,
+            start, 0, len(model.blocks.slot))
+        return bool(model.contacts.deepest[0] > 0.0)
+
+    def _work_error(
+        self, model: Model, loads: Loads, trail: Trail, turn_rows: int, scale: float
+    ) -> float:
+        """Error of the work of paths for each second, see `path_error`; 0 if nothing touches."""
+        weights = self._tableau.integral_error
+        if weights is None or loads.drives is None or model.contacts is None:
+            return 0.0
+        # Also if nothing touches, so that the kernel is ready before the first contact.
+        error = float(path_error(
+            loads.drives, model, loads, trail.slopes, turn_rows, weights, np.zeros(len(weights)),
+            scale, 0, len(model.blocks.slot)))
+        return error if self._has_touched else 0.0
 
     def _find_clear(
         self, model: Model, state: State, trail: Trail, team: Team, watch: Watch | None,
@@ -471,6 +509,8 @@ class ImplicitSteps:
             if not self._solve(look_at, model, saved, trail.stage, work, g, h):
                 return False
             ways.accept()
+            if loads.drives is not None and model.contacts is not None:
+                self._has_touched = self._has_touched or model.contacts.deepest[0] > 0.0
         return True
 
     def _solve(
