@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check lint docs films clean
+.PHONY: help run test test-long check bench lint docs films clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -45,6 +45,7 @@ help:
 	echo 'make test    set up .venv, then lint, types and all tests (ARGS="..." for pytest)'
 	echo 'make check   lint, types and a selection of tests for the working day'
 	echo 'make test-long  what takes too long for make test, and whether pages say what commands print'
+	echo 'make bench   time this checkout and another commit in turns (REF=HEAD~1; ARGS="--cases S1")'
 	echo 'make lint    set up .venv, then lint and types only'
 	echo 'make docs    set up .venv, then build the documentation site in build/site'
 	echo 'make films   set up .venv, then make the films of docs/gallery.md anew (half an hour)'
@@ -89,6 +90,12 @@ test-long:
 	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
 	$(call stage,what pages say,.venv/bin/python benchmarks/claims.py)
 	$(call stage,$(EXAMPLES) times the random examples (pytest),ICOFABRIC_EXAMPLES=$(EXAMPLES) .venv/bin/python -m pytest -m examples $(ARGS))
+
+# On a quiet machine: 10 minutes for each commit, less with ARGS="--cases S1 --no-baseline".
+bench: REF ?= HEAD~1
+bench:
+	.ci/environment test
+	$(call stage,speed (benchmarks/regression.py),.venv/bin/python benchmarks/regression.py $(REF) $(ARGS))
 
 docs:
 	.ci/environment docs
