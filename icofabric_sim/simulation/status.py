@@ -98,6 +98,28 @@ class SimulationStatus:
         return self._driver.trajectory.step_count
 
     @property
+    def evaluation_count(self) -> int:
+        """
+        Evaluations of the forces of the whole fabric that the trajectory took.
+
+        All stages of its steps, also of those that were refused or taken again, and iterations of
+        implicit ones. What a call of compiled code evaluates again, where the call before has
+        ended, counts once. So the count is the same in pieces or in one go, for any number of
+        threads or ranks. On a GPU a step in which connectors cross kinks counts as any other.
+        """
+        return self._driver.trajectory.evaluations.trajectory
+
+    @property
+    def estimation_count(self) -> int:
+        """
+        All other evaluations of the forces, which change no step that was taken.
+
+        Measurements of errors, which may choose steps; steps repeated to judge whether shells have
+        passed through each other; and states shown between steps, which checkpoints do not count.
+        """
+        return self._driver.trajectory.evaluations.outside
+
+    @property
     def stage_count(self) -> int:
         """Evaluations of the forces in a step."""
         return self._driver.trajectory.method.stages

@@ -142,6 +142,10 @@ class SharedSteps:
                 self._transport.fail(error)
                 raise
 
+    def count_evaluations(self) -> int:
+        """Return how often steps evaluated the forces again where connectors crossed kinks."""
+        return 0 if self._own is None else self._own.take_crossed()
+
     @property
     def is_apart(self) -> bool:
         """Whether the state of the run is with the ranks alone."""

@@ -150,6 +150,8 @@ class PartSteps:
         self.roughest = 0.0
         # Evaluations of contacts since this was asked last.
         self.touches = 0
+        # Steps in which connectors crossed kinks, likewise.
+        self.crossed = 0
         self._team: Team | None = None
         self._touching = model
 
@@ -255,6 +257,11 @@ class PartSteps:
     def take_touches(self) -> int:
         """Return how often contacts were evaluated since this was asked last."""
         found, self.touches = self.touches, 0
+        return found
+
+    def take_crossed(self) -> int:
+        """Return in how many steps connectors crossed kinks since this was asked last."""
+        found, self.crossed = self.crossed, 0
         return found
 
     def take_roughest(self) -> float:
@@ -414,6 +421,7 @@ class PartSteps:
             self._tell_motions(kinks, arrays, -kicks[stages] * h)
             if not self._transport.any(account_all(model, kinks, work, h, first, last)):
                 continue
+            self.crossed += 1
             back = -0.5 * h
             for start, whole, row in ((end, back, 12), (end + back, -back, 0)):
                 drift(model, loads, state, work, start, whole, order, 0, len(order))

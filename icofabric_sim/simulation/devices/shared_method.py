@@ -46,5 +46,6 @@ def shared_method(
     steps = SharedSteps(
         transport, packed, method, given=given, half_edge=half_edge, unpacked=unpacked)
     return method._replace(
-        advance=steps.advance, holder=steps.holder, beside=SharedTrials(steps),
+        advance=steps.advance, count_evaluations=steps.count_evaluations, holder=steps.holder,
+        beside=SharedTrials(steps),
         elsewhere=SharedState(steps))

@@ -300,6 +300,7 @@ class EmbeddedStepping:
                     checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
         except ElsewhereError as error:
             trajectory.lose_steps(error)
+        trajectory.evaluations.add(pieces.calls.count_embedded(control))
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:
