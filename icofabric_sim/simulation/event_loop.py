@@ -221,6 +221,7 @@ class EventLoop:
             fixed_step=parameters['solver.step'],
             tolerance=parameters['solver.tolerance'],
             energy_limit=parameters['solver.energy_limit'],
+            estimates_errors=parameters['solver.error_estimate'],
             output_period=1.0 / parameters['publish_rate'],
             load_rate=self._load_rate(loads),
             half_edge=scene.geometry.half_edge,

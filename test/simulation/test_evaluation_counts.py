@@ -18,12 +18,14 @@ An independent counter, in plain Python, counts the calls of the force function 
 """
 
 import json
+import math
 import os
 from pathlib import Path
 import subprocess
 import sys
 from unittest import mock
 
+from fabrics import same_state
 import icofabric_sim as ico
 from icofabric_sim.kernels import flows, rhs
 from icofabric_sim.kernels.integrators import embedded
@@ -37,7 +39,8 @@ KINKED = {'connector.stiffness_extension': 600.0, 'connector.stiffness_compressi
 DAMPED = {'connector.damping': 1.0, 'solver.energy_limit': 1.0}
 TOUCHING = {
     'weave.connected': False, 'weave.size': [2, 1, 1], 'gravity': [0.0, 0.0, -9.81],
-    'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.0262,
+    'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.023,
+    'contact.friction': 0.3,
     'initial_random.velocity_sigma': 0.5, 'contact.mode': 'always', 'contact.stiffness': 3e3}
 RUNS = {
     'leapfrog given': ({'solver.method': 'leapfrog', 'solver.step': 1e-3}, 0.02),
@@ -55,6 +58,8 @@ RUNS = {
     'leapfrog touching': (TOUCHING | {
         'solver.method': 'leapfrog', 'solver.tolerance': 0.1}, 0.02),
     'dop8 touching': (TOUCHING | {'solver.method': 'dop8', 'solver.tolerance': 0.1}, 0.01),
+    'leapfrog touching given': (TOUCHING | {
+        'solver.method': 'leapfrog', 'solver.step': 2e-4}, 0.02),
     'leapfrog falling': ({
         'weave.connected': False, 'gravity': [0.0, 0.0, -9.81], 'solver.method': 'leapfrog',
         'solver.step': 2e-3}, 0.02),
@@ -113,7 +118,8 @@ def counted() -> dict[str, list[int]]:
 @pytest.fixture(scope='module')
 def plain() -> dict[str, list[int]]:
     environment = {**os.environ, 'NUMBA_DISABLE_JIT': '1'}
-    environment['PYTHONPATH'] = os.pathsep.join([str(ROOT), environment.get('PYTHONPATH', '')])
+    environment['PYTHONPATH'] = os.pathsep.join([
+        str(ROOT), str(ROOT / 'test'), environment.get('PYTHONPATH', '')])
     ended = subprocess.run(
         [sys.executable, __file__], env=environment, capture_output=True, text=True, check=True)
     return json.loads(ended.stdout)
@@ -156,6 +162,36 @@ def test_counts_are_the_same_in_pieces_and_go_on_from_a_checkpoint(name):
     whole.reset_time()
     again = ico.compile_scene(scene_of(name))
     assert counts(whole) == counts(again)
+
+
+QUIET = {'solver.error_estimate': False}
+
+
+@pytest.mark.parametrize('name', [
+    'leapfrog given', 'srkn6 kinked', 'dop8 given', 'dop8 kinked', 'dop8 damped',
+    'sdirk4 adaptive', 'leapfrog touching', 'leapfrog touching given', 'dop8 touching'])
+def test_steps_are_the_same_where_errors_are_not_estimated(name):
+    runs = [ico.compile_scene(scene_of(name, **changes)) for changes in ({}, QUIET)]
+    estimated, quiet = runs
+    for run in runs:
+        run.advance_to(3.0 * RUNS[name][1])
+    evaluations = [run.status.evaluation_count for run in runs]
+    assert evaluations[0] == evaluations[1] > 0
+    if name != 'leapfrog touching':
+        assert quiet.status.estimation_count == 0
+        # Room for trial steps and companions was not made.
+        assert quiet._driver.trials._room is None and quiet._driver.trials._earlier is None
+    assert estimated.error_estimate > 0.0 and estimated.status.error_rate >= 0.0
+    assert math.isnan(quiet.error_estimate) and math.isnan(quiet.status.error_rate)
+    assert 'solver.error_estimate' in quiet.status.error_estimate_lacks
+    assert same_state(*(run.snapshot() for run in runs))
+    assert estimated.status.step_count == quiet.status.step_count
+    # It goes on from a checkpoint, too.
+    other = ico.compile_scene(scene_of(name, **QUIET))
+    other.restore(quiet.checkpoint())
+    for run in (quiet, other):
+        run.advance_to(4.0 * RUNS[name][1])
+    assert quiet.checkpoint().difference(other.checkpoint()) == ''
 
 
 if __name__ == '__main__':

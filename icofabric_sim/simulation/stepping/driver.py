@@ -82,6 +82,7 @@ class Driver:
         fixed_step: float,
         tolerance: float,
         energy_limit: float,
+        estimates_errors: bool,
         output_period: float,
         load_rate: float,
         half_edge: float,
@@ -98,6 +99,7 @@ class Driver:
         """
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
 
+        Not `estimates_errors`: only what chooses steps is measured.
         `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
         steps have to end where something happens. `anchor_breaks`: anchors that can break; None:
         none can. `pulse_step` returns the longest step [s] within what acts. `leaves_contacts`:
@@ -130,10 +132,13 @@ class Driver:
         # Bands around shells change to another geodesic at any time, and slack connectors tighten.
         any_time = packed.model.wrapping is not None or (self._is_given and packed.goes_slack)
         has_jumps = any_time or broad_phase is not None
+        # Chosen steps that run through contacts follow what these add.
+        follows = broad_phase is not None and method.runs_through_contacts and not self._is_given
+        is_needed = has_jumps and not is_adaptive and (estimates_errors or follows)
         self.errors = StepErrors(
-            probe, None if is_adaptive or not has_jumps else TouchingErrors(
+            probe, None if not is_needed else TouchingErrors(
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance,
-                probe.slip, any_time=any_time))
+                probe.slip, any_time=any_time), is_estimated=estimates_errors)
         self.monitor = StepMonitor(
             self.trajectory, self.rates, self._whole, obstruction, given=self._is_given,
             tolerance=tolerance, differences=differences)

@@ -57,7 +57,8 @@ class EmbeddedStepping:
         self._kernels = pieces.trajectory.method.embedded
         self._pieces, self._given = pieces, given
         self._step = StepInProgress(pieces.trajectory, pieces.contact, pieces.trials)
-        self._samples = StepSamples(pieces, active=needs_samples(pieces))
+        self._samples = StepSamples(
+            pieces, active=pieces.errors.is_estimated and needs_samples(pieces))
         # Takes the step that ends at an input.
         self._uniform = UniformStepping(pieces)
         self._events: list[EventLocator] = make_events(pieces, self._step)

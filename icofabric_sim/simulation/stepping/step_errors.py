@@ -30,9 +30,15 @@ _CERTAIN = 3.0
 class StepErrors:
     """Sums what both measure."""
 
-    def __init__(self, probe: AccuracyProbe, touching: TouchingErrors | None) -> None:
-        """`touching`: None where nothing can touch, or steps are adaptive."""
-        self.probe, self.touching = probe, touching
+    def __init__(
+        self, probe: AccuracyProbe, touching: TouchingErrors | None, *, is_estimated: bool
+    ) -> None:
+        """
+        `touching`: None where nothing can touch, or steps are adaptive.
+
+        Not `is_estimated`: what is measured chooses steps, and is no estimate.
+        """
+        self.probe, self.touching, self.is_estimated = probe, touching, is_estimated
         # Time [s] of the saved state that the run went back to last, as its error was too large.
         self.returned_to = -math.inf
         self._is_reported = False

@@ -170,6 +170,8 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         model, time = self._copy_model(), trajectory.time
+        # Friction knows more of them than the state does: the run goes on as if nothing was tried.
+        acceleration = trajectory.work.acceleration.copy()
         self._contact.has_touched()
         try:
             for done, count in enumerate(counts):
@@ -184,8 +186,10 @@ class TrialSteps:
                 time += count * step
         finally:
             self.touched = self._contact.has_touched()
+            copy_state(trajectory.saved, trajectory.state)
+            np.copyto(trajectory.work.acceleration, acceleration)
             with trajectory.evaluations.estimating():
-                trajectory.restore()
+                trajectory.refresh_places()
         return len(counts)
 
     def retrace(

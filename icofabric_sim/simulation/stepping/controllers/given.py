@@ -20,6 +20,7 @@ the motion lasts.
 
 import math
 
+from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 
 # Shortest periods until the next measurement, at most: it is for the report only.
@@ -63,8 +64,11 @@ class GivenStep:
         return step, float(pieces.monitor.interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return the step, and measure its error if that is due."""
+        """Return the step, and measure its error if that is due and wanted."""
         pieces, errors = self._pieces, self._pieces.errors.probe
+        if not pieces.errors.is_estimated:
+            errors.checks_left = NEVER
+            return pieces.trajectory.step
         fastest = pieces.rates.fastest()
         if probe or errors.is_new or pieces.rates.load_rate > errors.load_rate:
             if not probe:
