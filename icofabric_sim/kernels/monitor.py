@@ -64,7 +64,7 @@ UNSOUND = NOT_FINITE | UNBALANCED
 # [rad/s], the largest spin [rad/s], energies [J] and the work [J] of the present loads.
 RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
 # What is asked of it: RATE_HIGH above, RATE_LOW below, LIVELIER where the kinetic energy [J] is
-# above.
+# above. Where LOW is 0 the bound is coarse as long as that keeps the rate below HIGH.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
 # The balance: energy less work and with what was spent at the start, height at the start [J],
 # the largest sum of the magnitudes of what moves, was exchanged or was done [J], the largest error
@@ -117,8 +117,8 @@ def examine(
     """
     blocks = model.blocks.slot.shape[0]
     note_figures(
-        model, loads, state, work, time, looks_inside(ledger), 0, work.figures.shape[0] - 1,
-        blocks)
+        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), 0,
+        work.figures.shape[0] - 1, blocks)
     return conclude(model, state, work.figures, ledger)
 
 
@@ -130,9 +130,23 @@ def note_own(
     """Have a thread note its share of the figures; all have been noted at the end."""
     first, last = own_blocks(team, work.figures.shape[0] - 1)
     note_figures(
-        model, loads, state, work, time, looks_inside(ledger), first, last,
+        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), first, last,
         model.blocks.slot.shape[0])
     wait_for_all(team)
+
+
+@compiled
+def coarse_up_to(ledger: np.ndarray) -> float:
+    """
+    Squared frequency [1/s^2] of a body up to which a coarse bound will do; below 0: none.
+
+    So that the next look finds RATE_HIGH only where the close bound does, as long as the spin has
+    not grown by a quarter since the last one.
+    """
+    left = ledger[HIGH] - 1.25 * ledger[SPIN_WEIGHT] * ledger[SPIN]
+    if ledger[LOW] > 0.0 or not left > 0.0:
+        return -1.0
+    return left * left - ledger[CONTACT_RATE]
 
 
 @compiled

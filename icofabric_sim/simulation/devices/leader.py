@@ -35,6 +35,7 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    coarse_up_to,
     conclude,
     DEEPEST_LIMIT,
     examine,
@@ -331,9 +332,9 @@ class SharedSteps:
     def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
         """Status bits of the state at `now` [s], as `examine` finds them; ranks keep theirs."""
         assert self._own is not None
-        inside = bool(looks_inside(book.numbers))
-        self._sharing.order('examine', now, inside)
-        own = self._own.examine(arrays, now, inside=inside)
+        limit, inside = float(coarse_up_to(book.numbers)), bool(looks_inside(book.numbers))
+        self._sharing.order('examine', now, limit, inside)
+        own = self._own.examine(arrays, now, limit, inside=inside)
         roughest = self._sharing.gather_figures(own, arrays.work.figures)
         book.roughest = max(book.roughest, roughest)
         # Any number that is too large is none.

@@ -181,7 +181,9 @@ class PartSteps:
             note_pushes(
                 arrays.contacts, self._model, self._exchange.first, self._exchange.last)
 
-    def examine(self, arrays: Arrays, time: float, *, inside: bool) -> np.ndarray:
+    def examine(
+        self, arrays: Arrays, time: float, limit: float, *, inside: bool
+    ) -> np.ndarray:
         """
         Add up what a health check at `time` [s] has to know of this part.
 
@@ -192,7 +194,7 @@ class PartSteps:
         self._place(arrays)
         figures = work.figures[:-(-(last - first) // work.group) + 1]
         note_figures(
-            self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
+            self._model, loads, state, work, time, limit, inside, 0, len(figures) - 1, last)
         figures[-1, 0] = self.take_roughest()
         return figures
 
@@ -289,7 +291,7 @@ class PartSteps:
                 lead = contacts.losses.lead
                 take_motions(state, lead, no_slots, _room(0, MOTION))
                 put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
-        note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
+        note_figures(self._model, loads, state, work, 0.0, 0.0, False, 0, 0, 0)
         keep_accelerations(self._model, state, work, 0.0, 0, 0)
         note_squares(
             self._model.blocks, self._model.masses, work.acceleration, np.zeros(3),

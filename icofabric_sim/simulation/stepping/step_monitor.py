@@ -97,8 +97,10 @@ class StepMonitor:
         trajectory, ledger = self._trajectory, self._trajectory.ledger
         if exact:
             self._rates.measure()
-        ledger.high, ledger.low, ledger.spin_weight = math.inf, 0.0, 1.0
+        # Any rate is low, so the bound is a close one.
+        ledger.high, ledger.low, ledger.spin_weight = math.inf, math.inf, 1.0
         self._whole.examine()
+        ledger.low = 0.0
         if self._is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every check: the bound may be three times as high, its own growth says nothing.
