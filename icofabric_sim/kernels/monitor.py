@@ -256,11 +256,19 @@ def roughness(work: Work, ledger: np.ndarray) -> float:
 
 @compiled
 def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
-    """ROUGHER where the motion has become so; needs `interval` steps of one length."""
-    ledger[ROUGH] = -1.0
+    """
+    ROUGHER where the motion has become so; needs a whole difference of steps of one length.
+
+    After `interval` steps in which none came to its end what was known stays.
+    """
     roughest = ledger[ROUGHEST]
     ledger[ROUGHEST] = 0.0
-    if work.weights.shape[0] < 2 or ledger[REGULAR] < interval:
+    differences = work.weights.shape[0] - 1
+    if differences < 1 or ledger[REGULAR] < differences:
+        ledger[ROUGH] = -1.0
+        return 0
+    before = max(ledger[REGULAR] - interval, 0.0)
+    if ledger[REGULAR] // differences == before // differences:
         return 0
     ledger[ROUGH] = roughest
     return ROUGHER if ledger[ROUGH] > ledger[ROUGH_LIMIT] else 0

@@ -83,8 +83,8 @@ def test_the_figures_are_the_same_bits_whoever_has_added_up_which_groups(moved):
         room = work._replace(figures=np.full_like(work.figures, np.nan))
         for first, last in cuts:
             note_figures(
-                model, trajectory.loads, trajectory.state, room, trajectory.time, -1.0, True, first,
-                last, blocks)
+                model, trajectory.loads, trajectory.state, room, trajectory.time, -1.0, True,
+                first, last, blocks)
         return fold_figures(room.figures).copy()
 
     whole = figures([(0, groups)])

@@ -272,8 +272,8 @@ class SharedSteps:
             looks = is_watched and (
                 is_guarded_here or (since_check + ahead) % stride == 0)
             stretch = Stretch(
-                origin, index + done, h, ahead, since_check, check_interval, looks,
-                is_guarded_here)
+                origin, index + done, h, ahead, since_check, check_interval,
+                int(book.regular), looks, is_guarded_here)
             self._sharing.order('take', stretch)
             own.take(arrays, stretch)
             if contacts is not None:

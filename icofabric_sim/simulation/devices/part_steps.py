@@ -94,6 +94,8 @@ class Stretch(NamedTuple):
     steps: int
     since_check: int
     check_interval: int
+    # Steps of one length before.
+    regular: int = 0
     # Whether ranks say at the end how far their bodies have moved, and what contacts do to them.
     is_watched: bool = False
     is_guarded: bool = False
@@ -163,8 +165,9 @@ class PartSteps:
             if differences and stretch.is_checked:
                 # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
                 # last before a health check.
-                sampled = since - (
-                    stretch.check_interval - differences if self._weights.stages < 4 else 0)
+                sampled = (stretch.regular + done) % differences
+                if self._weights.stages < 4:
+                    sampled = since - (stretch.check_interval - differences)
                 ahead = 1 if sampled >= 0 else min(ahead, -sampled)
             if sampled >= 0 and sampled % differences == 0:
                 self._sample(arrays, 0)

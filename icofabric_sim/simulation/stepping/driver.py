@@ -512,6 +512,7 @@ class Driver:
                 self.errors.close_stretch(self.trajectory.time)
             self.trajectory.set_step(step)
             self.trajectory.ledger.regular = 0.0
+            self.monitor.follow_step()
         self._pace_contacts()
 
     def respond(self, status: int, time: float) -> None:

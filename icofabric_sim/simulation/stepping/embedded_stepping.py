@@ -302,6 +302,8 @@ class EmbeddedStepping:
         except ElsewhereError as error:
             trajectory.lose_steps(error)
         trajectory.evaluations.add(pieces.calls.count_embedded(control))
+        if done and checks.since_check == 0:
+            checks.interval = checks.interval_with(control.next)
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:

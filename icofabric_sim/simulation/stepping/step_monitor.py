@@ -30,13 +30,14 @@ from icofabric_sim.simulation.stepping.whole_state import WholeState
 from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
-# Work between two health checks, in evaluations of the forces; a check costs about as much as one
-# and a half.
+# Work between two health checks at most, in evaluations of the forces; a check costs about as much
+# as one and a half, or as four where the step is as long as the frequency allows.
 CHECK_INTERVAL = 64
 # The same where a connector in its shell ends the run, so that few are missed that are soon out of
 # it again: `dop8` looks after every step.
 CLOSE_INTERVAL = 8
-# A given step near the limit is checked more often, at most every so many steps.
+# Where a contact is near, a given step near the limit is checked more often than that, at most
+# every so many steps.
 SHORTEST_INTERVAL = 8
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
@@ -73,10 +74,41 @@ class StepMonitor:
         # Steps since the last check, and from one to the next.
         self.since_check = 0
         self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
-        self.interval = max(self._longest // trajectory.method.stages, 1)
+        self.interval = self.interval_with(trajectory.step)
+        # Steps that searches for contacts count as the time between two health checks.
+        self.search_interval = max(self._longest // trajectory.method.stages, 1)
         if differences:
-            # Whole windows of the steps by which the roughness of the motion is judged.
-            self.interval = -(-self.interval // differences) * differences
+            self.search_interval = -(-self.search_interval // differences) * differences
+
+    def interval_with(self, step: float) -> int:
+        """
+        Count the steps of `step` [s] between two health checks.
+
+        No more than a shortest period of the fabric takes, or than what a health check costs
+        asks for. Implicit steps may be longer than that.
+        """
+        method, rate = self._trajectory.method, self._rates.fabric.rate
+        steps, least = max(self._longest // method.stages, 1), 1
+        if self._differences and method.stages < 4:
+            least = self._differences
+        if method.implicit:
+            return steps
+        turned = step * rate
+        if steps * turned > 2.0 * math.pi:
+            steps = int(2.0 * math.pi / turned)
+        return max(steps, least)
+
+    def follow_step(self) -> None:
+        """Choose the steps between two health checks for the present step."""
+        trajectory, rate = self._trajectory, self._rates.fabric.rate
+        step = trajectory.step
+        if trajectory.control is not None and not self._is_given and rate > 0.0:
+            # The first steps of an adaptive method are not known yet.
+            step = trajectory.method.chosen / rate
+        self.interval = self.interval_with(step)
+        if self._is_given and self._rates.frequency.rate > self._rates.fabric.rate:
+            self.interval = min(self.interval, self.search_interval)
+        self.since_check = min(self.since_check, self.interval - 1)
 
     def restart(self, *, exact: bool) -> None:
         """Examine the present state: it has jumped. `exact`: see `examine`."""
@@ -111,7 +143,8 @@ class StepMonitor:
             ratio = step * self._rates.frequency.rate / method.chosen
             steps = self._longest / method.stages / max(ratio, 1.0)
             shortest = 1 if self.obstruction.stops else SHORTEST_INTERVAL
-            self.interval = max(int(steps), shortest)
+            self.search_interval = max(int(steps), shortest)
+        self.follow_step()
 
     def judge(self, time: float) -> int:
         """
@@ -202,7 +235,9 @@ class StepMonitor:
 
     def state_tree(self) -> dict[str, Any]:
         """When the next check is, and what it will judge, as entries."""
-        tree: dict[str, Any] = {'since_check': self.since_check, 'look_interval': self.interval}
+        tree: dict[str, Any] = {
+            'since_check': self.since_check, 'look_interval': self.interval,
+            'search_interval': self.search_interval}
         if self.obstruction.found:
             tree['obstruction'] = self.obstruction.found
         if self._is_in_window:
@@ -213,12 +248,16 @@ class StepMonitor:
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
-        least, most = (1, CHECK_INTERVAL) if self._is_given else (self.interval,) * 2
-        self.interval = tree.count('look_interval', least, most)
+        self.interval = tree.count('look_interval', 1, CHECK_INTERVAL)
+        # Earlier versions had one of both.
+        self.search_interval = tree.count('search_interval', 1, CHECK_INTERVAL) if (
+            'search_interval' in tree) else self.interval
         self.since_check = tree.count('since_check', 0, self.interval - 1)
         self.obstruction.found = tree.text('obstruction') if 'obstruction' in tree else ''
         if self._is_in_window:
-            window, own = tree.array('window'), self._trajectory.work.difference
+            own = self._trajectory.work.difference
+            # Earlier versions began a difference after each health check.
+            window = tree.array('window') if 'window' in tree else np.zeros(0)
             if window.shape == (len(own), own.shape[1] // LANES, LANES):
                 own[:] = window.reshape(own.shape)
             else:
@@ -230,6 +269,6 @@ class StepMonitor:
         """Whether some, but not all, of the steps of a difference are taken."""
         if not self._differences:
             return False
-        first = self.interval - self._differences if self._trajectory.method.stages < 4 else 0
-        taken = self.since_check - first
-        return taken > 0 and taken % self._differences != 0
+        if self._trajectory.method.stages < 4:
+            return self.since_check > self.interval - self._differences
+        return int(self._trajectory.ledger.regular) % self._differences != 0

@@ -238,8 +238,9 @@ class DeviceSteps:
             if of_run and self._differences:
                 # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
                 # last before a health check.
-                sampled = since_check - (
-                    check_interval - self._differences if self._method.stages < 4 else 0)
+                sampled = int(book.regular) % self._differences
+                if self._method.stages < 4:
+                    sampled = since_check - (check_interval - self._differences)
                 ahead = 1 if sampled >= 0 else min(ahead, -sampled)
             if sampled >= 0 and sampled % self._differences == 0:
                 self._sample(model, work, 0)

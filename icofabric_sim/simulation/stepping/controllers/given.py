@@ -61,7 +61,7 @@ class GivenStep:
         # A step too long for contacts ends the run where one is about to begin, and no sooner.
         through = method.runs_through_contacts and (
             step * math.sqrt(pieces.contact.least_rate) <= method.stability)
-        return step, float(pieces.monitor.interval) if through else 1.0
+        return step, float(pieces.monitor.search_interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """Return the step, and measure its error if that is due and wanted."""
