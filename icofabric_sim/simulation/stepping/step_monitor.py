@@ -30,14 +30,13 @@ from icofabric_sim.simulation.stepping.whole_state import WholeState
 from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
-# Work between two health checks at most, in evaluations of the forces; a check costs about as much
-# as one and a half, or as four where the step is as long as the frequency allows.
+# Work between two health checks, in evaluations of the forces; a check costs about as much as one
+# and a half, or as four where the step is as long as the frequency allows.
 CHECK_INTERVAL = 64
 # The same where a connector in its shell ends the run, so that few are missed that are soon out of
 # it again: `dop8` looks after every step.
 CLOSE_INTERVAL = 8
-# Where a contact is near, a given step near the limit is checked more often than that, at most
-# every so many steps.
+# Given steps are checked after so many, unless a period has fewer.
 SHORTEST_INTERVAL = 8
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
@@ -74,11 +73,15 @@ class StepMonitor:
         # Steps since the last check, and from one to the next.
         self.since_check = 0
         self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
-        self.interval = self.interval_with(trajectory.step)
-        # Steps that searches for contacts count as the time between two health checks.
-        self.search_interval = max(self._longest // trajectory.method.stages, 1)
+        self._most_steps = max(self._longest // trajectory.method.stages, 1)
         if differences:
-            self.search_interval = -(-self.search_interval // differences) * differences
+            # Whole windows of the steps by which the roughness of the motion is judged.
+            self._most_steps = -(-self._most_steps // differences) * differences
+        elif given and not obstruction.stops:
+            self._most_steps = max(self._most_steps, SHORTEST_INTERVAL)
+        # Steps that searches for contacts count as the time between two health checks.
+        self.search_interval = self._most_steps
+        self.interval = self.interval_with(trajectory.step)
 
     def interval_with(self, step: float) -> int:
         """
@@ -88,7 +91,7 @@ class StepMonitor:
         asks for. Implicit steps may be longer than that.
         """
         method, rate = self._trajectory.method, self._rates.fabric.rate
-        steps, least = max(self._longest // method.stages, 1), 1
+        steps, least = self._most_steps, 1
         if self._differences and method.stages < 4:
             least = self._differences
         if method.implicit:
