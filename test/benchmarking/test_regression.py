@@ -58,13 +58,13 @@ def test_cases_that_are_slower_or_do_not_run_fail(monkeypatch, tmp_path):
     assert [row.split()[-1] for row in rows[1:]] == ['1', 'SLOWER', 'RUN', '1']
     # In turns, each tree first in every other round.
     order = [is_this for case, is_this in calls if case == 'same']
-    assert order == [True, False, False, True, True, False]
+    assert order == [True, False, *[False, True] * 3, *[True, False] * 3]
 
 
 @pytest.mark.parametrize('words, said', [
     (['no-such-commit', '--no-baseline'], "no commit 'no-such-commit'.*`git log`"),
     (['--cases', 'no such case'], 'S1, srkn6, 100 steps'),
-    (['--rounds', '0'], 'at least 1, got 0')])
+    (['--rounds', '2'], 'at least 5, got 2')])
 def test_wrong_arguments_name_the_way_out(words, said, monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['regression.py', *words])
     with pytest.raises(SystemExit) as ended:
