@@ -101,7 +101,9 @@ TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51
 # (kernels/contact/stiffness.py), the part of the scale up to which it may (inf: it is not asked
 # for), and the part of the longest step that is left because of that.
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
-LEDGER_COUNT = 56
+# Roughness at the last check that knew it, its sum over steps, and steps not yet part of the sum.
+STEADY_ROUGH, ROUGH_SUM, UNCOUNTED = 56, 57, 58
+LEDGER_COUNT = 59
 # Evaluations of the forces between two looks, or somewhat more: each rounds places once.
 _ROUNDINGS = 100.0
 
@@ -261,16 +263,21 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
 
     After `interval` steps in which none came to its end what was known stays.
     """
-    roughest = ledger[ROUGHEST]
+    roughest, steady = ledger[ROUGHEST], ledger[STEADY_ROUGH]
     ledger[ROUGHEST] = 0.0
+    count, ledger[UNCOUNTED] = ledger[UNCOUNTED], 0.0
     differences = work.weights.shape[0] - 1
     if differences < 1 or ledger[REGULAR] < differences:
         ledger[ROUGH] = -1.0
+        ledger[ROUGH_SUM] += steady * count
         return 0
     before = max(ledger[REGULAR] - interval, 0.0)
     if ledger[REGULAR] // differences == before // differences:
+        ledger[ROUGH_SUM] += steady * count
         return 0
-    ledger[ROUGH] = roughest
+    # At least what was expected, so that a sum that is shown never falls.
+    ledger[ROUGH_SUM] += max(steady, 0.5 * (steady + roughest)) * count
+    ledger[STEADY_ROUGH] = ledger[ROUGH] = roughest
     return ROUGHER if ledger[ROUGH] > ledger[ROUGH_LIMIT] else 0
 
 

@@ -21,7 +21,7 @@ from icofabric_sim.kernels.figures import fold_figures, note_figures, STIFFEST
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.simulation.stepping.methods import METHODS
-from icofabric_sim.simulation.stepping.step_monitor import CHECK_INTERVAL, SHORTEST_INTERVAL
+from icofabric_sim.simulation.stepping.step_monitor import CHECK_INTERVAL
 import numpy as np
 import pytest
 
@@ -46,7 +46,9 @@ def test_given_steps_are_checked_in_every_period_and_no_more_often_than_that_pay
     simulation = simulation_with(method=method, step=ratio / frequency, energy_limit=0.5)
     ledger = driver_of(simulation).trajectory.ledger.numbers
     period = math.floor(2.0 * math.pi / ratio)
-    expected = min(period, max(CHECK_INTERVAL // METHODS[method].stages, SHORTEST_INTERVAL))
+    windows = METHODS[method].order + 1
+    steps = windows * math.ceil(CHECK_INTERVAL // METHODS[method].stages / windows)
+    expected = min(period, steps)
     before = ledger[monitor.LOOKS]
     simulation.advance_steps(4 * expected)
     assert ledger[monitor.LOOKS] - before in (4, 5)

@@ -81,11 +81,11 @@ class SharedSteps:
     """Steps of a method that all ranks of a transport take; made on the first of them."""
 
     def __init__(
-        self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
+        self, transport: Transport, packed: PackedScene, method: Method, *, judged: bool,
         half_edge: float, unpacked: Unpacked | None = None
     ) -> None:
         """
-        Divide the fabric; `given`: the step is.
+        Divide the fabric; `judged`: errors are, by the roughness of the motion.
 
         `unpacked`: the state in which the run starts, where it has not been packed.
 
@@ -94,7 +94,7 @@ class SharedSteps:
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
         links, contact = packed.model.links, packed.contact
-        differences = differences_of(method, given=given, linked=links is not None)
+        differences = differences_of(method, judged=judged and links is not None)
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
@@ -283,6 +283,7 @@ class SharedSteps:
             if not of_run:
                 continue
             book.regular += ahead
+            book.uncounted += ahead
             if looks:
                 self._look(arrays, contacts, watch, is_guarded=is_guarded_here)
             examined, status = since_check >= check_interval, 0

@@ -75,7 +75,7 @@ class StepErrors:
     def close_stretch(self, time: float) -> None:
         """Judge the stretch up to the health check of `time` [s]: steps get another length."""
         if self.touching is not None:
-            self.touching.close(time, self.probe.free_rate)
+            self.touching.close(time, self.probe.steady_rate)
 
     def jump(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""
@@ -96,7 +96,7 @@ class StepErrors:
 
     def settle(self, total: float) -> None:
         """Have a `total` of errors at the present time."""
-        self.probe.total = total
+        self.probe.settle(total)
         if self.touching is not None:
             self.touching.settle(0.0)
 

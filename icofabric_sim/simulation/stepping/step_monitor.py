@@ -40,19 +40,15 @@ CLOSE_INTERVAL = 8
 SHORTEST_INTERVAL = 8
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
-# Order of the differences by which the roughness of the motion is judged: that of the method,
-# but no more steps than this between two health checks.
-LARGEST_DIFFERENCE = 6
 
 
-def differences_of(method: Method, *, given: bool, linked: bool) -> int:
+def differences_of(method: Method, *, judged: bool) -> int:
     """
-    Order of the differences by which the roughness of the motion is judged; 0: it is not.
+    Order of the differences by which the roughness of the motion is `judged`; 0: it is not.
 
-    Only where the step follows the accuracy, in fabrics that are `linked`.
+    Those of the first order that a splitting method gets wrong (accuracy_probe.py).
     """
-    return min(method.order, LARGEST_DIFFERENCE) if method.symplectic and linked and (
-        not given) else 0
+    return method.order + 1 if method.symplectic and judged else 0
 
 
 class StepMonitor:
@@ -251,9 +247,10 @@ class StepMonitor:
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
-        self.interval = tree.count('look_interval', 1, CHECK_INTERVAL)
+        longest = max(CHECK_INTERVAL, self._most_steps)
+        self.interval = tree.count('look_interval', 1, longest)
         # Earlier versions had one of both.
-        self.search_interval = tree.count('search_interval', 1, CHECK_INTERVAL) if (
+        self.search_interval = tree.count('search_interval', 1, longest) if (
             'search_interval' in tree) else self.interval
         self.since_check = tree.count('since_check', 0, self.interval - 1)
         self.obstruction.found = tree.text('obstruction') if 'obstruction' in tree else ''
@@ -270,7 +267,7 @@ class StepMonitor:
     @property
     def _is_in_window(self) -> bool:
         """Whether some, but not all, of the steps of a difference are taken."""
-        if not self._differences:
+        if len(self._trajectory.work.weights) < 2:
             return False
         if self._trajectory.method.stages < 4:
             return self.since_check > self.interval - self._differences

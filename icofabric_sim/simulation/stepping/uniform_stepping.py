@@ -305,7 +305,7 @@ class UniformStepping:
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""
-        return self._pieces.errors.probe.rate
+        return self._pieces.errors.probe.present_rate
 
     def error_estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
@@ -379,7 +379,7 @@ class UniformStepping:
             return int(done)
         if touching is not None and checks.since_check == 0:
             if saved_at >= 0 and not status & monitor.UNSOUND:
-                touching.end(saved_time, errors.probe.free_rate)
+                touching.end(saved_time, errors.probe.steady_rate)
                 if not pieces.is_given:
                     errors.report_excess(saved_time)
             else:
