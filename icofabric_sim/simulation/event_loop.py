@@ -170,15 +170,17 @@ class EventLoop:
             self.near_method = method_near_contact(
                 self.method, is_possible=packed.contact is not None,
                 loose=not scene.connector_count)
-        is_judged = not fixed > 0.0 or bool(scene.parameters['solver.error_estimate'])
+        is_estimated = parameters['solver.error_estimate']
         if ranks is not None:
             from icofabric_sim.simulation.devices.shared_method import shared_method
             self._method_of = partial(
-                shared_method, ranks, packed, judged=is_judged, half_edge=half_edge)
+                shared_method, ranks, packed, given=fixed > 0.0, estimated=is_estimated,
+                half_edge=half_edge)
             method = self._method_of(self.method.name, unpacked=unpacked)
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
-            self._method_of = partial(device_method, device, packed, judged=is_judged)
+            self._method_of = partial(
+                device_method, device, packed, given=fixed > 0.0, estimated=is_estimated)
             method = self._method_of(
                 self.method.name, later='' if self.near_method is None else self.near_method.name)
         elif method.implicit:

@@ -81,11 +81,11 @@ class SharedSteps:
     """Steps of a method that all ranks of a transport take; made on the first of them."""
 
     def __init__(
-        self, transport: Transport, packed: PackedScene, method: Method, *, judged: bool,
-        half_edge: float, unpacked: Unpacked | None = None
+        self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
+        estimated: bool, half_edge: float, unpacked: Unpacked | None = None
     ) -> None:
         """
-        Divide the fabric; `judged`: errors are, by the roughness of the motion.
+        Divide the fabric; `given`: the step is, and its error is `estimated`.
 
         `unpacked`: the state in which the run starts, where it has not been packed.
 
@@ -94,7 +94,8 @@ class SharedSteps:
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
         links, contact = packed.model.links, packed.contact
-        differences = differences_of(method, judged=judged and links is not None)
+        differences = differences_of(
+            method, given=given, estimated=estimated, linked=links is not None)
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),

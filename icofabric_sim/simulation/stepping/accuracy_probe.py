@@ -50,7 +50,7 @@ _SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
 # Steps of a measurement at most, where a step is far below the fastest period.
 _LARGEST_MEASUREMENT = 2048
 # Radians of a step in smooth motion, up to which the order of all methods holds.
-SMOOTH_RAD = 0.5
+_SMOOTH_RAD = 0.5
 # Steps that measurements may take: so many at first, and this part of the steps of the run.
 # Larger where forces have kinks or shells touch.
 _FIRST_COST, _COST_PART, _KINKED_COST_PART = 15.0, 0.05, 0.15
@@ -94,7 +94,6 @@ class AccuracyProbe:
         self._weight = 0.0
         self._rounding_rate = 0.0  # [1/s] that is added to that
         self._cost = 0.0  # steps that measurements took
-        self.is_brief = False  # whether the last measurement was
         self.restart()
 
     def restart(self) -> None:
@@ -111,7 +110,7 @@ class AccuracyProbe:
         self.is_new, self.is_measured = True, False
         self.gap = 1
         self.checks_left = 1
-        self._weight, self.is_brief = 0.0, False
+        self._weight = 0.0
         self._since = self._begun = self._trajectory.time
 
     def rebase(self, time: float) -> None:
@@ -139,7 +138,6 @@ class AccuracyProbe:
             'weight': self._weight,
             'rounding_rate': self._rounding_rate,
             'cost': self._cost,
-            'is_brief': self.is_brief,
         }
 
     def load_state(self, tree: StateTree) -> None:
@@ -161,7 +159,6 @@ class AccuracyProbe:
         self._weight = tree.number('weight', 0.0)
         self._rounding_rate = tree.number('rounding_rate', 0.0)
         self._cost = tree.number('cost', 0.0)
-        self.is_brief = tree.flag('is_brief')
 
     def estimate(self, time: float) -> float:
         """
@@ -206,7 +203,9 @@ class AccuracyProbe:
     @property
     def reads_differences(self) -> bool:
         """Whether health checks read errors from differences of the present motion."""
-        return len(self._trajectory.work.weights) > 1 and (
+        trajectory = self._trajectory
+        # Differences that chosen steps follow have another order.
+        return len(trajectory.work.weights) == trajectory.method.order + 2 and (
             self.is_smooth or self._shows_kinks)
 
     def checks_to_difference(self, interval: int) -> int:
@@ -244,10 +243,6 @@ class AccuracyProbe:
         if self._shows_kinks:
             error *= _AT_KINKS
         return _MEAN_PART * error / (2.0 * math.sin(0.5 * angle)) ** (method.order + 1)
-
-    def roughness_of(self, rate: float, step: float) -> float:
-        """Difference in steps of `step` [s] that shows an error `rate` [1/s]."""
-        return rate * step / self.weight(step)
 
     def follow_forces(self) -> None:
         """Have errors measured where differences no longer show them, as forces may jump."""
@@ -329,9 +324,6 @@ class AccuracyProbe:
             self.gap = min(2 * self.gap, largest)
         past = (time - self._begun) / (part * unit) if unit > 0.0 else math.inf
         self.gap = max(int(min(self.gap, past)), first)
-        waiting = self._cost / _KINKED_COST_PART - self._trajectory.step_count
-        if waiting > 0.0 and unit > 0.0:
-            self.gap = max(self.gap, math.ceil(waiting * self._trajectory.step / unit))
 
     def end(self, error: float) -> None:
         """Keep the `error` rate that was measured."""
@@ -369,8 +361,8 @@ class AccuracyProbe:
         if at_first and self._rates.load_rate > 0.0:
             # A load may last a few steps only: none are lengthened.
             count = min(count, least)
-        elif self.reads_differences and (given or brief):
-            most = math.ceil(2.0 * math.pi / SMOOTH_RAD)
+        elif given and (self.is_smooth or self.reads_differences):
+            most = math.ceil(2.0 * math.pi / _SMOOTH_RAD)
         if count > most:
             longer = 2.0 * math.pi / fastest / most
             step, count, scale = longer, most, (step / longer) ** self._trajectory.order

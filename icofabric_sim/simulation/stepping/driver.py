@@ -114,12 +114,12 @@ class Driver:
         # accepts or refuses them, which locates events with a given step, too.
         is_adaptive = method.adaptive and not self._is_given
         is_embedded = is_adaptive or (method.adaptive and has_events)
-        # A run whose errors are not estimated is checked at the same steps.
-        differences = differences_of(method, judged=packed.model.links is not None)
-        is_judged = estimates_errors or not self._is_given
+        differences = differences_of(
+            method, linked=packed.model.links is not None, given=self._is_given,
+            estimated=estimates_errors)
         self.trajectory = Trajectory(
             packed, method, state, loads, origin=origin, step=fixed_step,
-            differences=differences if is_judged else 0,
+            differences=differences,
             energy_limit=energy_limit, half_edge=half_edge, thread_team=thread_team,
             control=EmbeddedControl(origin) if is_embedded else None,
             anchor_breaks=anchor_breaks)

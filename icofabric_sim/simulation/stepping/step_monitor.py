@@ -38,17 +38,24 @@ CHECK_INTERVAL = 64
 CLOSE_INTERVAL = 8
 # Given steps are checked after so many, unless a period has fewer.
 SHORTEST_INTERVAL = 8
+LARGEST_DIFFERENCE = 6
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
 
 
-def differences_of(method: Method, *, judged: bool) -> int:
+def differences_of(method: Method, *, linked: bool, given: bool, estimated: bool) -> int:
     """
-    Order of the differences by which the roughness of the motion is `judged`; 0: it is not.
+    Order of the differences by which the roughness of the motion is judged; 0: it is not.
 
-    Those of the first order that a splitting method gets wrong (accuracy_probe.py).
+    In fabrics that are `linked`. Where the step is `given` and its error `estimated` those of the
+    first order that a splitting method gets wrong (accuracy_probe.py); chosen steps follow those
+    of its own order, but of no more steps than there are between two health checks.
     """
-    return method.order + 1 if method.symplectic and judged else 0
+    if not (method.symplectic and linked):
+        return 0
+    if given:
+        return method.order + 1 if estimated else 0
+    return min(method.order, LARGEST_DIFFERENCE)
 
 
 class StepMonitor:
@@ -70,11 +77,11 @@ class StepMonitor:
         self.since_check = 0
         self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
         self._most_steps = max(self._longest // trajectory.method.stages, 1)
-        if differences:
-            # Whole windows of the steps by which the roughness of the motion is judged.
-            self._most_steps = -(-self._most_steps // differences) * differences
-        elif given and not obstruction.stops:
-            self._most_steps = max(self._most_steps, SHORTEST_INTERVAL)
+        # Where the step follows the roughness of the motion there is a whole difference before
+        # each check, so that a run goes back to where the motion was known to be smooth.
+        self._window = 1 if given else max(differences, 1)
+        self._least_steps = self._window if obstruction.stops or not given else SHORTEST_INTERVAL
+        self._most_steps = self._in_windows(max(self._most_steps, self._least_steps))
         # Steps that searches for contacts count as the time between two health checks.
         self.search_interval = self._most_steps
         self.interval = self.interval_with(trajectory.step)
@@ -84,18 +91,16 @@ class StepMonitor:
         Count the steps of `step` [s] between two health checks.
 
         No more than a shortest period of the fabric takes, or than what a health check costs
-        asks for. Implicit steps may be longer than that.
+        asks for; but for steps near the stability limit. Implicit steps may be longer than that.
         """
-        method, rate = self._trajectory.method, self._rates.fabric.rate
-        steps, least = self._most_steps, 1
-        if self._differences and method.stages < 4:
-            least = self._differences
-        if method.implicit:
-            return steps
-        turned = step * rate
-        if steps * turned > 2.0 * math.pi:
-            steps = int(2.0 * math.pi / turned)
-        return max(steps, least)
+        steps, turned = self._most_steps, step * self._rates.fabric.rate
+        if not self._trajectory.method.implicit and steps * turned > 2.0 * math.pi:
+            steps = self._in_windows(max(int(2.0 * math.pi / turned), self._least_steps))
+        return steps
+
+    def _in_windows(self, steps: int) -> int:
+        """At least so many `steps`, in whole differences if the step follows them."""
+        return -(-steps // self._window) * self._window
 
     def follow_step(self) -> None:
         """Choose the steps between two health checks for the present step."""
@@ -107,6 +112,9 @@ class StepMonitor:
         self.interval = self.interval_with(step)
         if self._is_given and self._rates.frequency.rate > self._rates.fabric.rate:
             self.interval = min(self.interval, self.search_interval)
+        if self._is_given and trajectory.packed.goes_slack:
+            # Errors of connectors that tighten are measured from check to check, in whole periods.
+            self.interval = self.search_interval
         self.since_check = min(self.since_check, self.interval - 1)
 
     def restart(self, *, exact: bool) -> None:

@@ -90,10 +90,10 @@ class DeviceSteps:
     """Steps of a method, taken on a device."""
 
     def __init__(
-        self, device: Device, packed: PackedScene, method: Method, *, judged: bool
+        self, device: Device, packed: PackedScene, method: Method, *, given: bool, estimated: bool
     ) -> None:
         """
-        Put the fabric on the device; `judged`: errors are, by the roughness of the motion.
+        Put the fabric on the device; `given`: the step is, and its error is `estimated`.
 
         Raises ValueError where it lacks memory.
         """
@@ -103,7 +103,7 @@ class DeviceSteps:
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
-            method, judged=judged and packed.model.links is not None)
+            method, given=given, estimated=estimated, linked=packed.model.links is not None)
         if self._follows_kinks:
             slots = packed.layout.slot_count
             put_crossings(self._fabric, slots, device)
@@ -516,7 +516,8 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
 
 
 def device_method(
-    device: Device, packed: PackedScene, name: str, *, judged: bool, later: str = ''
+    device: Device, packed: PackedScene, name: str, *, given: bool, estimated: bool,
+    later: str = ''
 ) -> Method:
     """
     Return the method `name` with steps that the device takes.
@@ -534,5 +535,5 @@ def device_method(
         pair = DevicePair(device, packed)
         return method._replace(
             advance=pair.advance, holder=pair, embedded=method.embedded._replace(take=pair.take))
-    steps = DeviceSteps(device, packed, method, judged=judged)
+    steps = DeviceSteps(device, packed, method, given=given, estimated=estimated)
     return method._replace(advance=steps.advance, holder=steps)

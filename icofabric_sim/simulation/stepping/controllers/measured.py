@@ -22,12 +22,13 @@ import math
 
 from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.stepping.accuracy_probe import AIM, SMOOTH_RAD
+from icofabric_sim.simulation.stepping.accuracy_probe import AIM
 from icofabric_sim.simulation.stepping.energy_swing import longest_ratio
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+from icofabric_sim.simulation.stepping.step_monitor import LARGEST_DIFFERENCE
 import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
@@ -190,15 +191,11 @@ class MeasuredStep:
             step = rounded_down(min(cap, errors.step))
         # What held steps short, contacts to come, says nothing of longer ones.
         longer = not through and step > _LONGEST * errors.measured_step
-        errors.follow_forces()
-        reads = errors.reads_differences
-        if probe or errors.is_new or (longer and not reads) or rates.load_rate > errors.load_rate:
+        if probe or errors.is_new or longer or rates.load_rate > errors.load_rate:
             if not probe:
                 trajectory.save()
             step = self._measure(
                 step, rounded_down(cap), rate, jumped=not probe, held=cap == contact)
-        else:
-            errors.read_differences(step, rate)
         if through:
             ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
             if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
@@ -275,7 +272,7 @@ class MeasuredStep:
         """
         ledger = self._pieces.trajectory.ledger
         if ledger.rough_limit == 0.0:
-            self._expect(ledger.rough, self._pieces.trajectory.step)
+            self._expect(ledger.rough)
             return None
         return _LARGEST * ledger.rough / ledger.rough_limit
 
@@ -319,23 +316,6 @@ class MeasuredStep:
         errors.begin()
         before = step
         step = min(step, cap)
-        rough, reads = trajectory.ledger.rough, errors.reads_differences
-        known_rate = errors.present_rate if reads and rough >= 0.0 and not jumped and (
-            not errors.is_new) else math.nan
-
-        long_error, long_step = math.nan, SMOOTH_RAD / fastest
-
-        def measured(step: float) -> float:
-            nonlocal long_error
-            if known_rate >= 0.0:
-                return known_rate * (step / trajectory.step) ** order
-            if not reads or step > long_step:
-                return errors.measured(step, fastest, brief=reads)
-            # Longer steps are measured in its place, the same for all.
-            if math.isnan(long_error):
-                long_error = errors.measured(long_step, fastest, brief=True)
-            return long_error * (step / long_step) ** order
-
         floor = errors.floor(fastest)
         touching = self._pieces.errors.touching
         known = math.inf if touching is None or jumped else touching.rate_with(step)
@@ -344,31 +324,28 @@ class MeasuredStep:
             errors.take_over()
             error = known
         else:
-            error = measured(step)
+            error = errors.measured(step, fastest)
         if math.isnan(error):
             # The next health check measures again, if the run comes to it.
             errors.add(errors.free_rate)
             errors.end(errors.rate)
             errors.checks_left = 1
             return step
-        change = 0.0 if reads else errors.add(errors.free_rate if jumped else error)
-        low = _SMALLEST
-        if errors.is_new or errors.is_brief:
-            # What is measured briefly is often too much.
-            low = (0.7 if errors.is_brief else 0.25) * AIM
+        change = errors.add(errors.free_rate if jumped else error)
+        low = _SMALLEST if not errors.is_new else 0.25 * AIM
         best = error, step
         for _ in range(_TRIES):
             if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
                 break
-            if error <= floor and not known_rate >= 0.0:
+            if error <= floor:
                 # Shorter steps only add roundings.
                 break
             wish = (AIM * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
-            other = min(rounded_down(step * min(max(
-                wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])), cap)
+            change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
+            other = min(rounded_down(step * change), cap)
             if other == step:
                 break
-            found = measured(other)
+            found = errors.measured(other, fastest)
             if math.isnan(found):
                 break
             if other < step and error <= found < math.inf and error <= _ROUNDINGS * floor:
@@ -380,6 +357,7 @@ class MeasuredStep:
         if error > max(_LARGEST * tolerance, best[0]):
             # Nothing tried is accurate enough.
             error, step = best
+        rough = trajectory.ledger.rough
         is_held = held and step >= cap
         largest = _LARGEST_GAP if rough >= 0.0 else _LARGEST_BLIND_GAP
         if is_held:
@@ -387,28 +365,25 @@ class MeasuredStep:
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
-            part=_SMOOTH_PARTS if reads else _PARTS)
-        errors.is_brief = reads and not known_rate >= 0.0
-        if reads:
-            errors.read_differences(step, fastest, error)
+            part=_SMOOTH_PARTS if rough >= 0.0 and self._shows_errors else _PARTS)
         errors.end(error)
         steps *= errors.gap
-        interval = self._pieces.monitor.interval_with(step)
-        errors.checks_left = errors.checks_to_difference(interval) if errors.is_brief else (
-            -(-steps // interval))
+        errors.checks_left = -(-steps // self._pieces.monitor.interval_with(step))
         errors.is_new = False
-        # Differences grow with the step as the error does, and as a step does.
-        self._expect(rough * (step / before) ** (order + 1), step)
+        # Differences grow with the step as the error does.
+        self._expect(rough * (step / before) ** order)
         errors.step, errors.measured_step = math.inf if step >= cap else step, step
         return step
 
-    def _expect(self, rough: float, step: float) -> None:
-        """Note how rough the motion is in steps of `step` [s]; more asks for a measurement."""
+    @property
+    def _shows_errors(self) -> bool:
+        """Whether the differences that are watched grow as the errors do."""
+        return self._pieces.errors.probe.is_smooth and (
+            self._pieces.trajectory.order <= LARGEST_DIFFERENCE)
+
+    def _expect(self, rough: float) -> None:
+        """Note how rough the motion is with the error that was measured; more asks for another."""
         errors, ledger = self._pieces.errors.probe, self._pieces.trajectory.ledger
-        if errors.reads_differences:
-            ledger.rough_limit = max(
-                errors.roughness_of(_LARGEST * errors.tolerance, step), _ROUGHER * rough)
-            return
         error = max(errors.rate, 1e-3 * AIM * errors.tolerance)
         room = max(_LARGEST * errors.tolerance / error, _ROUGHER)
         # Not known: the next health check will find out.
