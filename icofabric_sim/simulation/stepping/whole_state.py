@@ -46,7 +46,6 @@ class WholeState:
         if elsewhere is None:
             trajectory.refresh()
             return
-        trajectory.evaluations.add()
         with self._calls.or_lost():
             elsewhere.refresh(trajectory.time)
 
