@@ -91,7 +91,7 @@ test-long:
 	$(call stage,what pages say,.venv/bin/python benchmarks/claims.py)
 	$(call stage,$(EXAMPLES) times the random examples (pytest),ICOFABRIC_EXAMPLES=$(EXAMPLES) .venv/bin/python -m pytest -m examples $(ARGS))
 
-# On a quiet machine: 10 minutes for each commit, less with ARGS="--cases S1 --no-baseline".
+# On a quiet machine; ARGS="--cases S1 --no-baseline" takes less time.
 bench: REF ?= HEAD~1
 bench:
 	.ci/environment test

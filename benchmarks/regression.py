@@ -20,9 +20,9 @@ then the other, so that a drift of the machine's speed affects both. One thread;
 A round has several turns, of which the least time of each tree counts. The comparison fails if a
 case is slower than the limit in every round. A first round compiles kernels and does not count.
 
-At a load of 6 on 2 cores, single turns of two identical trees differ by factors of 0.6 to 1.7.
-`--rounds` is therefore at least 5, and a verdict needs a quiet machine: compare HEAD with HEAD to
-see what the machine adds.
+Single rounds of two identical trees differ by factors of 0.7 to 1.3 on 2 virtual cores at a load
+of 1, and of 0.6 to 1.7 at a load of 6. `--rounds` is therefore at least 5. Compare HEAD with HEAD
+to see what the machine adds.
 
 The number of steps of a fabric with contacts changes by a tenth with the last bits of the motion.
 So gravity differs by 1e-10 between rounds, and the range of the ratios includes these changes.

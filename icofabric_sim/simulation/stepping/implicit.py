@@ -184,6 +184,11 @@ class _Kept(NamedTuple):
     factors: Factors | None
 
 
+def _can_press(model: Model, loads: Loads) -> bool:
+    """Whether bodies on paths may press on others: shells are near each other or a plane."""
+    return loads.drives is not None and model.contacts is not None
+
+
 class ImplicitSteps:
     """Takes steps of a fabric by a diagonally implicit method."""
 
@@ -340,11 +345,12 @@ class ImplicitSteps:
         watch: Watch | None, start: float
     ) -> bool:
         """Find the power of paths where a step begins; return whether something touches there."""
-        if loads.drives is None or model.contacts is None:
+        if not _can_press(model, loads):
             return False
         slope_at(
             model, loads, state, work, trail, np.int64(len(self._tableau.stages)), team, watch,
             start, 0, len(model.blocks.slot))
+        assert model.contacts is not None
         return bool(model.contacts.deepest[0] > 0.0)
 
     def _work_error(
@@ -352,7 +358,7 @@ class ImplicitSteps:
     ) -> float:
         """Error of the work of paths for each second, see `path_error`; 0 if nothing touches."""
         weights = self._tableau.integral_error
-        if weights is None or loads.drives is None or model.contacts is None:
+        if weights is None or not _can_press(model, loads):
             return 0.0
         # Also if nothing touches, so that the kernel is ready before the first contact.
         error = float(path_error(
@@ -509,7 +515,7 @@ class ImplicitSteps:
             if not self._solve(look_at, model, saved, trail.stage, work, g, h):
                 return False
             ways.accept()
-            if loads.drives is not None and model.contacts is not None:
+            if model.contacts is not None and _can_press(model, loads):
                 self._has_touched = self._has_touched or model.contacts.deepest[0] > 0.0
         return True
 
