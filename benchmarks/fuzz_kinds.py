@@ -13,6 +13,7 @@
 # limitations under the License.
 """For fuzz.py: the kinds of input, how a case of each is made, and what must come of it."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
 import hashlib
@@ -420,14 +421,18 @@ class _Bags:
             _named(error, path)
             return REFUSED
         if result.verdict == 'identical':
+            content, lists = _content(path)
+            before, lists_before = self._content[source]
             # What was cut off at the end by a recovery is not there to be compared.
-            content, before = _content(path), self._content[source]
             if path.name == 'whole':
                 before = before[:len(content)]
-            if content != before:
+                lists_before = lists_before & lists
+            if (content, lists) != (before, lists_before):
                 raise Fault('it verifies as identical, and holds other messages: ' + next(
                     (f'{one[:2]} is {other[:2]}' for one, other in zip(before, content)
-                     if one != other), f'{len(content)} of {len(before)}'))
+                     if one != other),
+                    f'{len(content)} of {len(before)}, {lists.total()} of '
+                    f'{lists_before.total()} lists of connectors'))
             return TAKEN
         return REFUSED
 
@@ -472,9 +477,9 @@ def _named(error: BagError, *paths: Path) -> None:
         raise Fault(f'the error does not name the bag: {error}') from error
 
 
-def _content(path: Path) -> list[tuple[str, int, Any]]:
+def _content(path: Path) -> tuple[list[tuple[str, int, Any]], Counter[tuple[str, int, Any]]]:
     """
-    The messages of the run, in order; not what the recorder says of itself.
+    The messages of the run, in order, and lists of connectors; not the recorder's own.
 
     Of those that are not compared as bytes what they say: padding may be any, an input may lead
     to the same bits with a little other force, and where a checkpoint was saved is a note. Lists
@@ -483,8 +488,8 @@ def _content(path: Path) -> list[tuple[str, int, Any]]:
     with BagReader(path) as reader:
         found = [(topic, time, _said(topic, data)) for topic, time, data in reader.messages()
                 if topic != '/icofabric/recording' and b'checkpoint_saved' not in data]
-    lists = sorted(item for item in found if item[0] == '/icofabric/connectors')
-    return [item for item in found if item[0] != '/icofabric/connectors'] + lists
+    return ([item for item in found if item[0] != '/icofabric/connectors'],
+            Counter(item for item in found if item[0] == '/icofabric/connectors'))
 
 
 def _said(topic: str, data: bytes) -> Any:

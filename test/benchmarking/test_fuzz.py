@@ -15,9 +15,11 @@
 import csv
 import os
 from pathlib import Path
+import shutil
 import subprocess
 import sys
 
+from icofabric_sim.bag import BagReader, BagRecorder
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +43,32 @@ def test_every_case_is_refused_or_right(kind, tmp_path):
     assert int(row['cases']) == CASES[kind] * FACTOR and row['faults'] == '0'
     # Both ends are reached.
     assert int(row['refused']) > 0 and int(row['taken']) > 0
+
+
+@pytest.mark.parametrize('kept', [10, 11, 15])
+def test_a_recovered_start_of_a_bag_is_what_was_recorded(kept, tmp_path, monkeypatch):
+    """A recovery may end after any message, between the first connectors and energies too."""
+    monkeypatch.syspath_prepend(str(ROOT / 'benchmarks'))
+    import fuzz_kinds
+    with fuzz_kinds.KINDS['bags'].subject(tmp_path) as subject:
+        source, path = tmp_path / 'bag', tmp_path / 'whole'
+        with BagReader(source) as reader:
+            topics, found = reader.topics, list(reader.messages())
+        assert found[4][0] == found[9][0] == '/icofabric/connectors' and '/energy' in found[10][0]
+        for damage in (0, 1):
+            with BagRecorder(path) as recorder:
+                for name, entry in topics.items():
+                    recorder.add_topic(name, entry.type_name, latched=entry.latched,
+                                       depth=entry.depth or None)
+                for name, at, item in found[:kept]:
+                    recorder.write(name, at, item)
+            if damage:
+                subject._content = {source: ([], subject._content[source][1])}
+                with pytest.raises(fuzz_kinds.Fault, match='holds other messages'):
+                    subject._verify(source, path)
+            else:
+                assert subject._verify(source, path) == fuzz_kinds.TAKEN
+            shutil.rmtree(path)
 
 
 @pytest.mark.long
