@@ -26,7 +26,14 @@ from icofabric_sim.bag.storage import CONTINUED, PART
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.scene.summary import as_lines, Row, size_text, times, vector
+from icofabric_sim.scene.summary import (
+    as_lines,
+    evaluations_text,
+    Row,
+    size_text,
+    times,
+    vector,
+)
 import numpy as np
 
 # Inputs listed in the text of a summary; a joystick sends thousands.
@@ -191,19 +198,24 @@ class BagSummary:
         if 'tolerance' in self.custom:
             text = f'solver.tolerance is {self.number("tolerance"):g} per second'
             estimate, rate = self.number('error_estimate'), self.number('error_rate')
-            rows.append(('accuracy', f'not measured; {text}' if math.isnan(estimate) else (
+            lack = 'not estimated' if 'error_estimate' in self.custom else 'not measured'
+            rows.append(('accuracy', f'{lack}; {text}' if math.isnan(estimate) else (
                 f'errors of {estimate:.2g} added in all, lately {rate:.2g} per second (position '
                 f'over a, or rad); {text}')))
             lacks = self.custom.get('error_estimate_lacks', 'nothing')
-            if lacks != 'nothing':
+            if lacks != 'nothing' and not math.isnan(estimate):
                 rows.append(('', f'not covered by that: {lacks}'))
         if 'growth' in self.custom:
             at_least = self.custom.get('growth_is_at_least') == 'true'
             until = self.number('meaningful_until')
+            meaning = 'to its end' if until == math.inf else f'until t = {until:.4g} s'
             rows.append((
                 'growth', f'a small disturbance grew {times(self.number("growth"), at_least)}; '
-                'the trajectory means something ' + (
-                    'to its end' if until == math.inf else f'until t = {until:.4g} s')))
+                + ('what that makes of errors is not known, as they were not estimated'
+                   if math.isnan(until) else f'the trajectory means something {meaning}')))
+        if 'evaluation_count' in self.custom:
+            rows.append(('evaluations', evaluations_text(
+                self.number('evaluation_count'), self.number('estimation_count'))))
         if 'balance_worst' in self.custom:
             rows.append((
                 'balance', f'energy off by at most {self.number("balance_worst"):.1e} of the '

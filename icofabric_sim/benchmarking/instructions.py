@@ -21,6 +21,8 @@ import numba
 
 _LABEL = re.compile(r'(\.L[\w.$]+):')
 _INSTRUCTION = re.compile(r'\s+[a-z]')
+_SYMBOL = re.compile(r'^([^\s.#][^\s:]*):', re.MULTILINE)
+_LENGTH = re.compile(r'\d+')
 _JUMP = re.compile(r'\s+j[a-z]+\s+(\.L[\w.$]+)')
 
 
@@ -43,6 +45,32 @@ def loop_instructions(function: Callable[..., Any], *arguments: Any) -> int | No
     if not hasattr(kernel, 'inspect_asm'):
         return None
     return count_in_loops(next(iter(kernel.inspect_asm().values())))
+
+
+def functions_in_loops(listing: str) -> dict[str, int]:
+    """
+    Return the instructions in the loops of each function of a listing, by name.
+
+    Specialisations of a function have one name, and their instructions are added up. Entrances
+    for Python and C are left out.
+    """
+    found: dict[str, int] = {}
+    before, *bodies = listing.split('.cfi_startproc')
+    for body in bodies:
+        symbol, before = _SYMBOL.findall(before)[-1], body
+        if not symbol.startswith(('_ZN7cpython', 'cfunc.')):
+            name = _plain_name(symbol)
+            found[name] = found.get(name, 0) + (count_in_loops(f'.cfi_startproc{body}') or 0)
+    return {name: count for name, count in found.items() if count}
+
+
+def _plain_name(symbol: str) -> str:
+    """Return the last part of the qualified name in a symbol that Numba has mangled."""
+    rest, name = symbol.removeprefix('_ZN'), symbol
+    while (length := _LENGTH.match(rest)) is not None:
+        end = length.end() + int(length[0])
+        name, rest = rest[length.end():end], rest[end:]
+    return name
 
 
 def count_in_loops(listing: str) -> int | None:

@@ -15,6 +15,7 @@
 
 import argparse
 from contextlib import nullcontext
+import math
 from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
@@ -89,5 +90,7 @@ def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
 def _accuracy(simulation: 'Simulation') -> str:
     tolerance = simulation.scene.parameters['solver.tolerance']
     rate = simulation.status.error_rate
+    if math.isnan(rate):
+        return f'errors are not estimated; solver.tolerance is {tolerance:g} per second'
     return (f'errors of {rate:.2g} per second at the start (position over a, or rad); '
             f'solver.tolerance is {tolerance:g} per second')

@@ -20,7 +20,7 @@ from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.running.run_records import Errors, Status, step_limit
-from icofabric_sim.scene.summary import Row, size_text, times, vector
+from icofabric_sim.scene.summary import evaluations_text, Row, size_text, times, vector
 from icofabric_sim.simulation.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
@@ -45,6 +45,7 @@ def run_summary(
         ('scene', f'{name}: {size_text(scene)}'),
         *method_rows(simulation),
         ('run', _pace(scene.body_count, status, wall, aside)),
+        ('evaluations', evaluations_text(status.evaluations, status.estimations)),
         *_kept(monitor, status),
         *_compiler(compiling),
         *([] if errors is None else accuracy_rows(simulation, errors, growth)),
@@ -111,11 +112,15 @@ def accuracy_rows(
     parameters = simulation.scene.parameters
     tolerance = parameters['solver.tolerance']
     given = parameters['solver.step'] > 0.0
-    text = (f'{errors.estimate:.2g} added in all, lately {errors.rate:.2g} per second (position '
-            f'over a, or rad); solver.tolerance is {tolerance:g} per second')
+    is_estimated = not math.isnan(errors.estimate)
+    text = 'not estimated, as solver.error_estimate is false'
+    if is_estimated:
+        text = (f'{errors.estimate:.2g} added in all, lately {errors.rate:.2g} per second '
+                '(position over a, or rad)')
+    text += f'; solver.tolerance is {tolerance:g} per second'
     if errors.rate > tolerance:
         text += ': not met by the step that was given' if given else ': not met'
-    lacks = simulation.status.error_estimate_lacks
+    lacks = simulation.status.error_estimate_lacks if is_estimated else ''
     return [('accuracy', text), *([('', f'not covered by that: {lacks}')] if lacks else []), *(
         [('growth', 'not measured')] if growth is None
         else growth_rows(growth, 0.0 if given else tolerance))]
@@ -127,6 +132,9 @@ def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
     if growth.ended:
         text += f' until t = {growth.time[-1]:.6g} s, when {growth.ended}'
     until = growth.meaningful_until
+    if math.isnan(until):
+        return [('growth', f'{text}; what that makes of errors is not known, as they were not '
+                           'estimated')]
     if not growth.is_sensitive:
         basis = 'errors' if tolerance == 0.0 else 'tolerance'
         end = 'the error then' if growth.ended else 'the final error'

@@ -58,14 +58,15 @@ def figures_room(block_count: int, size: int) -> np.ndarray:
 
 @compiled
 def note_figures(
-    model: Model, loads: Loads | None, state: State, work: Work, time: float, looks_inside: bool,
-    first: int, last: int, end: int
+    model: Model, loads: Loads | None, state: State, work: Work, time: float, limit: float,
+    looks_inside: bool, first: int, last: int, end: int
 ) -> None:
     """
     Add up groups first to last of `work.group` blocks, none from block `end` on.
 
-    Into `work.figures`, at `time` [s], with attachment points in place. `looks_inside`: count
-    connectors in shells.
+    Into `work.figures`, at `time` [s], with attachment points in place. Up to the `limit`
+    [1/s^2] a coarse bound of the squared frequency will do. `looks_inside`: count connectors in
+    shells.
     """
     for group in range(first, last):
         row = work.figures[group]
@@ -76,11 +77,11 @@ def note_figures(
         linked, bent, field, anchored, tensions = zero, zero, zero, zero, zero
         for block in range(begin, stop):
             s = model.blocks.slot[block]
+            more, part = anchored_part(loads, model, state, block, s, time)
             bound, straight, around, potential, pulls = bound_and_energies(
-                model, state, work, block, s)
+                model, state, work, block, s, splat(limit) - more)
             linked, bent, field = linked + straight, bent + around, field + potential
             tensions = tensions + pulls
-            more, part = anchored_part(loads, model, state, block, s, time)
             bound, anchored = bound + more, anchored + part
             largest = maximum(bound, largest)
             square = zero

@@ -25,6 +25,7 @@ from icofabric_sim.kernels.records import LawTables, Links, Model, State, Variet
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import (
+    any_lane,
     bits,
     fabs,
     fma,
@@ -47,7 +48,7 @@ Block = tuple[Row, Row, Row, Row, Row, Row]
 @compiled
 def block_bound(
     links: Links | None, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
-    position: np.ndarray, block: int, s: int
+    position: np.ndarray, block: int, s: int, limit: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """
     Bound of the squared frequency [1/s^2] for each body of a block; connector energy and tension.
@@ -56,36 +57,28 @@ def block_bound(
     is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
     du_i = dx_i + dtheta_i x s_i. From (x - y)^2 <= 2 x^2 + 2 y^2 it is at most the sum over both
     ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2 + |f| |s| |dtheta_i|^2, a block-diagonal form:
-    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Each 6 x 6
-    block is bounded by the largest absolute row sum of its square. In the woven rest state the
-    bound is close, because neighbours that move against each other make (x - y)^2 =
-    2 x^2 + 2 y^2. Half of each connector's energy [J] and of the magnitude of its tension [N]
-    counts for either end.
+    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Where the trace
+    of its first part, at most 2 k (1/m + s^2/Lambda) for each connector, proves that this is at
+    most the `limit` [1/s^2], the trace is the bound; else see `stiffest_direction`. Half of each
+    connector's energy [J] and of the magnitude of its tension [N] counts for either end.
     """
     zero = splat(0.0)
     energy = zero
     if links is None:
         return zero, energy, zero
     else:
-        root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
         stride = position.shape[1]
         square = links.half_width ** 2
         stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
         # |du_i|^2 <= (|dx| + |s| |dtheta|)^2 <= (1/m + s^2/Lambda) |y|^2 by Cauchy and Schwarz,
         # y mass-scaled.
-        spread = splat(2.0 * (inverse_mass + square * inverse_inertia))
+        spread = splat(inverse_mass + square * inverse_inertia)
         moment = splat(links.half_width * inverse_inertia)
-        tension, pulls = zero, zero
-        b00, b01, b02, b03, b04, b05 = zero, zero, zero, zero, zero, zero
-        b11, b12, b13, b14, b15, b22 = zero, zero, zero, zero, zero, zero
-        b23, b24, b25, b33, b34, b35 = zero, zero, zero, zero, zero, zero
-        b44, b45, b55 = zero, zero, zero
+        tension, pulls, trace = zero, zero, zero
         for edge in range(6):
             at = 3 * edge * stride + s
             px, py = load_at(points, at), load_at(points, at + stride)
             pz = load_at(points, at + 2 * stride)
-            sx, sy, sz = arm_of(links.attachment, points, position, edge, s)
-            sx, sy, sz = sx * splat(root_i), sy * splat(root_i), sz * splat(root_i)
             for link in range(2 * edge, 2 * edge + 2):
                 place = links.place[block, link]
                 there = bits(links.present[block, link])
@@ -94,7 +87,7 @@ def block_bound(
                 uz = load_at(points, place + 2 * stride) - pz
                 squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
                 inverse = where(there, rsqrt(squared), zero)
-                stretch, pull, root_k = bound_parts(
+                stretch, pull, slope = bound_parts(
                     links.variety, link, s, squared, inverse, stiffness, minus_rest)
                 pull = tabled_pull(
                     links.tables, links.variety, link, s, squared * inverse, pull)
@@ -104,27 +97,69 @@ def block_bound(
                     energy)
                 tension = fma(maximum(pull, zero), inverse, tension)
                 pulls = pulls + fabs(pull)
-                weight = inverse * root_k
-                nx, ny, nz = ux * weight, uy * weight, uz * weight
-                r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
-                r3, r4, r5 = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
-                b00, b01, b02 = fma(r0, r0, b00), fma(r0, r1, b01), fma(r0, r2, b02)
-                b03, b04, b05 = fma(r0, r3, b03), fma(r0, r4, b04), fma(r0, r5, b05)
-                b11, b12, b13 = fma(r1, r1, b11), fma(r1, r2, b12), fma(r1, r3, b13)
-                b14, b15, b22 = fma(r1, r4, b14), fma(r1, r5, b15), fma(r2, r2, b22)
-                b23, b24, b25 = fma(r2, r3, b23), fma(r2, r4, b24), fma(r2, r5, b25)
-                b33, b34, b35 = fma(r3, r3, b33), fma(r3, r4, b34), fma(r3, r5, b35)
-                b44, b45, b55 = fma(r4, r4, b44), fma(r4, r5, b45), fma(r5, r5, b55)
-        block_rows = (
-            (b00, b01, b02, b03, b04, b05), (b01, b11, b12, b13, b14, b15),
-            (b02, b12, b22, b23, b24, b25), (b03, b13, b23, b33, b34, b35),
-            (b04, b14, b24, b34, b44, b45), (b05, b15, b25, b35, b45, b55))
-        largest = largest_of_block(block_rows)
-        # Where connectors have their own laws, the roots of their stiffnesses are in the sums.
+                trace = trace + where(there, slope, zero)
+        # Where connectors have their own laws, their stiffnesses are in the sums.
         twice = splat(2.0 * links.stiffness if links.variety is None else 2.0)
-        bound = fma(twice, largest, fma(spread, tension, moment * pulls))
+        rest = fma(spread + spread, tension, moment * pulls)
+        bound = fma(twice * spread, trace, rest)
+        if any_lane(bound > limit):
+            bound = fma(twice, stiffest_direction(
+                links, inverse_mass, inverse_inertia, points, position, block, s), rest)
         share = 0.25 * links.stiffness if links.variety is None else 0.25
         return bound, energy * splat(share), splat(0.5) * pulls
+
+
+@compiled
+def stiffest_direction(
+    links: Links, inverse_mass: float, inverse_inertia: float, points: np.ndarray,
+    position: np.ndarray, block: int, s: int
+) -> Vector:
+    """
+    Bound of the largest eigenvalue of the sum of k (n.du)^2 of the connectors of each body.
+
+    In mass-scaled coordinates, over the stiffness where that of all is the same. Each 6 x 6 block
+    is bounded by the largest absolute row sum of its square. In the woven rest state the bound is
+    close, because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
+    """
+    zero = splat(0.0)
+    root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
+    stride = position.shape[1]
+    stiffness, minus_rest = splat(links.stiffness), splat(-links.natural_length)
+    b00, b01, b02, b03, b04, b05 = zero, zero, zero, zero, zero, zero
+    b11, b12, b13, b14, b15, b22 = zero, zero, zero, zero, zero, zero
+    b23, b24, b25, b33, b34, b35 = zero, zero, zero, zero, zero, zero
+    b44, b45, b55 = zero, zero, zero
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        px, py = load_at(points, at), load_at(points, at + stride)
+        pz = load_at(points, at + 2 * stride)
+        sx, sy, sz = arm_of(links.attachment, points, position, edge, s)
+        sx, sy, sz = sx * splat(root_i), sy * splat(root_i), sz * splat(root_i)
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            there = bits(links.present[block, link])
+            ux = load_at(points, place) - px
+            uy = load_at(points, place + stride) - py
+            uz = load_at(points, place + 2 * stride) - pz
+            squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
+            inverse = where(there, rsqrt(squared), zero)
+            _, _, slope = bound_parts(
+                links.variety, link, s, squared, inverse, stiffness, minus_rest)
+            weight = inverse * root_of(links.variety, slope)
+            nx, ny, nz = ux * weight, uy * weight, uz * weight
+            r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
+            r3, r4, r5 = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+            b00, b01, b02 = fma(r0, r0, b00), fma(r0, r1, b01), fma(r0, r2, b02)
+            b03, b04, b05 = fma(r0, r3, b03), fma(r0, r4, b04), fma(r0, r5, b05)
+            b11, b12, b13 = fma(r1, r1, b11), fma(r1, r2, b12), fma(r1, r3, b13)
+            b14, b15, b22 = fma(r1, r4, b14), fma(r1, r5, b15), fma(r2, r2, b22)
+            b23, b24, b25 = fma(r2, r3, b23), fma(r2, r4, b24), fma(r2, r5, b25)
+            b33, b34, b35 = fma(r3, r3, b33), fma(r3, r4, b34), fma(r3, r5, b35)
+            b44, b45, b55 = fma(r4, r4, b44), fma(r4, r5, b45), fma(r5, r5, b55)
+    return largest_of_block((
+        (b00, b01, b02, b03, b04, b05), (b01, b11, b12, b13, b14, b15),
+        (b02, b12, b22, b23, b24, b25), (b03, b13, b23, b33, b34, b35),
+        (b04, b14, b24, b34, b44, b45), (b05, b15, b25, b35, b45, b55)))
 
 
 @inlined
@@ -135,21 +170,43 @@ def largest_of_block(rows: Block) -> Vector:
     A largest absolute row sum bounds every eigenvalue; of the square it is closer to the largest,
     as the others count less: 1.1 instead of 1.2 times it where a fabric moves.
     """
-    most = splat(0.0)
-    scale = splat(0.0)
-    for k in range(6):
-        scale = maximum(scale, rows[k][k])
+    # No loop counts places of these tuples: each would be found by a jump.
+    first, second, third, fourth, fifth, sixth = rows
+    scale = maximum(maximum(first[0], second[1]), maximum(third[2], fourth[3]))
+    scale = maximum(scale, maximum(fifth[4], sixth[5]))
     # Squares of what may be large or small: in parts of the largest on the diagonal.
     inverse = splat(1.0) / maximum(scale, splat(1e-300))
-    for k in range(6):
-        total = splat(0.0)
-        for m in range(6):
-            entry = splat(0.0)
-            for n in range(6):
-                entry = fma(rows[k][n] * inverse, rows[n][m] * inverse, entry)
-            total = total + fabs(entry)
-        most = maximum(most, total)
+    first, second, third = times(first, inverse), times(second, inverse), times(third, inverse)
+    fourth, fifth, sixth = times(fourth, inverse), times(fifth, inverse), times(sixth, inverse)
+    e01, e02, e03 = along(first, second), along(first, third), along(first, fourth)
+    e04, e05, e12 = along(first, fifth), along(first, sixth), along(second, third)
+    e13, e14, e15 = along(second, fourth), along(second, fifth), along(second, sixth)
+    e23, e24, e25 = along(third, fourth), along(third, fifth), along(third, sixth)
+    e34, e35, e45 = along(fourth, fifth), along(fourth, sixth), along(fifth, sixth)
+    most = maximum(
+        along(first, first) + e01 + e02 + e03 + e04 + e05,
+        e01 + along(second, second) + e12 + e13 + e14 + e15)
+    most = maximum(most, e02 + e12 + along(third, third) + e23 + e24 + e25)
+    most = maximum(most, e03 + e13 + e23 + along(fourth, fourth) + e34 + e35)
+    most = maximum(most, e04 + e14 + e24 + e34 + along(fifth, fifth) + e45)
+    most = maximum(most, e05 + e15 + e25 + e35 + e45 + along(sixth, sixth))
     return scale * sqrt(most)
+
+
+@inlined
+def times(row: Row, factor: Vector) -> Row:
+    """Multiply a row by a factor."""
+    return (
+        row[0] * factor, row[1] * factor, row[2] * factor, row[3] * factor, row[4] * factor,
+        row[5] * factor)
+
+
+@inlined
+def along(first: Row, second: Row) -> Vector:
+    """Magnitude of the scalar product of two rows."""
+    value = fma(first[2], second[2], fma(first[1], second[1], first[0] * second[0]))
+    return fabs(fma(first[5], second[5], fma(first[4], second[4], fma(
+        first[3], second[3], value))))
 
 
 @compiled
@@ -158,7 +215,7 @@ def bound_parts(
     stiffness: Vector, minus_rest: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """
-    Stretch [m], tension [N] and root of the largest slope of a connector, 1 where all are alike.
+    Stretch [m], tension [N] and largest slope [N/m] of a connector, 1 where all are alike.
 
     The larger of k_e and k_c counts: between two looks a connector may come from one to the other.
     """
@@ -169,7 +226,16 @@ def bound_parts(
         k, rest = slope_of(variety, link, s, squared)
         stretch = squared * inverse - rest
         most = maximum(load(variety.extension, link, s), load(variety.compression, link, s))
-        return stretch, k * stretch, sqrt(most)
+        return stretch, k * stretch, most
+
+
+@compiled
+def root_of(variety: Variety | None, slope: Vector) -> Vector:
+    """Square root of a slope, which is 1 where all connectors are alike."""
+    if variety is None:
+        return slope
+    else:
+        return sqrt(slope)
 
 
 @compiled
@@ -199,17 +265,15 @@ def energy_part(
 
 @compiled
 def bound_and_energies(
-    model: Model, state: State, work: Work, block: int, s: int
+    model: Model, state: State, work: Work, block: int, s: int, limit: Vector
 ) -> tuple[Vector, Vector, Vector, Vector, Vector]:
     """
     Bound of the squared frequency [1/s^2] of each body of a block, and its stored energies [J].
 
     Those of connectors, of moments and ways around shells, and of fields; then the magnitudes of
-    tensions [N]. Of a sum of energies the bound is the sum of their bounds.
+    tensions [N]. Of a sum of energies the bound is the sum of their bounds. Up to the `limit`
+    [1/s^2] a coarse bound will do.
     """
-    bound, linked, pulls = block_bound(
-        model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
-        block, s)
     more, bent = bending_look(
         model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
         state.orientation, work.points, block, s)
@@ -223,9 +287,11 @@ def bound_and_energies(
     arms, held = maxwell_look(
         model.maxwell, model.links, model.inverse_mass, model.inverse_inertia, state.rest,
         work.points, state.position.shape[1], block, s)
-    return (
-        bound + more + most + field + around + arms, linked + held, bent + twisted + wound,
-        potential, pulls)
+    others = more + most + field + around + arms
+    bound, linked, pulls = block_bound(
+        model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
+        block, s, limit - others)
+    return bound + others, linked + held, bent + twisted + wound, potential, pulls
 
 
 @compiled
@@ -240,7 +306,7 @@ def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: in
     largest = splat(0.0)
     for block in range(first, last):
         bound, _, _, _, _ = bound_and_energies(
-            model, state, work, block, model.blocks.slot[block])
+            model, state, work, block, model.blocks.slot[block], splat(-1.0))
         largest = maximum(bound, largest)
     return largest_lane(largest)
 

@@ -64,7 +64,7 @@ UNSOUND = NOT_FINITE | UNBALANCED
 # [rad/s], the largest spin [rad/s], energies [J] and the work [J] of the present loads.
 RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
 # What is asked of it: RATE_HIGH above, RATE_LOW below, LIVELIER where the kinetic energy [J] is
-# above.
+# above. Where LOW is 0 the bound is coarse as long as that keeps the rate below HIGH.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
 # The balance: energy less work and with what was spent at the start, height at the start [J],
 # the largest sum of the magnitudes of what moves, was exchanged or was done [J], the largest error
@@ -101,7 +101,9 @@ TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51
 # (kernels/contact/stiffness.py), the part of the scale up to which it may (inf: it is not asked
 # for), and the part of the longest step that is left because of that.
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
-LEDGER_COUNT = 56
+# Roughness at the last check that knew it, its sum over steps, and steps not yet part of the sum.
+STEADY_ROUGH, ROUGH_SUM, UNCOUNTED = 56, 57, 58
+LEDGER_COUNT = 59
 # Evaluations of the forces between two looks, or somewhat more: each rounds places once.
 _ROUNDINGS = 100.0
 
@@ -117,8 +119,8 @@ def examine(
     """
     blocks = model.blocks.slot.shape[0]
     note_figures(
-        model, loads, state, work, time, looks_inside(ledger), 0, work.figures.shape[0] - 1,
-        blocks)
+        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), 0,
+        work.figures.shape[0] - 1, blocks)
     return conclude(model, state, work.figures, ledger)
 
 
@@ -130,9 +132,23 @@ def note_own(
     """Have a thread note its share of the figures; all have been noted at the end."""
     first, last = own_blocks(team, work.figures.shape[0] - 1)
     note_figures(
-        model, loads, state, work, time, looks_inside(ledger), first, last,
+        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), first, last,
         model.blocks.slot.shape[0])
     wait_for_all(team)
+
+
+@compiled
+def coarse_up_to(ledger: np.ndarray) -> float:
+    """
+    Squared frequency [1/s^2] of a body up to which a coarse bound will do; below 0: none.
+
+    So that the next look finds RATE_HIGH only where the close bound does, as long as the spin has
+    not grown by a quarter since the last one.
+    """
+    left = ledger[HIGH] - 1.25 * ledger[SPIN_WEIGHT] * ledger[SPIN]
+    if ledger[LOW] > 0.0 or not left > 0.0:
+        return -1.0
+    return left * left - ledger[CONTACT_RATE]
 
 
 @compiled
@@ -242,13 +258,26 @@ def roughness(work: Work, ledger: np.ndarray) -> float:
 
 @compiled
 def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
-    """ROUGHER where the motion has become so; needs `interval` steps of one length."""
-    ledger[ROUGH] = -1.0
-    roughest = ledger[ROUGHEST]
+    """
+    ROUGHER where the motion has become so; needs a whole difference of steps of one length.
+
+    After `interval` steps in which none came to its end what was known stays.
+    """
+    roughest, steady = ledger[ROUGHEST], ledger[STEADY_ROUGH]
     ledger[ROUGHEST] = 0.0
-    if work.weights.shape[0] < 2 or ledger[REGULAR] < interval:
+    count, ledger[UNCOUNTED] = ledger[UNCOUNTED], 0.0
+    differences = work.weights.shape[0] - 1
+    if differences < 1 or ledger[REGULAR] < differences:
+        ledger[ROUGH] = -1.0
+        ledger[ROUGH_SUM] += steady * count
         return 0
-    ledger[ROUGH] = roughest
+    before = max(ledger[REGULAR] - interval, 0.0)
+    if ledger[REGULAR] // differences == before // differences:
+        ledger[ROUGH_SUM] += steady * count
+        return 0
+    # At least what was expected, so that a sum that is shown never falls.
+    ledger[ROUGH_SUM] += max(steady, 0.5 * (steady + roughest)) * count
+    ledger[STEADY_ROUGH] = ledger[ROUGH] = roughest
     return ROUGHER if ledger[ROUGH] > ledger[ROUGH_LIMIT] else 0
 
 

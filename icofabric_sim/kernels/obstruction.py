@@ -25,6 +25,7 @@ vertex and outside. A point inside the shell has its connector inside from the s
 
 from typing import Any
 
+from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.outlines import edge_point
 from icofabric_sim.kernels.records import Blocks, Connectors, Links, Shells
 from icofabric_sim.kernels.rotations import axes_of_lanes
@@ -76,22 +77,26 @@ def obstructed_in(
     """How many enter the shells of a block."""
     zero, one = splat(0.0), splat(1.0)
     total = zero
-    for link in range(12):
-        edge = link >> 1
-        at, place = 3 * edge * stride + s, links.place[block, link]
-        ux = load_at(points, place) - load_at(points, at)
-        uy = load_at(points, place + stride) - load_at(points, at + stride)
-        uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-        inside = where(
-            enters_from(shells, orientation, points, stride, edge, s, ux, uy, uz), one, zero)
-        total = total + where(bits(links.present[block, link]), inside, zero)
+    for edge in range(6):
+        at = 3 * edge * stride + s
+        px, py = load_at(points, at), load_at(points, at + stride)
+        pz = load_at(points, at + 2 * stride)
+        axes = axes_at(shells, points, stride, edge, s)
+        for link in range(2 * edge, 2 * edge + 2):
+            place = links.place[block, link]
+            ux = load_at(points, place) - px
+            uy = load_at(points, place + stride) - py
+            uz = load_at(points, place + 2 * stride) - pz
+            inside = where(
+                enters_from(shells, orientation, axes, edge, s, ux, uy, uz), one, zero)
+            total = total + where(bits(links.present[block, link]), inside, zero)
     return total
 
 
 @compiled
 def enters_from(
-    shells: Shells | None, orientation: np.ndarray, points: np.ndarray, stride: int, edge: int,
-    s: int, ux: Vector, uy: Vector, uz: Vector
+    shells: Shells | None, orientation: np.ndarray, axes: Six, edge: int, s: int, ux: Vector,
+    uy: Vector, uz: Vector
 ) -> Any:
     """
     Mask of the bodies at slot `s` whose shells a connector enters that leads this way [m].
@@ -99,7 +104,7 @@ def enters_from(
     From the attachment point at the named `edge`: its midpoint where `shells` are None.
     """
     if shells is None:
-        return enters_lanes(points, stride, edge, s, ux, uy, uz)
+        return enters_lanes(axes, ux, uy, uz)
     else:
         return clips_lanes(shells, orientation, edge, s, ux, uy, uz)
 
@@ -156,25 +161,35 @@ def body_deeper(deeper: np.ndarray | None, depth: float, on_face: float, b: int)
 
 
 @compiled
-def enters_lanes(
-    points: np.ndarray, stride: int, edge: int, s: int, ux: Vector, uy: Vector, uz: Vector
-) -> Any:
+def axes_at(
+    shells: Shells | None, points: np.ndarray, stride: int, edge: int, s: int
+) -> Six:
     """
-    Mask of the bodies at slot `s` whose shells a connector enters that leads this way.
+    Axes [m] of the bodies at slot `s` along and across a named `edge`, where `shells` are None.
 
-    From the midpoint of the named `edge`.
+    As differences of attachment points, which are edge midpoints then.
     """
+    if shells is not None:
+        zero = splat(0.0)
+        return zero, zero, zero, zero, zero, zero
     pair = edge >> 1
     at = 3 * edge * stride + s
     across = (6 * pair + 3 * (1 - (edge & 1))) * stride + s
     # The edges up and down have the axis x across them, north and south y, west and east z.
     side = 6 * ((pair + 1) % 3) * stride + s
-    ax = load_at(points, at) - load_at(points, across)
-    ay = load_at(points, at + stride) - load_at(points, across + stride)
-    az = load_at(points, at + 2 * stride) - load_at(points, across + 2 * stride)
-    tx = load_at(points, side) - load_at(points, side + 3 * stride)
-    ty = load_at(points, side + stride) - load_at(points, side + 4 * stride)
-    tz = load_at(points, side + 2 * stride) - load_at(points, side + 5 * stride)
+    return (
+        load_at(points, at) - load_at(points, across),
+        load_at(points, at + stride) - load_at(points, across + stride),
+        load_at(points, at + 2 * stride) - load_at(points, across + 2 * stride),
+        load_at(points, side) - load_at(points, side + 3 * stride),
+        load_at(points, side + stride) - load_at(points, side + 4 * stride),
+        load_at(points, side + 2 * stride) - load_at(points, side + 5 * stride))
+
+
+@compiled
+def enters_lanes(axes: Six, ux: Vector, uy: Vector, uz: Vector) -> Any:
+    """Mask of the bodies whose shells a connector enters that leads this way [m] from an edge."""
+    ax, ay, az, tx, ty, tz = axes
     out = fma(ux, ax, fma(uy, ay, uz * az))
     beside = fabs(fma(ux, tx, fma(uy, ty, uz * tz)))
     return fma(splat(LEAN), beside, out) < splat(-ALONG) * beside

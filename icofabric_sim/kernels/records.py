@@ -565,8 +565,9 @@ class Kinks(Record):
     uniform: np.ndarray
     # (2,) stiffness [N/m] and natural length [m] of all connectors in this step; 0: not alike
     alike: np.ndarray
-    # (2,) least distance [m] of a connector from its kink in the state that is kept, 0: none is;
-    # and 1 or -1 where all were longer, or all shorter, than by nature
+    # (3,) least distance [m] of a connector from its kink in the state that is kept, 0: none is;
+    # 1 or -1 where all were longer, or all shorter, than by nature; and how many steps had
+    # crossings, each of which evaluates the forces once more
     margin: np.ndarray
     kept_position: np.ndarray  # (3, s) [m]
     kept_orientation: np.ndarray  # (4, s) or (9, s)

@@ -38,7 +38,7 @@ from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.profiles import factor_of
 from icofabric_sim.kernels.records import Drives, Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise, rows_of
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fma,
@@ -51,6 +51,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     splat,
     store,
     store_at,
+    Vector,
     where,
 )
 from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
@@ -192,13 +193,71 @@ def combine(
     source: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State, s: int
 ) -> None:
     """Y + h sum of w_j slope_j of a block, for as many slopes as there are weights."""
-    turn = rows_of(source.orientation)
-    row = combine_rows(source.position, slopes, 0, weights, h, target.position, s)
-    row = combine_rows(turn, slopes, row, weights, h, rows_of(target.orientation), s)
-    row = combine_rows(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
-    row = combine_rows(
-        source.angular_velocity, slopes, row, weights, h, target.angular_velocity, s)
-    combine_rest(source.rest, slopes, row, weights, h, target.rest, s)
+    turn, target_turn = source.orientation, target.orientation
+    combine_three(source.position, slopes, 0, weights, h, target.position, s)
+    if turn.ndim == 2:
+        combine_three(turn, slopes, 3, weights, h, target_turn, s)
+        total = sum_one(slopes, 6, weights, s)
+        store(target_turn, 3, s, fma(splat(h), total, load(turn, 3, s)))
+        combine_velocities(source, slopes, 7, weights, h, target, s)
+    else:
+        for i in range(3):
+            combine_three(turn[i], slopes, 3 + 3 * i, weights, h, target_turn[i], s)
+        combine_velocities(source, slopes, 12, weights, h, target, s)
+
+
+@inlined
+def combine_velocities(
+    source: State, slopes: np.ndarray, row: int, weights: np.ndarray, h: float, target: State,
+    s: int
+) -> None:
+    """Combine velocities and spins, from slope `row` on, and what follows them."""
+    combine_three(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
+    combine_three(source.angular_velocity, slopes, row + 3, weights, h, target.angular_velocity, s)
+    combine_rest(source.rest, slopes, row + 6, weights, h, target.rest, s)
+
+
+@inlined
+def combine_three(
+    source: np.ndarray, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
+    target: np.ndarray, s: int
+) -> None:
+    """Combine the first three rows of an array."""
+    x, y, z = sum_three(slopes, row, weights, s)
+    step = splat(h)
+    store(target, 0, s, fma(step, x, load(source, 0, s)))
+    store(target, 1, s, fma(step, y, load(source, 1, s)))
+    store(target, 2, s, fma(step, z, load(source, 2, s)))
+
+
+@inlined
+def sum_three(
+    slopes: np.ndarray, row: int, weights: np.ndarray, s: int
+) -> tuple[Vector, Vector, Vector]:
+    """
+    Return the sums of w_j slope_j of three rows of a block, for as many slopes as weights.
+
+    Three rows at once, because the additions of one row wait for each other.
+    """
+    x, y, z = splat(0.0), splat(0.0), splat(0.0)
+    for j in range(weights.shape[0]):
+        # Many weights of high-order methods are 0.
+        if weights[j] != 0.0:
+            weight, slope = splat(weights[j]), slopes[j]
+            x = fma(weight, load(slope, row, s), x)
+            y = fma(weight, load(slope, row + 1, s), y)
+            z = fma(weight, load(slope, row + 2, s), z)
+    return x, y, z
+
+
+@inlined
+def sum_one(slopes: np.ndarray, row: int, weights: np.ndarray, s: int) -> Vector:
+    """Return the sum of w_j slope_j of one row of a block."""
+    total = splat(0.0)
+    for j in range(weights.shape[0]):
+        if weights[j] != 0.0:
+            total = fma(splat(weights[j]), load(slopes[j], row, s), total)
+    return total
 
 
 @compiled
@@ -272,25 +331,22 @@ def step_error(
     `smooth`.
     """
     zero = splat(0.0)
-    largest_5, largest_3, all_squares = zero, zero, zero
-    row = 0
-    for part in range(4):
-        rows = turn_rows if part == 1 else 3
-        square_5, square_3 = zero, zero
-        for k in range(row, row + rows):
-            first, second = zero, zero
-            for j in range(error_5.shape[0]):
-                value = load(slopes[j], k, s)
-                if error_5[j] != 0.0:
-                    first = fma(splat(error_5[j]), value, first)
-                if error_3[j] != 0.0:
-                    second = fma(splat(error_3[j]), value, second)
-            square_5 = fma(first, first, square_5)
-            square_3 = fma(second, second, square_3)
-        row += rows
-        all_squares = all_squares + (square_5 + square_3)
-        largest_5 = maximum(splat(scales[part]) * square_5, largest_5)
-        largest_3 = maximum(splat(scales[part]) * square_3, largest_3)
+    place_5 = squares_of_three(slopes, 0, error_5, s)
+    place_3 = squares_of_three(slopes, 0, error_3, s)
+    turn_5 = squares_of_turn(slopes, turn_rows, error_5, s)
+    turn_3 = squares_of_turn(slopes, turn_rows, error_3, s)
+    speed_5 = squares_of_three(slopes, 3 + turn_rows, error_5, s)
+    speed_3 = squares_of_three(slopes, 3 + turn_rows, error_3, s)
+    spin_5 = squares_of_three(slopes, 6 + turn_rows, error_5, s)
+    spin_3 = squares_of_three(slopes, 6 + turn_rows, error_3, s)
+    all_squares = (place_5 + place_3) + (turn_5 + turn_3) + (speed_5 + speed_3) + (spin_5 + spin_3)
+    largest_5 = maximum(splat(scales[3]) * spin_5, maximum(
+        splat(scales[2]) * speed_5, maximum(
+            splat(scales[1]) * turn_5, maximum(splat(scales[0]) * place_5, zero))))
+    largest_3 = maximum(splat(scales[3]) * spin_3, maximum(
+        splat(scales[2]) * speed_3, maximum(
+            splat(scales[1]) * turn_3, maximum(splat(scales[0]) * place_3, zero))))
+    row = 9 + turn_rows
     for k in range(row, slopes[0].shape[0]):
         first, second = zero, zero
         for j in range(error_5.shape[0]):
@@ -309,6 +365,26 @@ def step_error(
         largest = larger_of(largest, lane(error, i))
         probable = max(probable, lane(error_of_step, i))
     return largest, probable
+
+
+@inlined
+def squares_of_three(slopes: np.ndarray, row: int, weights: np.ndarray, s: int) -> Vector:
+    """Return the sum of the squares of the weighted sums of three rows of a block."""
+    x, y, z = sum_three(slopes, row, weights, s)
+    return fma(z, z, fma(y, y, x * x))
+
+
+@inlined
+def squares_of_turn(slopes: np.ndarray, rows: int, weights: np.ndarray, s: int) -> Vector:
+    """Return the same for the `rows` of orientations."""
+    total = squares_of_three(slopes, 3, weights, s)
+    if rows == 4:
+        x = sum_one(slopes, 6, weights, s)
+        return fma(x, x, total)
+    for row in (6, 9):
+        x, y, z = sum_three(slopes, row, weights, s)
+        total = fma(z, z, fma(y, y, fma(x, x, total)))
+    return total
 
 
 @compiled

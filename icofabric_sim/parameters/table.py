@@ -416,6 +416,13 @@ STATIC: tuple[Specification, ...] = (
         smallest=1e-12,
     ),
     _s(
+        'solver.error_estimate',
+        True,
+        '',
+        'whether errors that the method adds are estimated; false: nothing is measured but what '
+        'chooses steps, and the same steps are taken',
+    ),
+    _s(
         'solver.energy_limit',
         0.01,
         '',

@@ -95,6 +95,8 @@ def describe(
         'stability limit [s]': f'{status.limit:.6g}',
         'stability margin': f'{_margin(status):.4g}',
         'steps': str(status.step_count),
+        'evaluations of the forces': str(status.evaluations),
+        'evaluations beside the trajectory': str(status.estimations),
         'method': status.method,
         'tolerance': f'{status.tolerance:g}',
         'error per second': _error(status, 0),
@@ -195,6 +197,8 @@ def _margin(status: Status) -> float:
 def _error(status: Status, place: int) -> str:
     if status.errors is None:
         return 'not measured'
+    if math.isnan(status.errors[place]):
+        return 'not estimated'
     return f'{status.errors[place]:.3g}'
 
 

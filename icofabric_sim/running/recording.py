@@ -104,6 +104,8 @@ def summarise_run(status: Status) -> dict[str, str]:
         'breaks': str(status.breaks),
         'obstruction': status.obstruction or 'none',
         'balance_worst': repr(status.balance_worst),
+        'evaluation_count': str(status.evaluations),
+        'estimation_count': str(status.estimations),
     }
     if status.errors is not None:
         said['error_rate'], said['error_estimate'] = map(repr, status.errors)

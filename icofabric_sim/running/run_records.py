@@ -48,7 +48,7 @@ class Status(NamedTuple):
     proximity: str
     method: str
     tolerance: float  # [1/s]
-    errors: Errors | None  # None: not measured
+    errors: Errors | None  # None: not measured; NaN: not estimated
     errors_lack: str  # what they may not cover
     balance_error: float  # present error of the energy balance, in parts of the largest energy
     balance_worst: float  # the largest so far
@@ -61,6 +61,8 @@ class Status(NamedTuple):
     cause: str = ''  # why the run is not faster
     limited_by: str = ''  # what limits the step, and since when; '': not known
     waits: str = ''  # what simulated time waits for; '': it does not
+    evaluations: int = 0  # of the forces, by the trajectory
+    estimations: int = 0  # of the forces, beside it
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 
@@ -72,6 +74,8 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'step': status.step,
         'limit': step_limit(simulation),
         'step_count': status.step_count,
+        'evaluations': status.evaluation_count,
+        'estimations': status.estimation_count,
         'body_count': simulation.scene.body_count,
         'connector_count': simulation.scene.connector_count,
         'loads_active': len(status.active_loads),

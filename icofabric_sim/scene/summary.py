@@ -46,6 +46,13 @@ def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
     return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
 
 
+def evaluations_text(taken: float, others: float) -> str:
+    """Return in words how often a run evaluated the forces, for its steps and beside them."""
+    part = f' ({100.0 * others / taken:,.1f} %)' if taken > 0.0 else ''
+    return (f'{taken:,.0f} evaluations of the forces, and {others:,.0f}{part} to estimate errors '
+            'and to show states')
+
+
 def times(growth: float, at_least: bool = False) -> str:
     """A growth in words."""
     if growth == math.inf:

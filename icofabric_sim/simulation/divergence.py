@@ -93,8 +93,11 @@ class Growth(AsTable):
         """
         Time [s] until which errors, grown, stay below a tenth of a half edge; infinite: always.
 
-        Where it was not measured to the end, nothing is known of what came after.
+        Where it was not measured to the end, nothing is known of what came after; NaN where errors
+        were not estimated.
         """
+        if np.isnan(self.error).any():
+            return math.nan
         with np.errstate(invalid='ignore', over='ignore'):
             grown = self.error * np.maximum.accumulate(self.growth)
         beyond = np.flatnonzero(~(grown <= MEANINGFUL))
@@ -109,8 +112,8 @@ class Growth(AsTable):
         Say `tolerance` 0 where the step was given: then it promises nothing.
         """
         tolerance = checks.number('tolerance', tolerance, least=0.0)
-        added = max(tolerance * max(float(self.time[-1]), 1.0), float(self.error[-1]))
-        return added * self.largest
+        added = np.maximum(tolerance * max(float(self.time[-1]), 1.0), float(self.error[-1]))
+        return float(added * self.largest)
 
 
 class Companion:

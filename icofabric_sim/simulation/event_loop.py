@@ -170,14 +170,17 @@ class EventLoop:
             self.near_method = method_near_contact(
                 self.method, is_possible=packed.contact is not None,
                 loose=not scene.connector_count)
+        is_estimated = parameters['solver.error_estimate']
         if ranks is not None:
             from icofabric_sim.simulation.devices.shared_method import shared_method
             self._method_of = partial(
-                shared_method, ranks, packed, given=fixed > 0.0, half_edge=half_edge)
+                shared_method, ranks, packed, given=fixed > 0.0, estimated=is_estimated,
+                half_edge=half_edge)
             method = self._method_of(self.method.name, unpacked=unpacked)
         elif device is not None:
             from icofabric_sim.simulation.devices.gpu.steps import device_method
-            self._method_of = partial(device_method, device, packed, given=fixed > 0.0)
+            self._method_of = partial(
+                device_method, device, packed, given=fixed > 0.0, estimated=is_estimated)
             method = self._method_of(
                 self.method.name, later='' if self.near_method is None else self.near_method.name)
         elif method.implicit:
@@ -221,6 +224,7 @@ class EventLoop:
             fixed_step=parameters['solver.step'],
             tolerance=parameters['solver.tolerance'],
             energy_limit=parameters['solver.energy_limit'],
+            estimates_errors=parameters['solver.error_estimate'],
             output_period=1.0 / parameters['publish_rate'],
             load_rate=self._load_rate(loads),
             half_edge=scene.geometry.half_edge,

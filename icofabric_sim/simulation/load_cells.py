@@ -168,6 +168,8 @@ class LoadCells:
         """
         touching, packed = self.contacts(driver, state), self._packed
         loads = driver.trajectory.loads
+        with driver.trajectory.evaluations.showing():
+            driver.trajectory.evaluations.add()
         force = self._forces(loads, state, time)
         np.add.at(force, touching.bodies[:, 0], touching.first)
         shells = touching.bodies[:, 1] >= 0

@@ -98,6 +98,28 @@ class SimulationStatus:
         return self._driver.trajectory.step_count
 
     @property
+    def evaluation_count(self) -> int:
+        """
+        Evaluations of the forces of the whole fabric that the trajectory took.
+
+        All stages of its steps, also of those that were refused or taken again, and iterations of
+        implicit ones. What a call of compiled code evaluates again, where the call before has
+        ended, counts once. So the count is the same in pieces or in one go, for any number of
+        threads or ranks. On a GPU a step in which connectors cross kinks counts as any other.
+        """
+        return self._driver.trajectory.evaluations.trajectory
+
+    @property
+    def estimation_count(self) -> int:
+        """
+        All other evaluations of the forces, which change no step that was taken.
+
+        Measurements of errors, which may choose steps; steps repeated to judge whether shells have
+        passed through each other; and states shown between steps, which checkpoints do not count.
+        """
+        return self._driver.trajectory.evaluations.outside
+
+    @property
     def stage_count(self) -> int:
         """Evaluations of the forces in a step."""
         return self._driver.trajectory.method.stages
@@ -172,17 +194,29 @@ class SimulationStatus:
 
     @property
     def error_rate(self) -> float:
-        """Error that the method adds for each second [1/s], measured last."""
-        return self._driver.error_rate()
+        """Error that the method adds for each second [1/s], measured last; NaN: not estimated."""
+        return self._driver.error_rate() if self._is_estimated else math.nan
 
     @property
     def error_estimate(self) -> float:
-        """Errors added since the start, as if none of them had grown."""
+        """
+        Errors added since the start, as if none of them had grown.
+
+        NaN where they are not estimated (`solver.error_estimate`).
+        """
+        if not self._is_estimated:
+            return math.nan
         return self._driver.error_estimate(self._event_loop.time)
+
+    @property
+    def _is_estimated(self) -> bool:
+        return self._driver.errors.is_estimated
 
     @property
     def error_estimate_lacks(self) -> str:
         """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
+        if not self._is_estimated:
+            return 'errors were not estimated, as solver.error_estimate is false'
         found = []
         if self._event_loop.strain > WILD:
             found.append(

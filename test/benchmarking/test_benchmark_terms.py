@@ -29,7 +29,7 @@ from icofabric_sim.benchmarking import (
     terms_report,
 )
 from icofabric_sim.benchmarking.held_arrays import arrays_of
-from icofabric_sim.benchmarking.instructions import count_in_loops
+from icofabric_sim.benchmarking.instructions import count_in_loops, functions_in_loops
 from icofabric_sim.benchmarking.scenes import scene_parameters
 from icofabric_sim.benchmarking.timing import Spread
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -148,6 +148,10 @@ second:
 """
     assert count_in_loops(listing) == 4 + 2
     assert count_in_loops(listing.replace('j', 'b')) is None
+    assert functions_in_loops(listing) == {'first': 6, 'second': 1}
+    mangled = listing.replace('first', '_ZN13icofabric_sim7kernels5flows4pushB18v1E').replace(
+        'second', 'cfunc._ZN4push')
+    assert functions_in_loops(mangled) == {'push': 6}
 
 
 def test_terms_from_end_to_end(tmp_path, costs):

@@ -34,6 +34,7 @@ from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.running.cross_check import cross_check, DISTURBANCE
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.scene.summary import evaluations_text
 from icofabric_sim.simulation.divergence import measure_growth
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.statics.modes import solve_modes
@@ -232,6 +233,11 @@ def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -
     assert 'solver.tolerance is 1e-06 per second' in out
     assert float(custom['error_estimate']) == simulation.error_estimate > 0.0
     assert float(custom['error_rate']) == simulation.status.error_rate
+    # States that were shown count beside the trajectory.
+    assert int(custom['evaluation_count']) == simulation.status.evaluation_count > 0
+    assert int(custom['estimation_count']) >= simulation.status.estimation_count
+    text = evaluations_text(int(custom['evaluation_count']), int(custom['estimation_count']))
+    assert text in out and text in '\n'.join(summarise_bag(recorded.bag).lines())
     assert f'off by at most {simulation.balance.worst:.1e} of' in out
     assert float(custom['balance_worst']) == simulation.balance.worst > 0.0
     assert custom['method_reason'] == simulation.status.method_reason in out

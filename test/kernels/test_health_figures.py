@@ -83,8 +83,8 @@ def test_the_figures_are_the_same_bits_whoever_has_added_up_which_groups(moved):
         room = work._replace(figures=np.full_like(work.figures, np.nan))
         for first, last in cuts:
             note_figures(
-                model, trajectory.loads, trajectory.state, room, trajectory.time, True, first,
-                last, blocks)
+                model, trajectory.loads, trajectory.state, room, trajectory.time, -1.0, True,
+                first, last, blocks)
         return fold_figures(room.figures).copy()
 
     whole = figures([(0, groups)])
@@ -100,7 +100,7 @@ def test_the_sums_are_the_energies_of_the_snapshot(moved):
     model, work = trajectory.model, trajectory.work
     blocks = len(model.blocks.slot)
     note_figures(
-        model, trajectory.loads, trajectory.state, work, trajectory.time, True, 0,
+        model, trajectory.loads, trajectory.state, work, trajectory.time, -1.0, True, 0,
         len(work.figures) - 1, blocks)
     totals = fold_figures(work.figures)
     energy = snapshot.energy

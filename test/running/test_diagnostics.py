@@ -74,6 +74,9 @@ def test_figures_are_those_of_the_simulation():
         balance.worst, rel=5e-3)
     assert float(values['stability margin']) > 1.0
     assert int(values['steps']) == simulation.status.step_count > 0
+    assert int(values['evaluations of the forces']) == simulation.status.evaluation_count > 0
+    assert 0 <= int(values['evaluations beside the trajectory']) <= (
+        simulation.status.estimation_count)
 
 
 def test_errors_of_a_given_step_are_said_too():
@@ -83,6 +86,15 @@ def test_errors_of_a_given_step_are_said_too():
     estimate = runner.simulation.error_estimate
     assert float(message.values['error estimate']) == pytest.approx(estimate, rel=5e-3)
     assert float(message.values['error per second']) > 0.0 < estimate
+
+
+def test_errors_that_are_not_estimated_are_said_to_be_so():
+    sink = ListSink(DIAGNOSTICS)
+    finished_runner(sink, solver__error_estimate=False)
+    _, [message] = decode_diagnostic_array(sink.of(DIAGNOSTICS)[-1][1])
+    assert message.values['error estimate'] == 'not estimated'
+    assert message.values['error per second'] == 'not estimated'
+    assert 'solver.error_estimate' in message.values['error estimate lacks']
 
 
 def test_status_says_what_is_known_at_once(status):

@@ -48,7 +48,7 @@ from icofabric_sim.running.recording import (
 )
 from icofabric_sim.running.run_records import Errors
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.divergence import Companion, Growth
 import numpy as np
 import pytest
 
@@ -117,6 +117,21 @@ def test_what_the_run_achieved_is_said_at_its_end(step):
     assert 0.0 < float(said['balance_worst']) == simulation.balance.worst < 1e-3
     assert float(said['error_rate']) == simulation.status.error_rate > 0.0
     assert float(said['error_estimate']) == simulation.error_estimate > 0.0
+
+
+def test_a_run_without_an_estimate_of_errors_says_so_in_its_bag(tmp_path):
+    simulation = make_simulation(
+        solver={'step': 1e-4, 'error_estimate': False}, initial_random={'velocity_sigma': 0.1})
+    sink = BagSink(tmp_path / 'bag', simulation, live=False)
+    runner = Runner(simulation, [sink])
+    runner.run(until_finished=True)
+    companion = Companion(simulation)
+    sink.close(summary={
+        **summarise_run(runner.status()), **summarise_growth(companion.result())})
+    rows = dict(summarise_bag(tmp_path / 'bag').rows())
+    assert rows['accuracy'].startswith('not estimated; solver.tolerance is 1e-06')
+    assert 'they were not estimated' in rows['growth']
+    assert rows['evaluations'].startswith(f'{simulation.status.evaluation_count:,} evaluations')
 
 
 def test_growth_is_said_in_numbers_that_can_be_read_back():

@@ -570,5 +570,6 @@ def test_adaptive_steps_that_were_given_up_are_not_gone_back_to():
         again.advance_to(time)
         again.apply_wrench('steady', (0.0, 0.1 * time, 0.0))
     again.advance_to(run._driver.trajectory.saved_time)
-    assert np.abs(again.snapshot().position - saved).max() < 1e-12
+    # Where an input is settled a step ends; before that the state shown lies within one.
+    assert np.abs(again.snapshot().position - saved).max() < 1e-9
     assert all(np.isfinite(getattr(again.snapshot(), name)).all() for name in STATE)

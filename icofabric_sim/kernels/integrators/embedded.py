@@ -98,9 +98,11 @@ KINKED = 16
 CLOSE, HELD, HOLD = 17, 18, 19
 # What steps probably erred by in which nothing could touch, and whether the last was one of these.
 CLEAR_TOTAL, IS_CLEAR = 20, 21
+# Evaluations of the forces, those of refused steps included.
+EVALUATIONS = 22
 # Squared errors of position, orientation, velocity and spin are multiplied by these four.
-SCALES = 22
-CONTROL_COUNT = 26
+SCALES = 23
+CONTROL_COUNT = 27
 # A step is aimed at this part of the tolerance and refused above all of it; it may become so many
 # times as long at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
@@ -335,7 +337,7 @@ def adaptive_pair(
     longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
     close, held, hold = control[CLOSE], control[HELD], max(control[HOLD], _HOLD)
     meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
-    done, status = 0, 0
+    done, status, evaluations = 0, 0, 0
     note_lengths(model, work.breakage, state, work, team, first, last)
     while done < count and start + length <= goal and status == 0:
         tests = tests_of(model.contacts, team.member)
@@ -345,6 +347,7 @@ def adaptive_pair(
         else:
             slope_at(
                 model, loads, state, work, trail, FIRST, team, watch, start + length, first, last)
+            evaluations += 1
         accepted = landing = False
         asked, asked_held, asked_hold, asked_refused = h, held, hold, refused
         if kink < h <= close and tolerance < ANY:
@@ -362,6 +365,7 @@ def adaptive_pair(
             try_step(
                 pair, model, loads, state, work, trail, team, watch, start + length, h, first,
                 last)
+            evaluations += len(pair.stages)
             # Per unit of time, so the length of the step cancels.
             error, probable = largest_error(
                 pair, model, loads, trail, control, turn_rows, team, watch, h, first, last)
@@ -435,6 +439,7 @@ def adaptive_pair(
             slope_at(
                 model, loads, state, work, trail, LAST, team, watch, start + length, first, last)
             has_last = True
+            evaluations += 1
             done += 1
             since_check += 1
             if is_breaking(model, work.breakage, state, work, trail, team, length, first, last):
@@ -451,6 +456,7 @@ def adaptive_pair(
         control[HAS_LAST] = 1.0 if has_last else 0.0
         control[CLEAR_TOTAL], control[IS_CLEAR] = clear_total, is_clear
         control[HELD], control[HOLD], control[MEETING] = held, hold, 0.0
+        control[EVALUATIONS] += evaluations
     return status, done, since_check
 
 

@@ -156,6 +156,8 @@ def kinked_steps(
         for member in range(team.size):
             found = found or kinks.found[8 * member]
         if found:
+            if team.member == 0:
+                kinks.margin[2] += 1.0
             back = -0.5 * h
             drift(model, loads, state, work, end, back, order, begin, count_own)
             wait_for_all(team)

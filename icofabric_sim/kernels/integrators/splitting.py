@@ -51,6 +51,7 @@ from icofabric_sim.kernels.monitor import (
     SWING_LIMIT,
     SWINGS,
     TOO_DEEP,
+    UNCOUNTED,
     UNSOUND,
 )
 from icofabric_sim.kernels.records import Contacts, Kinks, Loads, Model, State, Team, Watch, Work
@@ -234,6 +235,8 @@ def splitting(
     stages = min(kicks.shape[0], drifts.shape[0])
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     differences = work.weights.shape[0] - 1
+    # Read before any thread takes a step; the first counts on in the ledger.
+    regular = int(ledger[REGULAR])
     done = 0
     while done < count:
         # As far as the next health check.
@@ -246,10 +249,13 @@ def splitting(
             # A collision that is damped much may be over within a few.
             ahead = min(ahead, 1)
         # Step ends are sampled in windows of as many steps as the difference has, one after the
-        # other; only in the last before a look where a step is a single evaluation.
+        # other, whatever looks come between; only in the last before a look where a step is a
+        # single evaluation.
         sampled = -1
         if 0 < differences and check_interval < NEVER:
-            sampled = since_check - (check_interval - differences if stages < 4 else 0)
+            sampled = regular % differences
+            if stages < 4:
+                sampled = since_check - (check_interval - differences)
             if sampled < 0:
                 ahead = min(ahead, -sampled)
             else:
@@ -265,6 +271,7 @@ def splitting(
             index + done, h, ahead)
         done += ahead
         since_check += ahead
+        regular += ahead
         if sampled >= 0:
             if team.member == 0:
                 number = sampled % differences + 1
@@ -276,6 +283,7 @@ def splitting(
             wait_for_all(team)
         if team.member == 0 and check_interval < NEVER:
             ledger[REGULAR] += ahead
+            ledger[UNCOUNTED] += ahead
         examined = since_check >= check_interval
         watched = watch is not None and since_check % stride == 0
         status = 0

@@ -28,7 +28,7 @@ from typing import NamedTuple
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.law_tables import piece_of
 from icofabric_sim.kernels.moments import partner_slot
-from icofabric_sim.kernels.obstruction import enters_from
+from icofabric_sim.kernels.obstruction import axes_at, enters_from
 from icofabric_sim.kernels.records import (
     Connectors,
     LawTables,
@@ -259,9 +259,12 @@ def entering(
     partner = partner_slot(links, stride, block, link)
     zero, one = splat(0.0), splat(1.0)
     vx, vy, vz = zero - ux, zero - uy, zero - uz
-    here = enters_from(wrapping.shells, orientation, points, stride, edge, s, ux, uy, uz)
+    here = enters_from(
+        wrapping.shells, orientation, axes_at(wrapping.shells, points, stride, edge, s), edge, s,
+        ux, uy, uz)
     there = enters_from(
-        wrapping.shells, orientation, points, stride, edge ^ 1, partner, vx, vy, vz)
+        wrapping.shells, orientation, axes_at(wrapping.shells, points, stride, edge ^ 1, partner),
+        edge ^ 1, partner, vx, vy, vz)
     either = where(here, one, where(there, one, zero))
     return where(bits(links.present[block, link]), either, zero)
 

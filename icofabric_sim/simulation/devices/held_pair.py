@@ -84,9 +84,9 @@ class HeldPair:
         if answer is not None:
             self._transport.wait([self._transport.send(answer, 0)])
 
-    def examine(self, time: float, inside: bool) -> None:
+    def examine(self, time: float, limit: float, inside: bool) -> None:
         """Send the first rank what it needs to know for a health check."""
-        figures = self._steps.examine(self._arrays(True), time, inside=inside)
+        figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
         self._transport.wait([self._transport.send(figures, 0)])
 
     def save(self) -> None:

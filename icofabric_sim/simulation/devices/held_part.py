@@ -135,9 +135,9 @@ class HeldPart:
     def _answer(self, numbers: np.ndarray) -> None:
         self._transport.wait([self._transport.send(numbers, 0)])
 
-    def examine(self, time: float, inside: bool) -> None:
+    def examine(self, time: float, limit: float, inside: bool) -> None:
         """Send the first rank what it needs to know for a health check."""
-        figures = self._steps.examine(self._arrays(True), time, inside=inside)
+        figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
         self._answer(figures)
 
     def refresh(self, time: float) -> None:

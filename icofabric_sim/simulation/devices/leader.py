@@ -35,6 +35,7 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    coarse_up_to,
     conclude,
     DEEPEST_LIMIT,
     examine,
@@ -81,10 +82,10 @@ class SharedSteps:
 
     def __init__(
         self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
-        half_edge: float, unpacked: Unpacked | None = None
+        estimated: bool, half_edge: float, unpacked: Unpacked | None = None
     ) -> None:
         """
-        Divide the fabric; `given`: the step is.
+        Divide the fabric; `given`: the step is, and its error is `estimated`.
 
         `unpacked`: the state in which the run starts, where it has not been packed.
 
@@ -93,7 +94,8 @@ class SharedSteps:
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
         links, contact = packed.model.links, packed.contact
-        differences = differences_of(method, given=given, linked=links is not None)
+        differences = differences_of(
+            method, given=given, estimated=estimated, linked=links is not None)
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
@@ -141,6 +143,10 @@ class SharedSteps:
                 # Others wait for poses from here.
                 self._transport.fail(error)
                 raise
+
+    def count_evaluations(self) -> int:
+        """Return how often steps evaluated the forces again where connectors crossed kinks."""
+        return 0 if self._own is None else self._own.take_crossed()
 
     @property
     def is_apart(self) -> bool:
@@ -267,8 +273,8 @@ class SharedSteps:
             looks = is_watched and (
                 is_guarded_here or (since_check + ahead) % stride == 0)
             stretch = Stretch(
-                origin, index + done, h, ahead, since_check, check_interval, looks,
-                is_guarded_here)
+                origin, index + done, h, ahead, since_check, check_interval,
+                int(book.regular), looks, is_guarded_here)
             self._sharing.order('take', stretch)
             own.take(arrays, stretch)
             if contacts is not None:
@@ -278,6 +284,7 @@ class SharedSteps:
             if not of_run:
                 continue
             book.regular += ahead
+            book.uncounted += ahead
             if looks:
                 self._look(arrays, contacts, watch, is_guarded=is_guarded_here)
             examined, status = since_check >= check_interval, 0
@@ -327,9 +334,9 @@ class SharedSteps:
     def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
         """Status bits of the state at `now` [s], as `examine` finds them; ranks keep theirs."""
         assert self._own is not None
-        inside = bool(looks_inside(book.numbers))
-        self._sharing.order('examine', now, inside)
-        own = self._own.examine(arrays, now, inside=inside)
+        limit, inside = float(coarse_up_to(book.numbers)), bool(looks_inside(book.numbers))
+        self._sharing.order('examine', now, limit, inside)
+        own = self._own.examine(arrays, now, limit, inside=inside)
         roughest = self._sharing.gather_figures(own, arrays.work.figures)
         book.roughest = max(book.roughest, roughest)
         # Any number that is too large is none.

@@ -33,6 +33,7 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import (
+    coarse_up_to,
     conclude,
     DEEPEST_LIMIT,
     examine,
@@ -369,9 +370,10 @@ class SharedPair:
     def _examine(self, time: float, ledger: np.ndarray) -> int:
         """Status bits of the state at `time` [s], as `examine` finds them; ranks keep theirs."""
         assert self._own is not None and self._now is not None
-        work, inside = self._now.work, bool(looks_inside(ledger))
-        self._sharing.order('examine', time, inside)
-        own = self._own.examine(self._now, time, inside=inside)
+        work = self._now.work
+        limit, inside = float(coarse_up_to(ledger)), bool(looks_inside(ledger))
+        self._sharing.order('examine', time, limit, inside)
+        own = self._own.examine(self._now, time, limit, inside=inside)
         self._sharing.gather_figures(own, work.figures)
         return int(conclude(self._packed.model, self._now.state, work.figures, ledger))
 

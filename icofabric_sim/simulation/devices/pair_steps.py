@@ -143,7 +143,9 @@ class PairPart:
         found: np.ndarray | None = getattr(self, f'_{what}')(arrays, *words)
         return found
 
-    def examine(self, arrays: PairArrays, time: float, *, inside: bool) -> np.ndarray:
+    def examine(
+        self, arrays: PairArrays, time: float, limit: float, *, inside: bool
+    ) -> np.ndarray:
         """
         Add up what a health check at `time` [s] has to know of this part.
 
@@ -155,7 +157,7 @@ class PairPart:
         self._put(self._send(state, contacts), state, work, contacts)
         figures = work.figures[:-(-(last - first) // work.group) + 1]
         note_figures(
-            self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
+            self._model, loads, state, work, time, limit, inside, 0, len(figures) - 1, last)
         figures[-1] = 0.0
         return figures
 
@@ -285,7 +287,7 @@ class PairPart:
         model, trail, none = self._model_with(contacts), arrays.trail, np.zeros(0, np.int32)
         slot, pair, number = model.blocks.slot, self._pair, np.int64(0)
         place_all(self._model, state, work, 0, 0)
-        note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
+        note_figures(self._model, loads, state, work, 0.0, 0.0, False, 0, 0, 0)
         place_blocks(self._model, loads, state, work, 0.0, 0, 0)
         find_slopes(model, loads, state, work, 0.0, trail.slopes[0], number, 0, 0)
         for take, put, rows in ((take_poses, put_poses, POSE), (take_stage, put_stage, STAGE)):

@@ -94,6 +94,8 @@ class Stretch(NamedTuple):
     steps: int
     since_check: int
     check_interval: int
+    # Steps of one length before.
+    regular: int = 0
     # Whether ranks say at the end how far their bodies have moved, and what contacts do to them.
     is_watched: bool = False
     is_guarded: bool = False
@@ -150,6 +152,8 @@ class PartSteps:
         self.roughest = 0.0
         # Evaluations of contacts since this was asked last.
         self.touches = 0
+        # Steps in which connectors crossed kinks, likewise.
+        self.crossed = 0
         self._team: Team | None = None
         self._touching = model
 
@@ -161,8 +165,9 @@ class PartSteps:
             if differences and stretch.is_checked:
                 # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
                 # last before a health check.
-                sampled = since - (
-                    stretch.check_interval - differences if self._weights.stages < 4 else 0)
+                sampled = (stretch.regular + done) % differences
+                if self._weights.stages < 4:
+                    sampled = since - (stretch.check_interval - differences)
                 ahead = 1 if sampled >= 0 else min(ahead, -sampled)
             if sampled >= 0 and sampled % differences == 0:
                 self._sample(arrays, 0)
@@ -179,7 +184,9 @@ class PartSteps:
             note_pushes(
                 arrays.contacts, self._model, self._exchange.first, self._exchange.last)
 
-    def examine(self, arrays: Arrays, time: float, *, inside: bool) -> np.ndarray:
+    def examine(
+        self, arrays: Arrays, time: float, limit: float, *, inside: bool
+    ) -> np.ndarray:
         """
         Add up what a health check at `time` [s] has to know of this part.
 
@@ -190,7 +197,7 @@ class PartSteps:
         self._place(arrays)
         figures = work.figures[:-(-(last - first) // work.group) + 1]
         note_figures(
-            self._model, loads, state, work, time, inside, 0, len(figures) - 1, last)
+            self._model, loads, state, work, time, limit, inside, 0, len(figures) - 1, last)
         figures[-1, 0] = self.take_roughest()
         return figures
 
@@ -257,6 +264,11 @@ class PartSteps:
         found, self.touches = self.touches, 0
         return found
 
+    def take_crossed(self) -> int:
+        """Return in how many steps connectors crossed kinks since this was asked last."""
+        found, self.crossed = self.crossed, 0
+        return found
+
     def take_roughest(self) -> float:
         """Return how rough the motion was at most since this was asked last."""
         found, self.roughest = self.roughest, 0.0
@@ -282,7 +294,7 @@ class PartSteps:
                 lead = contacts.losses.lead
                 take_motions(state, lead, no_slots, _room(0, MOTION))
                 put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
-        note_figures(self._model, loads, state, work, 0.0, False, 0, 0, 0)
+        note_figures(self._model, loads, state, work, 0.0, 0.0, False, 0, 0, 0)
         keep_accelerations(self._model, state, work, 0.0, 0, 0)
         note_squares(
             self._model.blocks, self._model.masses, work.acceleration, np.zeros(3),
@@ -414,6 +426,7 @@ class PartSteps:
             self._tell_motions(kinks, arrays, -kicks[stages] * h)
             if not self._transport.any(account_all(model, kinks, work, h, first, last)):
                 continue
+            self.crossed += 1
             back = -0.5 * h
             for start, whole, row in ((end, back, 12), (end + back, -back, 0)):
                 drift(model, loads, state, work, start, whole, order, 0, len(order))

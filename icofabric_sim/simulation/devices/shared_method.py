@@ -25,7 +25,8 @@ from icofabric_sim.simulation.stepping.methods import facts_of, Method
 
 
 def shared_method(
-    transport: Transport, packed: PackedScene, name: str, *, given: bool, half_edge: float,
+    transport: Transport, packed: PackedScene, name: str, *, given: bool, estimated: bool,
+    half_edge: float,
     unpacked: Unpacked | None = None
 ) -> Method:
     """
@@ -44,7 +45,9 @@ def shared_method(
             advance=pair.advance, holder=pair.holder,
             embedded=method.embedded._replace(take=pair.take))
     steps = SharedSteps(
-        transport, packed, method, given=given, half_edge=half_edge, unpacked=unpacked)
+        transport, packed, method, given=given, estimated=estimated, half_edge=half_edge,
+        unpacked=unpacked)
     return method._replace(
-        advance=steps.advance, holder=steps.holder, beside=SharedTrials(steps),
+        advance=steps.advance, count_evaluations=steps.count_evaluations, holder=steps.holder,
+        beside=SharedTrials(steps),
         elsewhere=SharedState(steps))

@@ -39,7 +39,8 @@ def begin_apart(
     # No step is taken.
     none = facts_of('leapfrog')._replace(kicks=(), drifts=())
     steps = SharedSteps(
-        transport, packed, none, given=True, half_edge=half_edge, unpacked=unpacked)
+        transport, packed, none, given=True, estimated=False, half_edge=half_edge,
+        unpacked=unpacked)
     state = SharedState(steps)
     state.hold(packed.model, loads, unpacked.state, packed.layout.room(packed.model.links), None)
     frequency = state.largest()

@@ -101,7 +101,7 @@ def kinks_room(
         start=room(36, slots), active=np.zeros((blocks, 12), np.uint8),
         before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
         found=np.zeros(8 * _MOST_THREADS), ranges=np.zeros(8 * _MOST_THREADS),
-        uniform=_uniform_law(links.variety), alike=np.zeros(2), margin=np.zeros(2),
+        uniform=_uniform_law(links.variety), alike=np.zeros(2), margin=np.zeros(3),
         kept_position=room(3, slots), kept_orientation=room(turns, slots))
 
 

@@ -82,6 +82,7 @@ class Driver:
         fixed_step: float,
         tolerance: float,
         energy_limit: float,
+        estimates_errors: bool,
         output_period: float,
         load_rate: float,
         half_edge: float,
@@ -98,6 +99,7 @@ class Driver:
         """
         Start at time `origin` [s] with the `frequency` of the state; `fixed_step` 0: chosen.
 
+        Not `estimates_errors`: only what chooses steps is measured.
         `output_period` [s] is the step where nothing in the scene sets a scale. `has_events`:
         steps have to end where something happens. `anchor_breaks`: anchors that can break; None:
         none can. `pulse_step` returns the longest step [s] within what acts. `leaves_contacts`:
@@ -113,9 +115,11 @@ class Driver:
         is_adaptive = method.adaptive and not self._is_given
         is_embedded = is_adaptive or (method.adaptive and has_events)
         differences = differences_of(
-            method, given=self._is_given, linked=packed.model.links is not None)
+            method, linked=packed.model.links is not None, given=self._is_given,
+            estimated=estimates_errors)
         self.trajectory = Trajectory(
-            packed, method, state, loads, origin=origin, step=fixed_step, differences=differences,
+            packed, method, state, loads, origin=origin, step=fixed_step,
+            differences=differences,
             energy_limit=energy_limit, half_edge=half_edge, thread_team=thread_team,
             control=EmbeddedControl(origin) if is_embedded else None,
             anchor_breaks=anchor_breaks)
@@ -130,10 +134,13 @@ class Driver:
         # Bands around shells change to another geodesic at any time, and slack connectors tighten.
         any_time = packed.model.wrapping is not None or (self._is_given and packed.goes_slack)
         has_jumps = any_time or broad_phase is not None
+        # Chosen steps that run through contacts follow what these add.
+        follows = broad_phase is not None and method.runs_through_contacts and not self._is_given
+        is_needed = has_jumps and not is_adaptive and (estimates_errors or follows)
         self.errors = StepErrors(
-            probe, None if is_adaptive or not has_jumps else TouchingErrors(
+            probe, None if not is_needed else TouchingErrors(
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance,
-                probe.slip, any_time=any_time))
+                probe.slip, any_time=any_time), is_estimated=estimates_errors)
         self.monitor = StepMonitor(
             self.trajectory, self.rates, self._whole, obstruction, given=self._is_given,
             tolerance=tolerance, differences=differences)
@@ -182,6 +189,7 @@ class Driver:
         Or until it `is_near_contact`.
         """
         self.trajectory.require_sound()
+        evaluations = self.trajectory.evaluations
         while True:
             while not self.is_near_contact and (count := self._stepping.count_until(time)) > 0:
                 # What overlaps from the start is reported when the motion begins.
@@ -189,12 +197,15 @@ class Driver:
                 self._or_back(partial(self._stepping.run, time, self._until_check(count)))
                 self._watch_tables()
                 self._on_pause()
-            if self.is_near_contact or self._stepping.check_within(time):
+            with evaluations.showing():
+                is_sound = self.is_near_contact or self._stepping.check_within(time)
+            if is_sound:
                 if self._tables is not None and self.trajectory.control is not None and (
                         not self._tables.found and self._tables.is_suspect()):
                     # The run may end within this step.
-                    self._report_beyond_table(
-                        self._stepping.state_at(time), time, may_stop=False)
+                    with evaluations.showing():
+                        state = self._stepping.state_at(time)
+                    self._report_beyond_table(state, time, may_stop=False)
                 return
             self._or_back(self._stepping.go_back)
 
@@ -280,7 +291,8 @@ class Driver:
         """
         if self.trajectory.failure is None:
             self.advance(time)
-        return self._stepping.state_at(time)
+        with self.trajectory.evaluations.showing():
+            return self._stepping.state_at(time)
 
     def jump(self, time: float, state: State, loads: Loads, load_rate: float) -> None:
         """
@@ -308,6 +320,7 @@ class Driver:
         before.trajectory.ledger.keep_work(before.trajectory.loads)
         self.trajectory.ledger.continue_from(before.trajectory.ledger)
         self.trajectory.step_count = before.trajectory.step_count
+        self.trajectory.evaluations.continue_from(before.trajectory.evaluations)
         # What was reported once is not reported again.
         self.trajectory.ledger.reported_limit = before.trajectory.ledger.reported_limit
         self._stepping.settle(before.error_estimate(before.time))
@@ -356,6 +369,7 @@ class Driver:
     def forget(self) -> None:
         """Count steps and errors from zero again: a run begins that has no past."""
         self.trajectory.step_count = 0
+        self.trajectory.evaluations.forget()
         self.errors.forget()
         self.monitor.obstruction.found = ''
         if self._tables is not None:
@@ -382,7 +396,7 @@ class Driver:
             # That no such step leads anywhere is said once the run comes to it.
             self.trajectory.failure = None
         finally:
-            self.load_state(StateTree(before), loads)
+            self._roll_back(before, loads)
 
     def is_ready(self) -> bool:
         """
@@ -423,12 +437,20 @@ class Driver:
             except SimulationError:
                 raise  # the last good state is kept
             except BaseException:
-                self.load_state(StateTree(before), loads)
+                self._roll_back(before, loads)
                 raise
-            self.load_state(StateTree(before), loads)
+            self._roll_back(before, loads)
             if needs_contacts or not is_compiler_free():
                 break
         raise KernelsAwaited(needs_contacts)
+
+    def _roll_back(self, before: dict[str, Any], loads: Loads) -> None:
+        """Go back to the state `before`; evaluations that were made since then stay counted."""
+        evaluations = self.trajectory.evaluations
+        # One more is made on the way.
+        total = evaluations.total + 1
+        self.load_state(StateTree(before), loads)
+        evaluations.restore_total(total)
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""
@@ -474,6 +496,8 @@ class Driver:
         if self._tables is not None:
             self._tables.found = tree.text('beyond_table') if 'beyond_table' in tree else ''
         self._stepping.load_state(tree)
+        self.trajectory.evaluations.load_state(
+            tree.part('evaluations') if 'evaluations' in tree else None)
 
     def choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """
@@ -490,6 +514,7 @@ class Driver:
                 self.errors.close_stretch(self.trajectory.time)
             self.trajectory.set_step(step)
             self.trajectory.ledger.regular = 0.0
+            self.monitor.follow_step()
         self._pace_contacts()
 
     def respond(self, status: int, time: float) -> None:

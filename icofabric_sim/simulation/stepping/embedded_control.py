@@ -36,6 +36,7 @@ class EmbeddedControl:
     total = At(embedded.TOTAL)
     rate = At(embedded.RATE)  # [1/s]
     kinked = At(embedded.KINKED)  # [1/s^2]
+    evaluations = At(embedded.EVALUATIONS)  # since `take_evaluations` was called last
     # Of the total, what was added in steps in which nothing could touch.
     clear_total = At(embedded.CLEAR_TOTAL)
     is_clear = At(embedded.IS_CLEAR)  # of the last step
@@ -50,6 +51,11 @@ class EmbeddedControl:
         """Begin at the time `start` [s] without a step."""
         self.numbers = np.zeros(embedded.CONTROL_COUNT)
         self.start = start
+
+    def take_evaluations(self) -> int:
+        """Return how often kernels evaluated the forces since the last call of this."""
+        count, self.evaluations = int(self.evaluations), 0.0
+        return count
 
     @property
     def scales(self) -> np.ndarray:

@@ -40,6 +40,7 @@ class EmbeddedKernels(NamedTuple):
     state: Callable[..., None]
     sum: Callable[..., Any]
     slopes: tuple[int, ...]
+    prepare_count: int = 0  # evaluations of the forces in `prepare`
 
 
 def kernels_of(pair: Pair) -> EmbeddedKernels:
@@ -48,4 +49,5 @@ def kernels_of(pair: Pair) -> EmbeddedKernels:
         partial(adaptive_pair, pair), partial(prepare_dense, pair), partial(dense_state, pair),
         partial(dense_sum, pair), tuple(
             k for k in range(len(dop853.STAGES) + 1)
-            if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))))
+            if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))),
+        len(pair.dense_stages))

@@ -57,7 +57,8 @@ class EmbeddedStepping:
         self._kernels = pieces.trajectory.method.embedded
         self._pieces, self._given = pieces, given
         self._step = StepInProgress(pieces.trajectory, pieces.contact, pieces.trials)
-        self._samples = StepSamples(pieces, active=needs_samples(pieces))
+        self._samples = StepSamples(
+            pieces, active=pieces.errors.is_estimated and needs_samples(pieces))
         # Takes the step that ends at an input.
         self._uniform = UniformStepping(pieces)
         self._events: list[EventLocator] = make_events(pieces, self._step)
@@ -300,6 +301,9 @@ class EmbeddedStepping:
                     checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
         except ElsewhereError as error:
             trajectory.lose_steps(error)
+        trajectory.evaluations.add(pieces.calls.count_embedded(control))
+        if done and checks.since_check == 0:
+            checks.interval = checks.interval_with(control.next)
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:

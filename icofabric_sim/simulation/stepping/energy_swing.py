@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-By how much a splitting method lets the energy of a vibration swing, and which steps that allows.
+What a splitting method makes of a vibration: how its energy swings, and how its phase errs.
 
 A step of a stable method turns the state of an oscillator along an ellipse in the plane of place
 and velocity, scaled so that its energy is a circle; the energy swings as the square of the ratio
@@ -31,7 +31,18 @@ def energy_swing(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: flo
 
     `kicks` and `drifts` as in METHODS. Infinite where the method is unstable.
     """
-    place, speed = [1.0, 0.0], [0.0, 1.0]  # of both unit states
+    place, speed = _step_matrix(kicks, drifts, ratio)
+    if not abs(0.5 * (place[0] + speed[1])) < 1.0 or not place[1] * speed[0] < 0.0:
+        return math.inf
+    square = -place[1] / speed[0]
+    return abs(square - 1.0) / max(square, 1.0)
+
+
+def _step_matrix(
+    kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: float
+) -> tuple[list[float], list[float]]:
+    """Place and speed, in units of each other, that a step makes of both unit states."""
+    place, speed = [1.0, 0.0], [0.0, 1.0]
     first, second = (kicks, drifts) if len(kicks) > len(drifts) else (drifts, kicks)
     for k, weight in enumerate(first):
         for part, kind in ((weight, first), (second[k] if k < len(second) else 0.0, second)):
@@ -40,10 +51,19 @@ def energy_swing(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: flo
                     speed[column] -= part * ratio * place[column]
                 else:
                     place[column] += part * ratio * speed[column]
-    if not abs(0.5 * (place[0] + speed[1])) < 1.0 or not place[1] * speed[0] < 0.0:
-        return math.inf
-    square = -place[1] / speed[0]
-    return abs(square - 1.0) / max(square, 1.0)
+    return place, speed
+
+
+@lru_cache(maxsize=64)
+def phase_error(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: float) -> float:
+    """
+    Angle [rad] by which the phase of an oscillator errs in a step of `ratio` [rad].
+
+    `kicks` and `drifts` as in METHODS. Infinite where the method is unstable.
+    """
+    place, speed = _step_matrix(kicks, drifts, ratio)
+    cosine = 0.5 * (place[0] + speed[1])
+    return abs(math.acos(cosine) - ratio) if abs(cosine) < 1.0 else math.inf
 
 
 @lru_cache(maxsize=64)

@@ -217,6 +217,12 @@ class ImplicitSteps:
         self._velocity[:] = self._residual[:] = self._change[:] = 0.0
         self._kept: list[_Kept] = []
         self._has_touched = False
+        self._evaluations = 0  # of the forces, since they were counted last
+
+    def count_evaluations(self) -> int:
+        """Return how often steps evaluated the forces since the last call of this."""
+        count, self._evaluations = self._evaluations, 0
+        return count
 
     @property
     def kept_slopes(self) -> tuple[int, ...] | None:
@@ -333,6 +339,7 @@ class ImplicitSteps:
                 slope_at(
                     model, loads, state, work, trail, LAST, team, watch,
                     float(control[START] + control[LENGTH]), 0, last)
+                self._evaluations += 1
                 done += 1
                 since_check += 1
                 status, since_check = look(
@@ -351,6 +358,7 @@ class ImplicitSteps:
             model, loads, state, work, trail, np.int64(len(self._tableau.stages)), team, watch,
             start, 0, len(model.blocks.slot))
         assert model.contacts is not None
+        self._evaluations += 1
         return bool(model.contacts.deepest[0] > 0.0)
 
     def _work_error(
@@ -508,6 +516,7 @@ class ImplicitSteps:
                 slope_at(
                     model, loads, trail.stage, work, trail, np.int64(number), team, watch, time,
                     0, last)
+                self._evaluations += 1
                 ways.end()
                 residual(model, base, velocity, slopes[number], g, self._residual)
                 return self._residual[:, self._layout.slot].T * self._free
@@ -591,4 +600,5 @@ def implicit_method(scene: Scene, packed: PackedScene, name: str) -> Method:
     steps = ImplicitSteps(scene, packed, TABLEAUS[name])
     embedded = None if steps.kept_slopes is None else EmbeddedKernels(
         steps.take, steps.prepare, steps.dense_state, steps.dense_sum, steps.kept_slopes)
-    return facts_of(name)._replace(advance=steps.advance, embedded=embedded)
+    return facts_of(name)._replace(
+        advance=steps.advance, count_evaluations=steps.count_evaluations, embedded=embedded)

@@ -119,6 +119,10 @@ class Ledger:
     # How steps were taken.
     saved_at = At(monitor.SAVED_AT)  # steps of the last call when the state was saved; -1: never
     regular = At(monitor.REGULAR)  # steps of one length until now
+    # What the motion's roughness adds up to, see `AccuracyProbe`.
+    steady_rough = At(monitor.STEADY_ROUGH)  # at the last check that knew it
+    rough_sum = At(monitor.ROUGH_SUM)  # over steps
+    uncounted = At(monitor.UNCOUNTED)  # steps that are not in the sum yet
 
     def __init__(self, packed: PackedScene, energy_limit: float) -> None:
         """Allow a balance error of `energy_limit` times the scale of the balance."""
@@ -142,7 +146,9 @@ class Ledger:
             monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
             monitor.DEEPEST_EVER, monitor.NOISE, monitor.LOOKS]] = 0.0
         self.lively = self.rough_limit = self.swing_limit = math.inf
-        self.numbers[[monitor.REGULAR, monitor.ROUGHEST, monitor.SWING]] = 0.0
+        self.numbers[[
+            monitor.REGULAR, monitor.ROUGHEST, monitor.SWING, monitor.STEADY_ROUGH,
+            monitor.ROUGH_SUM, monitor.UNCOUNTED]] = 0.0
         self.swing_part = 1.0
         self.rough = -1.0
 

@@ -26,6 +26,7 @@ from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
+from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.methods import Beside, Elsewhere
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
@@ -61,10 +62,12 @@ class MethodCalls:
             origin, index, step, count, since_check, interval, self._contact.watching(),
             trajectory.ledger.numbers)
         try:
-            return self.timed(partial(
+            status, done, since_check = self.timed(partial(
                 self._advance, trajectory.model, *trajectory.for_steps(), arguments))
         except ElsewhereError as error:
             trajectory.lose_steps(error)
+        trajectory.evaluations.add(self._evaluations(int(done)))
+        return status, done, since_check
 
     def take_trial(
         self, model: Model, loads: Loads, state: State, work: Work, start: float,
@@ -85,6 +88,8 @@ class MethodCalls:
                 trajectory.fail(
                     f'{error}; the last good state, of t = {trajectory.time:.9g} s, is kept')
             self.portions.note(portion, perf_counter() - started)
+            with trajectory.evaluations.estimating():
+                trajectory.evaluations.add(self._evaluations(portion))
             done += portion
             leaving.check()
 
@@ -112,6 +117,9 @@ class MethodCalls:
                 with self.or_lost():
                     beside.take(which, start, done, length, portion)
                 self.portions.note(portion, perf_counter() - started)
+                evaluations = self._trajectory.evaluations
+                with evaluations.estimating():
+                    evaluations.add(self._evaluations(portion))
                 done += portion
                 leaving.check()
         with self.or_lost():
@@ -136,6 +144,18 @@ class MethodCalls:
         """Steps of a trial in one call: who takes them gets its state and gives it back."""
         least = 1 if self._trajectory.method.holder is None else _SHARED_TRIAL
         return max(self.portions.count, least)
+
+    def _evaluations(self, steps: int) -> int:
+        """Count the evaluations of the forces of so many `steps`, which were the last ones."""
+        method, kinks = self._trajectory.method, self._trajectory.for_steps()[3].kinks
+        more = method.count_evaluations()
+        if kinks is not None:
+            more, kinks.margin[2] = more + int(kinks.margin[2]), 0.0
+        return more if method.implicit else more + steps * method.stages
+
+    def count_embedded(self, control: EmbeddedControl) -> int:
+        """Count the evaluations of the forces of the last steps under an embedded `control`."""
+        return control.take_evaluations() + self._trajectory.method.count_evaluations()
 
     def _advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work,

@@ -127,6 +127,11 @@ class Elsewhere(Protocol):
         """The largest frequency of the fabric; None where it is not found there."""
 
 
+def _no_more() -> int:
+    """Count no evaluations beyond those that each step takes."""
+    return 0
+
+
 class Method(NamedTuple):
     """What there is to know about a method."""
 
@@ -148,6 +153,9 @@ class Method(NamedTuple):
     mends_kinks: bool = False
     # Whether each step is the solution of equations (implicit.py), and stable however long it is.
     implicit: bool = False
+    # Counts the evaluations of the forces since the last call of it: all of implicit steps, else
+    # those beyond `stages` for each step.
+    count_evaluations: Callable[[], int] = _no_more
     # What accepts or refuses the steps of an adaptive one.
     embedded: EmbeddedKernels | None = None
     # Who holds the state between two calls, where other processes or a device take the steps.

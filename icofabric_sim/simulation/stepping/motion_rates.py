@@ -91,7 +91,8 @@ class MotionRates:
     def _acceleration_rate(self) -> float:
         """Rate [rad/s] at which forces move bodies at rest by a, or turn them by a radian."""
         trajectory = self._trajectory
-        trajectory.refresh()
+        with trajectory.evaluations.estimating():
+            trajectory.refresh()
         acceleration = trajectory.packed.layout.gather(trajectory.work.acceleration)
         linear, angular = np.linalg.norm(acceleration.reshape(-1, 2, 3), axis=2).max(
             axis=0, initial=0.0)

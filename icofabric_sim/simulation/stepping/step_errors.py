@@ -30,9 +30,15 @@ _CERTAIN = 3.0
 class StepErrors:
     """Sums what both measure."""
 
-    def __init__(self, probe: AccuracyProbe, touching: TouchingErrors | None) -> None:
-        """`touching`: None where nothing can touch, or steps are adaptive."""
-        self.probe, self.touching = probe, touching
+    def __init__(
+        self, probe: AccuracyProbe, touching: TouchingErrors | None, *, is_estimated: bool
+    ) -> None:
+        """
+        `touching`: None where nothing can touch, or steps are adaptive.
+
+        Not `is_estimated`: what is measured chooses steps, and is no estimate.
+        """
+        self.probe, self.touching, self.is_estimated = probe, touching, is_estimated
         # Time [s] of the saved state that the run went back to last, as its error was too large.
         self.returned_to = -math.inf
         self._is_reported = False
@@ -69,7 +75,7 @@ class StepErrors:
     def close_stretch(self, time: float) -> None:
         """Judge the stretch up to the health check of `time` [s]: steps get another length."""
         if self.touching is not None:
-            self.touching.close(time, self.probe.free_rate)
+            self.touching.close(time, self.probe.steady_rate)
 
     def jump(self, time: float) -> None:
         """Count what was added until `time` [s], where the state jumps."""
@@ -90,7 +96,7 @@ class StepErrors:
 
     def settle(self, total: float) -> None:
         """Have a `total` of errors at the present time."""
-        self.probe.total = total
+        self.probe.settle(total)
         if self.touching is not None:
             self.touching.settle(0.0)
 

@@ -105,6 +105,7 @@ class StepInProgress:
         trajectory.thread_team.run(lambda team: self._kernels.prepare(
             trajectory.model, loads, trajectory.work, team, trail, watch, trajectory.time,
             length))
+        trajectory.evaluations.add(self._kernels.prepare_count)
         self._has_dense = True
         trajectory.require_body_force()
 

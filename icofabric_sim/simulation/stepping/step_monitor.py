@@ -31,28 +31,31 @@ from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
 # Work between two health checks, in evaluations of the forces; a check costs about as much as one
-# and a half.
+# and a half, or as four where the step is as long as the frequency allows.
 CHECK_INTERVAL = 64
 # The same where a connector in its shell ends the run, so that few are missed that are soon out of
 # it again: `dop8` looks after every step.
 CLOSE_INTERVAL = 8
-# A given step near the limit is checked more often, at most every so many steps.
+# Given steps are checked after so many, unless a period has fewer.
 SHORTEST_INTERVAL = 8
+LARGEST_DIFFERENCE = 6
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
-# Order of the differences by which the roughness of the motion is judged: that of the method,
-# but no more steps than this between two health checks.
-LARGEST_DIFFERENCE = 6
 
 
-def differences_of(method: Method, *, given: bool, linked: bool) -> int:
+def differences_of(method: Method, *, linked: bool, given: bool, estimated: bool) -> int:
     """
     Order of the differences by which the roughness of the motion is judged; 0: it is not.
 
-    Only where the step follows the accuracy, in fabrics that are `linked`.
+    In fabrics that are `linked`. Where the step is `given` and its error `estimated` those of the
+    first order that a splitting method gets wrong (accuracy_probe.py); chosen steps follow those
+    of its own order, but of no more steps than there are between two health checks.
     """
-    return min(method.order, LARGEST_DIFFERENCE) if method.symplectic and linked and (
-        not given) else 0
+    if not (method.symplectic and linked):
+        return 0
+    if given:
+        return method.order + 1 if estimated else 0
+    return min(method.order, LARGEST_DIFFERENCE)
 
 
 class StepMonitor:
@@ -73,10 +76,46 @@ class StepMonitor:
         # Steps since the last check, and from one to the next.
         self.since_check = 0
         self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
-        self.interval = max(self._longest // trajectory.method.stages, 1)
-        if differences:
-            # Whole windows of the steps by which the roughness of the motion is judged.
-            self.interval = -(-self.interval // differences) * differences
+        self._most_steps = max(self._longest // trajectory.method.stages, 1)
+        # Where the step follows the roughness of the motion there is a whole difference before
+        # each check, so that a run goes back to where the motion was known to be smooth.
+        self._window = 1 if given else max(differences, 1)
+        self._least_steps = self._window if obstruction.stops or not given else SHORTEST_INTERVAL
+        self._most_steps = self._in_windows(max(self._most_steps, self._least_steps))
+        # Steps that searches for contacts count as the time between two health checks.
+        self.search_interval = self._most_steps
+        self.interval = self.interval_with(trajectory.step)
+
+    def interval_with(self, step: float) -> int:
+        """
+        Count the steps of `step` [s] between two health checks.
+
+        No more than a shortest period of the fabric takes, or than what a health check costs
+        asks for; but for steps near the stability limit. Implicit steps may be longer than that.
+        """
+        steps, turned = self._most_steps, step * self._rates.fabric.rate
+        if not self._trajectory.method.implicit and steps * turned > 2.0 * math.pi:
+            steps = self._in_windows(max(int(2.0 * math.pi / turned), self._least_steps))
+        return steps
+
+    def _in_windows(self, steps: int) -> int:
+        """At least so many `steps`, in whole differences if the step follows them."""
+        return -(-steps // self._window) * self._window
+
+    def follow_step(self) -> None:
+        """Choose the steps between two health checks for the present step."""
+        trajectory, rate = self._trajectory, self._rates.fabric.rate
+        step = trajectory.step
+        if trajectory.control is not None and not self._is_given and rate > 0.0:
+            # The first steps of an adaptive method are not known yet.
+            step = trajectory.method.chosen / rate
+        self.interval = self.interval_with(step)
+        if self._is_given and self._rates.frequency.rate > self._rates.fabric.rate:
+            self.interval = min(self.interval, self.search_interval)
+        if self._is_given and trajectory.packed.goes_slack:
+            # Errors of connectors that tighten are measured from check to check, in whole periods.
+            self.interval = self.search_interval
+        self.since_check = min(self.since_check, self.interval - 1)
 
     def restart(self, *, exact: bool) -> None:
         """Examine the present state: it has jumped. `exact`: see `examine`."""
@@ -97,8 +136,10 @@ class StepMonitor:
         trajectory, ledger = self._trajectory, self._trajectory.ledger
         if exact:
             self._rates.measure()
-        ledger.high, ledger.low, ledger.spin_weight = math.inf, 0.0, 1.0
+        # Any rate is low, so the bound is a close one.
+        ledger.high, ledger.low, ledger.spin_weight = math.inf, math.inf, 1.0
         self._whole.examine()
+        ledger.low = 0.0
         if self._is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every check: the bound may be three times as high, its own growth says nothing.
@@ -109,7 +150,8 @@ class StepMonitor:
             ratio = step * self._rates.frequency.rate / method.chosen
             steps = self._longest / method.stages / max(ratio, 1.0)
             shortest = 1 if self.obstruction.stops else SHORTEST_INTERVAL
-            self.interval = max(int(steps), shortest)
+            self.search_interval = max(int(steps), shortest)
+        self.follow_step()
 
     def judge(self, time: float) -> int:
         """
@@ -200,7 +242,9 @@ class StepMonitor:
 
     def state_tree(self) -> dict[str, Any]:
         """When the next check is, and what it will judge, as entries."""
-        tree: dict[str, Any] = {'since_check': self.since_check, 'look_interval': self.interval}
+        tree: dict[str, Any] = {
+            'since_check': self.since_check, 'look_interval': self.interval,
+            'search_interval': self.search_interval}
         if self.obstruction.found:
             tree['obstruction'] = self.obstruction.found
         if self._is_in_window:
@@ -211,12 +255,17 @@ class StepMonitor:
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
-        least, most = (1, CHECK_INTERVAL) if self._is_given else (self.interval,) * 2
-        self.interval = tree.count('look_interval', least, most)
+        longest = max(CHECK_INTERVAL, self._most_steps)
+        self.interval = tree.count('look_interval', 1, longest)
+        # Earlier versions had one of both.
+        self.search_interval = tree.count('search_interval', 1, longest) if (
+            'search_interval' in tree) else self.interval
         self.since_check = tree.count('since_check', 0, self.interval - 1)
         self.obstruction.found = tree.text('obstruction') if 'obstruction' in tree else ''
         if self._is_in_window:
-            window, own = tree.array('window'), self._trajectory.work.difference
+            own = self._trajectory.work.difference
+            # Earlier versions began a difference after each health check.
+            window = tree.array('window') if 'window' in tree else np.zeros(0)
             if window.shape == (len(own), own.shape[1] // LANES, LANES):
                 own[:] = window.reshape(own.shape)
             else:
@@ -226,8 +275,8 @@ class StepMonitor:
     @property
     def _is_in_window(self) -> bool:
         """Whether some, but not all, of the steps of a difference are taken."""
-        if not self._differences:
+        if len(self._trajectory.work.weights) < 2:
             return False
-        first = self.interval - self._differences if self._trajectory.method.stages < 4 else 0
-        taken = self.since_check - first
-        return taken > 0 and taken % self._differences != 0
+        if self._trajectory.method.stages < 4:
+            return self.since_check > self.interval - self._differences
+        return int(self._trajectory.ledger.regular) % self._differences != 0

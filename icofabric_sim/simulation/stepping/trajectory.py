@@ -42,6 +42,7 @@ from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
+from icofabric_sim.simulation.stepping.evaluations import Evaluations
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Elsewhere, KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
@@ -99,6 +100,7 @@ class Trajectory:
         # Steps of one length end at origin + index x step.
         self.origin, self.index, self.step = origin, 0, step
         self.step_count = 0
+        self.evaluations = Evaluations()
         self.ledger = Ledger(packed, energy_limit)
         self.ledger.inverse_size = half_edge**-2
         self._saved = packed.layout.like(state)
@@ -320,6 +322,7 @@ class Trajectory:
         """
         model = model or self.model
         last = len(model.blocks.slot)
+        self.evaluations.add()
         place_all(model, self.state, self.work, 0, last)
         losses = contact_losses(model.contacts)
         if self._loses(model) and losses is not None:
@@ -416,6 +419,7 @@ class Trajectory:
             'index': self.index,
             'step': self.step,
             'step_count': self.step_count,
+            'evaluations': self.evaluations.state_tree(),
             'saved_time': self.saved_time,
             'state': self.by_body(self.state),
             'saved': self.by_body(self.saved),

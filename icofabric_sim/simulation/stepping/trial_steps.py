@@ -115,6 +115,8 @@ class TrialSteps:
         # Where a connector may have broken the kernel returns early.
         while count > 0:
             _, done, _ = trajectory.thread_team.run(advance)
+            with trajectory.evaluations.estimating():
+                trajectory.evaluations.add(self._calls.count_embedded(control))
             leaving.check()
             if not done:
                 return None
@@ -150,6 +152,9 @@ class TrialSteps:
         for count in counts:
             found.append(joined(*self._calls.compare_beside(beside, time, step, count)))
             time += count * step
+        with trajectory.evaluations.estimating():
+            # As one process does where it takes the state back, so that counts are the same.
+            trajectory.evaluations.add()
         return found
 
     def compare_ahead(
@@ -165,6 +170,8 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         model, time = self._copy_model(), trajectory.time
+        # Friction knows more of them than the state does: the run goes on as if nothing was tried.
+        acceleration = trajectory.work.acceleration.copy()
         self._contact.has_touched()
         try:
             for done, count in enumerate(counts):
@@ -179,7 +186,10 @@ class TrialSteps:
                 time += count * step
         finally:
             self.touched = self._contact.has_touched()
-            trajectory.restore()
+            copy_state(trajectory.saved, trajectory.state)
+            np.copyto(trajectory.work.acceleration, acceleration)
+            with trajectory.evaluations.estimating():
+                trajectory.refresh_places()
         return len(counts)
 
     def retrace(
@@ -203,7 +213,7 @@ class TrialSteps:
             for step in [trajectory.step] * count + [rest] * (rest > 0.0):
                 for target in (trajectory.state, before):
                     copy_state(after, target)
-                trajectory.refresh(time, model)
+                self._refresh(time, model)
                 state = self.take(step, 1, start=time, model=model)
                 if trajectory.take_force_failure() is not None:
                     return
@@ -213,7 +223,12 @@ class TrialSteps:
         finally:
             copy_state(now, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
-            trajectory.refresh_places()
+            with trajectory.evaluations.estimating():
+                trajectory.refresh_places()
+
+    def _refresh(self, time: float, model: Model, step: float | None = None) -> None:
+        with self._trajectory.evaluations.estimating():
+            self._trajectory.refresh(time, model, step)
 
     def keep_earlier(self) -> None:
         """Keep the saved state for `compare_behind`: the next health check replaces it."""
@@ -251,12 +266,12 @@ class TrialSteps:
             copy_state(self._earlier, trajectory.state)
             for first, last in zip(ends[:-1], ends[1:]):
                 time, beside = start + first * step, self._copy_model(model)
-                trajectory.refresh(time, beside, 0.5 * step)
+                self._refresh(time, beside, 0.5 * step)
                 half = self.take(0.5 * step, 2 * (last - first), start=time, model=beside)
                 copy_state(half, kept)
                 reached = now
                 if last < count:
-                    trajectory.refresh(time, model)
+                    self._refresh(time, model)
                     reached = self.take(step, last - first, start=time, model=model)
                 failed = failed or trajectory.take_force_failure() is not None
                 copy_state(reached, trajectory.state)
@@ -266,7 +281,8 @@ class TrialSteps:
         finally:
             copy_state(now, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
-            trajectory.refresh_places()
+            with trajectory.evaluations.estimating():
+                trajectory.refresh_places()
         return None if failed else found
 
     def earlier_tree(self) -> dict[str, Any]:

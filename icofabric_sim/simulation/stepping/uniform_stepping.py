@@ -305,7 +305,7 @@ class UniformStepping:
 
     def error_rate(self) -> float:
         """Error that the method adds for each second, measured last."""
-        return self._pieces.errors.probe.rate
+        return self._pieces.errors.probe.present_rate
 
     def error_estimate(self, time: float) -> float:
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
@@ -379,7 +379,7 @@ class UniformStepping:
             return int(done)
         if touching is not None and checks.since_check == 0:
             if saved_at >= 0 and not status & monitor.UNSOUND:
-                touching.end(saved_time, errors.probe.free_rate)
+                touching.end(saved_time, errors.probe.steady_rate)
                 if not pieces.is_given:
                     errors.report_excess(saved_time)
             else:
@@ -410,7 +410,7 @@ class UniformStepping:
     def _counts_touching(self) -> bool:
         """Whether the step follows how many pairs touch."""
         pieces = self._pieces
-        return pieces.errors.touching is not None and pieces.contact.contacts is not None and (
+        return pieces.contact.contacts is not None and (
             pieces.trajectory.method.runs_through_contacts)
 
     def _follow_touching(self, time: float) -> None:
@@ -421,11 +421,11 @@ class UniformStepping:
         """
         pieces = self._pieces
         contact, touching = pieces.contact, pieces.errors.touching
-        if touching is None or not self._counts_touching() or time != pieces.trajectory.time:
+        if not self._counts_touching() or time != pieces.trajectory.time:
             return
         if pieces.controller.follow_touching():
             pieces.choose_step()
-        if touching.needs_search and contact.searched < time:
+        if touching is not None and touching.needs_search and contact.searched < time:
             before = contact.rate
             contact.search(time, *pieces.controller.outlook())
             # Kernels may have noted some from where the search before was.

@@ -46,6 +46,7 @@ class WholeState:
         if elsewhere is None:
             trajectory.refresh()
             return
+        trajectory.evaluations.add()
         with self._calls.or_lost():
             elsewhere.refresh(trajectory.time)
 

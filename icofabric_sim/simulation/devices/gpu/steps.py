@@ -90,10 +90,10 @@ class DeviceSteps:
     """Steps of a method, taken on a device."""
 
     def __init__(
-        self, device: Device, packed: PackedScene, method: Method, *, given: bool
+        self, device: Device, packed: PackedScene, method: Method, *, given: bool, estimated: bool
     ) -> None:
         """
-        Put the fabric on the device; `given`: the step is.
+        Put the fabric on the device; `given`: the step is, and its error is `estimated`.
 
         Raises ValueError where it lacks memory.
         """
@@ -103,7 +103,7 @@ class DeviceSteps:
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
-            method, given=given, linked=packed.model.links is not None)
+            method, given=given, estimated=estimated, linked=packed.model.links is not None)
         if self._follows_kinks:
             slots = packed.layout.slot_count
             put_crossings(self._fabric, slots, device)
@@ -238,8 +238,9 @@ class DeviceSteps:
             if of_run and self._differences:
                 # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
                 # last before a health check.
-                sampled = since_check - (
-                    check_interval - self._differences if self._method.stages < 4 else 0)
+                sampled = int(book.regular) % self._differences
+                if self._method.stages < 4:
+                    sampled = since_check - (check_interval - self._differences)
                 ahead = 1 if sampled >= 0 else min(ahead, -sampled)
             if sampled >= 0 and sampled % self._differences == 0:
                 self._sample(model, work, 0)
@@ -258,6 +259,7 @@ class DeviceSteps:
                 status |= self._swing(contacts, h, ledger)
             if of_run:
                 book.regular += ahead
+                book.uncounted += ahead
             if since_check < check_interval:
                 if watched:
                     status |= self._look(
@@ -514,7 +516,8 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
 
 
 def device_method(
-    device: Device, packed: PackedScene, name: str, *, given: bool, later: str = ''
+    device: Device, packed: PackedScene, name: str, *, given: bool, estimated: bool,
+    later: str = ''
 ) -> Method:
     """
     Return the method `name` with steps that the device takes.
@@ -532,5 +535,5 @@ def device_method(
         pair = DevicePair(device, packed)
         return method._replace(
             advance=pair.advance, holder=pair, embedded=method.embedded._replace(take=pair.take))
-    steps = DeviceSteps(device, packed, method, given=given)
+    steps = DeviceSteps(device, packed, method, given=given, estimated=estimated)
     return method._replace(advance=steps.advance, holder=steps)

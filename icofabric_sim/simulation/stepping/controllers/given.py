@@ -20,6 +20,8 @@ the motion lasts.
 
 import math
 
+from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 
 # Shortest periods until the next measurement, at most: it is for the report only.
@@ -27,6 +29,8 @@ _LARGEST_GAP = 128
 # Parts of the motion so far, of which none is left without a measurement: errors of high order
 # rise and fall tenfold within a few periods. Of smooth motion that keeps its energy half will do.
 _PARTS, _SMOOTH_PARTS = 4, 2
+# Steps of three periods above which only a quarter of one is measured at first.
+_LONG_PERIOD = 15
 
 RANK = 0
 
@@ -60,17 +64,31 @@ class GivenStep:
         # A step too long for contacts ends the run where one is about to begin, and no sooner.
         through = method.runs_through_contacts and (
             step * math.sqrt(pieces.contact.least_rate) <= method.stability)
-        return step, float(pieces.monitor.interval) if through else 1.0
+        return step, float(pieces.monitor.search_interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return the step, and measure its error if that is due."""
+        """Return the step, and measure its error if that is due and wanted."""
         pieces, errors = self._pieces, self._pieces.errors.probe
-        fastest = pieces.rates.fastest()
-        if probe or errors.is_new or pieces.rates.load_rate > errors.load_rate:
+        if not pieces.errors.is_estimated:
+            errors.checks_left = NEVER
+            return pieces.trajectory.step
+        fastest, step = pieces.rates.fastest(), pieces.trajectory.step
+        errors.follow_forces()
+        is_new = errors.is_new or pieces.rates.load_rate > errors.load_rate
+        if not errors.reads_differences:
+            if probe or is_new:
+                if not probe:
+                    pieces.trajectory.save()
+                self._measure(fastest, jumped=not probe)
+        elif is_new or (probe and pieces.trajectory.ledger.rough < 0.0 and errors.may_measure):
             if not probe:
                 pieces.trajectory.save()
-            self._measure(fastest, jumped=not probe)
-        return pieces.trajectory.step
+            self._measure_briefly(fastest)
+        else:
+            errors.read_differences(step, fastest)
+            if probe:
+                errors.checks_left = NEVER
+        return step
 
     def excess(self) -> float | None:
         """Steps are taken whatever they err by."""
@@ -91,6 +109,24 @@ class GivenStep:
         """Have the error measured anew where loads are faster."""
         return True
 
+    def _measure_briefly(self, fastest: float) -> None:
+        """Measure what the step adds until health checks read it from differences."""
+        errors, rates = self._pieces.errors.probe, self._pieces.rates
+        step = self._pieces.trajectory.step
+        errors.begin()
+        # A load may last a few steps only, and its errors with it.
+        is_pulse = rates.load_rate > rates.fabric.rate
+        error = errors.measured(
+            min(step, rates.pulse_step()), fastest, given=True, brief=not is_pulse,
+            least=self._pieces.monitor.interval if is_pulse else 1)
+        before = errors.present_rate
+        if math.isnan(error):
+            error = before
+        errors.read_differences(step, fastest, error if errors.is_new else max(error, before))
+        errors.is_new = False
+        # Inputs may cut steps so often that no difference becomes known.
+        errors.checks_left = errors.checks_to_difference(self._pieces.monitor.interval)
+
     def _measure(self, fastest: float, *, jumped: bool) -> None:
         """Measure what the step adds; `jumped`: what acts is new."""
         errors, rates = self._pieces.errors.probe, self._pieces.rates
@@ -102,9 +138,12 @@ class GivenStep:
         interval = self._pieces.monitor.interval
         steps = errors.steps_of_period(step, fastest)
         # At first as far as the next health check, so that nothing is missed of how a motion
-        # begins.
+        # begins. Kinks come so often that less will do.
+        has_kinks = has_jumps(self._pieces.trajectory.model.links)
+        is_long = errors.gap == 1 and (not has_kinks or self._pieces.errors.touching is not None)
         error = errors.measured(
-            step, fastest, least=interval if errors.gap == 1 else 1, given=True)
+            step, fastest, least=interval if is_long else 1, given=True,
+            brief=jumped and not is_long and 3 * steps > _LONG_PERIOD)
         if math.isnan(error):
             error = errors.rate
         change = errors.add(errors.free_rate if jumped else error)

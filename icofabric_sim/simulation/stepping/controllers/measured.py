@@ -157,7 +157,7 @@ class MeasuredStep:
             listed = self._pieces.contact.contacts
             crowd = listed is not None and len(listed.pairs) > _CROWD
             searched = _SEARCHED_IN_CROWDS if crowd else _SEARCHED
-            return self._contact_step(), searched * self._pieces.monitor.interval
+            return self._contact_step(), searched * self._pieces.monitor.search_interval
         return (
             method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
 
@@ -368,7 +368,7 @@ class MeasuredStep:
             part=_SMOOTH_PARTS if rough >= 0.0 and self._shows_errors else _PARTS)
         errors.end(error)
         steps *= errors.gap
-        errors.checks_left = -(-steps // self._pieces.monitor.interval)
+        errors.checks_left = -(-steps // self._pieces.monitor.interval_with(step))
         errors.is_new = False
         # Differences grow with the step as the error does.
         self._expect(rough * (step / before) ** order)
