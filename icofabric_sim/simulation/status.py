@@ -195,7 +195,7 @@ class SimulationStatus:
     @property
     def error_rate(self) -> float:
         """Error that the method adds for each second [1/s], measured last; NaN: not estimated."""
-        return self._driver.error_rate() if self._is_estimated else math.nan
+        return self._driver.error_rate() if self._driver.errors.is_estimated else math.nan
 
     @property
     def error_estimate(self) -> float:
@@ -204,18 +204,14 @@ class SimulationStatus:
 
         NaN where they are not estimated (`solver.error_estimate`).
         """
-        if not self._is_estimated:
+        if not self._driver.errors.is_estimated:
             return math.nan
         return self._driver.error_estimate(self._event_loop.time)
 
     @property
-    def _is_estimated(self) -> bool:
-        return self._driver.errors.is_estimated
-
-    @property
     def error_estimate_lacks(self) -> str:
         """Sentence on errors of this run that the estimate may not cover; '': it covers all."""
-        if not self._is_estimated:
+        if not self._driver.errors.is_estimated:
             return 'errors were not estimated, as solver.error_estimate is false'
         found = []
         if self._event_loop.strain > WILD:

@@ -250,7 +250,8 @@ def advise() -> str:
 
 
 def unmeasured(
-    accuracy: AccuracyProbe, step: float, fastest: float, *, least: int = 1, given: bool = False
+    accuracy: AccuracyProbe, step: float, fastest: float, *, least: int = 1, given: bool = False,
+    brief: bool = False
 ) -> float:
     """Stand in for the measurement of an error, in no time."""
     accuracy._span = step

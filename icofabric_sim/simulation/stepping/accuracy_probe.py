@@ -117,6 +117,11 @@ class AccuracyProbe:
         """Begin at another `time` [s]: nothing has moved yet."""
         self._since = self._begun = time
 
+    def forget(self) -> None:
+        """Count errors, and what measurements of them took, from zero again."""
+        self._cost = 0.0
+        self.settle(0.0)
+
     def state_tree(self) -> dict[str, Any]:
         """What was measured, and when it will be again."""
         return {

@@ -93,6 +93,7 @@ class StepErrors:
     def forget(self) -> None:
         """Count from zero again."""
         self.settle(0.0)
+        self.probe.forget()
 
     def settle(self, total: float) -> None:
         """Have a `total` of errors at the present time."""
