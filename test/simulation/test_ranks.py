@@ -213,12 +213,14 @@ def test_a_run_that_is_put_elsewhere_goes_on_with_the_same_bits(shared):
 
 def test_from_the_start_on_states_are_where_the_bodies_are(shared):
     for found in shared['found'].values():
-        for gathered, checks, measured, iterations, others, there, again in found['gathered']:
-            assert gathered == 0 and checks >= 4 and measured >= 1 and iterations >= 2
+        for gathered, checks, _measured, iterations, others, there, again in found['gathered']:
+            assert gathered == 0 and checks >= 4 and iterations >= 2
             # Nor has the first rank any numbers of bodies of others.
             assert others > 100 and there == 0
             # Once a step was taken, ranks save what they have after a reset, too.
             assert again == 0
+        # Where differences tell no errors, these were measured on the way.
+        assert found['gathered'][-1][2] >= 1
 
 
 def test_steps_of_an_embedded_pair_gather_no_whole_state(shared):
@@ -258,7 +260,7 @@ def test_a_record_of_ranks_is_identical_to_one_process(tmp_path, capsys):
         tmp_path / 'bag')
     assert done.returncode == 0, done.stderr
     # One rank speaks.
-    assert done.stdout.count('method    srkn8') == 1
+    assert done.stdout.count('method       srkn8') == 1
     assert '2 share the steps' in done.stdout and 'growth is not measured' in done.stderr
     assert main(['verify', str(tmp_path / 'bag')]) == 0
     assert 'identical: ' in capsys.readouterr().out
@@ -396,7 +398,7 @@ class Answering:
 
 def test_windows_that_a_machine_has_no_memory_for_are_refused_before_any_is_made():
     packed = pack_scene(ico.Scene.from_parameters({'weave.size': [7, 7, 9]}))
-    words = {'given': True, 'half_edge': 0.01}
+    words = {'given': True, 'estimated': True, 'half_edge': 0.01}
     transport = Answering(3, ('far', 10**9), ('far', 60_000))
     with pytest.raises(ValueError, match=r'rank 1, 2 on far: .* GB are left'):
         SharedSteps(transport, packed, ico.METHODS['leapfrog'], **words)

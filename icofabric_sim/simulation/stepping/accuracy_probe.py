@@ -81,9 +81,15 @@ class AccuracyProbe:
     """What steps of one length add to the error; positions over a, and angles [rad]."""
 
     def __init__(
-        self, trajectory: Trajectory, trials: TrialSteps, rates: MotionRates, tolerance: float
+        self, trajectory: Trajectory, trials: TrialSteps, rates: MotionRates, tolerance: float,
+        *, differences: int
     ) -> None:
-        """Measure on the `trajectory` by `trials`; `tolerance` [1/s]."""
+        """
+        Measure on the `trajectory` by `trials`; `tolerance` [1/s].
+
+        `differences`: order of those that health checks take.
+        """
+        self._differences = differences
         self._trajectory, self._trials, self._rates = trajectory, trials, rates
         self._half_edge, self.tolerance = trajectory.half_edge, tolerance
         self.total = 0.0  # errors added until the last measurement
@@ -210,12 +216,12 @@ class AccuracyProbe:
         """Whether health checks read errors from differences of the present motion."""
         trajectory = self._trajectory
         # Differences that chosen steps follow have another order.
-        return len(trajectory.work.weights) == trajectory.method.order + 2 and (
+        return self._differences == trajectory.method.order + 1 and (
             self.is_smooth or self._shows_kinks)
 
     def checks_to_difference(self, interval: int) -> int:
         """Health checks, one after each `interval` steps, until a difference is known."""
-        return -(-(len(self._trajectory.work.weights) - 1) // interval)
+        return -(-self._differences // interval)
 
     @property
     def _shows_kinks(self) -> bool:

@@ -130,7 +130,8 @@ class Driver:
             self.trajectory, self.contact, self._whole, frequency, load_rate, pulse_step)
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
-        probe = AccuracyProbe(self.trajectory, self.trials, self.rates, tolerance)
+        probe = AccuracyProbe(
+            self.trajectory, self.trials, self.rates, tolerance, differences=differences)
         # Bands around shells change to another geodesic at any time, and slack connectors tighten.
         any_time = packed.model.wrapping is not None or (self._is_given and packed.goes_slack)
         has_jumps = any_time or broad_phase is not None

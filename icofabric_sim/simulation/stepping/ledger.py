@@ -239,6 +239,8 @@ class Ledger:
             monitor.ROUNDING]
         numbers = tree.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
+        if not 0.0 <= numbers[monitor.REGULAR] < math.inf:
+            raise ValueError('numbers must count the steps of one length')
         # It may have been raised on the way there, but not since.
         numbers[monitor.FLOOR] = max(numbers[monitor.FLOOR], self._least_floor)
         np.copyto(self.numbers, numbers)

@@ -275,7 +275,7 @@ class StepMonitor:
     @property
     def _is_in_window(self) -> bool:
         """Whether some, but not all, of the steps of a difference are taken."""
-        if len(self._trajectory.work.weights) < 2:
+        if self._differences < 1:
             return False
         if self._trajectory.method.stages < 4:
             return self.since_check > self.interval - self._differences
