@@ -237,7 +237,7 @@ def test_tolerance_is_for_each_unit_of_time(scale):
     assert steps(scale) == steps(1.0)
 
 
-@pytest.mark.parametrize('seed', [13, 24])
+@pytest.mark.parametrize('seed', [24, 27])
 def test_pieces_give_the_same_bits_where_a_run_goes_back(seed):
     scene = changed(
         random_scene(seed)[0], {'contact.mode': 'never', 'solver.method': 'srkn6'})

@@ -419,7 +419,7 @@ def test_the_saved_state_stays_on_the_device_until_somebody_asks():
     trajectory = simulation._driver.trajectory
     simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
     # The first checks look into shells as well, which is done here.
-    simulation.advance_steps(4 * simulation._driver.monitor.interval)
+    simulation.advance_steps(3 * simulation._driver.monitor.interval)
     holder = trajectory.method.holder
     assert holder.has_saved
     saved = trajectory.saved

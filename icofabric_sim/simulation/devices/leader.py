@@ -94,8 +94,7 @@ class SharedSteps:
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
         links, contact = packed.model.links, packed.contact
-        differences = differences_of(
-            method, given=given, estimated=estimated, linked=links is not None)
+        differences = differences_of(method, links, given=given, estimated=estimated)
         self._weights = Weights(
             self._kicks, self._drifts, differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),

@@ -65,6 +65,8 @@ _AT_KINKS = 1.3
 _NONLINEAR_RAD, _RESOLVED_RAD = 0.6, 0.5
 # Steps of a period at most, where that is beyond counting.
 _UNCOUNTED = 2**40
+# Corrections of a step that theory expects to be accurate enough.
+_CORRECTIONS = 4
 # Bodies above which a quarter of a period is measured: some of so many err at any moment.
 _MANY = 20_000
 # A measurement comes early once the kinetic energy is this many times that of the last.
@@ -197,6 +199,18 @@ class AccuracyProbe:
         self._since, self.rate, self.free_rate = time, 0.0, 0.0
         self._trajectory.ledger.steady_rough = 0.0
 
+    def take_back(self, steps: int) -> None:
+        """Count less for the last `steps`, which are taken again as they were too rough."""
+        ledger = self._trajectory.ledger
+        if self._weight > 0.0:
+            excess = max(ledger.rough - ledger.rough_limit, 0.0)
+            ledger.rough_sum -= 0.5 * excess * steps
+            ledger.steady_rough = min(ledger.rough, ledger.rough_limit)
+
+    def largest_difference(self, error: float, step: float) -> float:
+        """Difference of the motion with which steps of `step` [s] add an `error` [1/s]."""
+        return max(error - self._rounding_rate, 0.5 * error) * step / self._weight
+
     def settle(self, total: float) -> None:
         """Have a `total` of errors at the present time; what is added from there on is known."""
         ledger = self._trajectory.ledger
@@ -214,10 +228,7 @@ class AccuracyProbe:
     @property
     def reads_differences(self) -> bool:
         """Whether health checks read errors from differences of the present motion."""
-        trajectory = self._trajectory
-        # Differences that chosen steps follow have another order.
-        return self._differences == trajectory.method.order + 1 and (
-            self.is_smooth or self._shows_kinks)
+        return self._differences > 0 and (self.is_smooth or self._shows_kinks)
 
     def checks_to_difference(self, interval: int) -> int:
         """Health checks, one after each `interval` steps, until a difference is known."""
@@ -254,6 +265,24 @@ class AccuracyProbe:
         if self._shows_kinks:
             error *= _AT_KINKS
         return _MEAN_PART * error / (2.0 * math.sin(0.5 * angle)) ** (method.order + 1)
+
+    def expected_step(self, longest: float, speed: float) -> float:
+        """
+        Step [s], at most the `longest`, whose error is probably the one that is aimed at.
+
+        As if a body of that `speed` [1/s], in a or radians, were all in the fastest vibration: its
+        phase error is a shift in time.
+        """
+        method, rate = self._trajectory.method, self._rates.fabric.rate
+        aim, ratio = AIM * self.tolerance, longest * rate
+        if not (speed > 0.0 and rate > 0.0):
+            return longest
+        for _ in range(_CORRECTIONS):
+            angle = max(ratio, _RESOLVED_RAD)
+            error = phase_error(method.kicks, method.drifts, angle) * (
+                ratio / angle)**(method.order + 1)
+            ratio *= min((aim * ratio / (error * speed))**(1.0 / method.order), 1.0)
+        return min(ratio / rate, longest)
 
     def follow_forces(self) -> None:
         """Have errors measured where differences no longer show them, as forces may jump."""

@@ -115,8 +115,7 @@ class Driver:
         is_adaptive = method.adaptive and not self._is_given
         is_embedded = is_adaptive or (method.adaptive and has_events)
         differences = differences_of(
-            method, linked=packed.model.links is not None, given=self._is_given,
-            estimated=estimates_errors)
+            method, packed.model.links, given=self._is_given, estimated=estimates_errors)
         self.trajectory = Trajectory(
             packed, method, state, loads, origin=origin, step=fixed_step,
             differences=differences,

@@ -19,6 +19,7 @@ from typing import Any
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.charge_meetings import meeting_between
 from icofabric_sim.simulation.stepping.faults import find_fault, shorter_steps
@@ -38,24 +39,25 @@ CHECK_INTERVAL = 64
 CLOSE_INTERVAL = 8
 # Given steps are checked after so many, unless a period has fewer.
 SHORTEST_INTERVAL = 8
-LARGEST_DIFFERENCE = 6
+# Order of the differences of chosen steps at most, where connectors have kinks.
+_LARGEST_KINKED_ORDER = 6
 # An energy that does not balance by less of the largest one is due to rounding, not to steps.
 _ROUNDING = 1e-11
 
 
-def differences_of(method: Method, *, linked: bool, given: bool, estimated: bool) -> int:
+def differences_of(method: Method, links: Any, *, given: bool, estimated: bool) -> int:
     """
     Order of the differences by which the roughness of the motion is judged; 0: it is not.
 
-    In fabrics that are `linked`. Where the step is `given` and its error `estimated` those of the
-    first order that a splitting method gets wrong (accuracy_probe.py); chosen steps follow those
-    of its own order, but of no more steps than there are between two health checks.
+    In fabrics that have `links`: those of the first order that a splitting method gets wrong
+    (accuracy_probe.py). Where these have kinks, differences of so high an order see little else.
+    `given`: of given steps only where their error is `estimated`.
     """
-    if not (method.symplectic and linked):
+    if not (method.symplectic and links is not None) or (given and not estimated):
         return 0
-    if given:
-        return method.order + 1 if estimated else 0
-    return min(method.order, LARGEST_DIFFERENCE)
+    if has_jumps(links) and method.order > 2 and not given:
+        return min(method.order, _LARGEST_KINKED_ORDER)
+    return method.order + 1
 
 
 class StepMonitor:

@@ -452,6 +452,7 @@ class UniformStepping:
         whole = trajectory.ledger.regular >= pieces.monitor.interval
         if excess > 1.0 and whole and trajectory.saved_time != errors.returned_to:
             # The errors of what was shown up to there stay counted.
+            errors.probe.take_back(pieces.monitor.interval)
             errors.probe.close(time)
             self._left_at = max(self._left_at, time)
             trajectory.return_to_saved()

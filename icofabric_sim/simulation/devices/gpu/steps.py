@@ -103,7 +103,7 @@ class DeviceSteps:
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
         self._differences = differences_of(
-            method, given=given, estimated=estimated, linked=packed.model.links is not None)
+            method, packed.model.links, given=given, estimated=estimated)
         if self._follows_kinks:
             slots = packed.layout.slot_count
             put_crossings(self._fabric, slots, device)

@@ -28,7 +28,6 @@ from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
-from icofabric_sim.simulation.stepping.step_monitor import LARGEST_DIFFERENCE
 import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
@@ -43,9 +42,8 @@ _LARGEST, _SMALLEST = 0.4, 0.02
 _FIRST_GAP, _LARGEST_GAP = 2, 64
 # The same where contacts keep steps short, whose errors are measured behind the steps.
 _LARGEST_GAP_HELD = 512
-# Parts of the motion so far, of which none is left without a measurement; all of it where smooth
-# motion that becomes rougher shows in differences of the order of the method.
-_PARTS, _SMOOTH_PARTS = 2, 1
+# Parts of the motion so far, of which none is left without a measurement.
+_PARTS = 2
 # The same where inputs come so often that the roughness of the motion cannot be judged.
 _LARGEST_BLIND_GAP = 16
 # A measurement comes early once the motion is this many times as rough as at the last, and so
@@ -194,8 +192,11 @@ class MeasuredStep:
         if probe or errors.is_new or longer or rates.load_rate > errors.load_rate:
             if not probe:
                 trajectory.save()
-            step = self._measure(
-                step, rounded_down(cap), rate, jumped=not probe, held=cap == contact)
+            cap = rounded_down(cap)
+            if errors.reads_differences:
+                step = self._follow_differences(step, cap, rate, jumped=not probe, excess=shorter)
+            else:
+                step = self._measure(step, cap, rate, jumped=not probe, held=cap == contact)
         if through:
             ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
             if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
@@ -365,7 +366,7 @@ class MeasuredStep:
         steps = errors.steps_of_period(step, fastest)
         errors.pace(
             math.inf if jumped else change, first=_FIRST_GAP, largest=largest, unit=steps * step,
-            part=_SMOOTH_PARTS if rough >= 0.0 and self._shows_errors else _PARTS)
+            part=_PARTS)
         errors.end(error)
         steps *= errors.gap
         errors.checks_left = -(-steps // self._pieces.monitor.interval_with(step))
@@ -375,11 +376,66 @@ class MeasuredStep:
         errors.step, errors.measured_step = math.inf if step >= cap else step, step
         return step
 
-    @property
-    def _shows_errors(self) -> bool:
-        """Whether the differences that are watched grow as the errors do."""
-        return self._pieces.errors.probe.is_smooth and (
-            self._pieces.trajectory.order <= LARGEST_DIFFERENCE)
+    def _follow_differences(
+        self, step: float, cap: float, fastest: float, *, jumped: bool, excess: float
+    ) -> float:
+        """
+        Find a step as `_measure` does, by differences where these are known of the present one.
+
+        Else by a measurement over a quarter of a period: the next health check tells more.
+        `excess`: how many times too large the error was with the step before. Then no longer one
+        than `step` is tried, as the motion ahead is rougher than the present one.
+        """
+        errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
+        ledger, rates, tolerance = trajectory.ledger, self._pieces.rates, errors.tolerance
+        order, floor = trajectory.order, errors.floor(fastest)
+        is_pulse = rates.load_rate > rates.fabric.rate
+        is_known = not jumped and not errors.is_new and ledger.rough >= 0.0 and (
+            step == trajectory.step)
+        errors.begin()
+        if errors.is_new and not is_pulse:
+            speed = max(rates.relative_speed() / trajectory.half_edge, ledger.spin)
+            step = errors.expected_step(step, speed)
+        step = min(rounded_down(step), cap)
+        if excess > 1.0:
+            cap = step
+        if is_known:
+            error = errors.present_rate
+            # Longer ones are measured first: differences foretell nothing of a collapse.
+            low = _SMALLEST * tolerance if errors.may_measure else 0.0
+        else:
+            error = errors.measured(step, fastest, brief=not is_pulse)
+            low = 0.25 * AIM * tolerance
+        for _ in range(_TRIES):
+            if not error > _LARGEST * tolerance and (not error < low or step >= cap):
+                break
+            if error <= floor:
+                # Shorter steps only add roundings.
+                break
+            wish = (AIM * tolerance / error) ** (1.0 / order)
+            change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
+            other = min(rounded_down(step * change), cap)
+            if other == step:
+                break
+            found = errors.measured(other, fastest, brief=not is_pulse)
+            if math.isnan(found) or (
+                    other < step and error <= found and error <= _ROUNDINGS * floor):
+                break
+            step, error, low = other, found, 0.25 * AIM * tolerance
+        if math.isnan(error):
+            error = errors.present_rate
+        is_same = step == trajectory.step and not jumped
+        errors.gap = min(2 * errors.gap, _LARGEST_GAP) if is_same else _FIRST_GAP
+        errors.read_differences(step, fastest, None if is_known and is_same else error)
+        steps = errors.steps_of_period(step, fastest) * errors.gap
+        errors.checks_left = -(-steps // self._pieces.monitor.interval_with(step))
+        errors.is_new = False
+        errors.step, errors.measured_step = math.inf if step >= cap else step, step
+        ledger.rough_limit = errors.largest_difference(_LARGEST * tolerance, step)
+        if is_same:
+            # One that did not go back is not asked again at each health check.
+            ledger.rough_limit = max(ledger.rough_limit, _ROUGHER * ledger.rough)
+        return step
 
     def _expect(self, rough: float) -> None:
         """Note how rough the motion is with the error that was measured; more asks for another."""
