@@ -413,3 +413,33 @@ def test_no_stretch_leads_across_a_jump_of_the_state():
     after.reset()
     after.advance_to(0.03)
     assert 0.0 < after.error_estimate < 1e-6
+
+
+def test_a_step_that_ends_with_a_pulse_is_no_difference_of_the_motion():
+    """It is shorter than those before: differences across it would say far too much."""
+    changes, _, _ = draw_scene('loaded', 4)
+    simulation = ico.compile_scene(ico.Scene.from_parameters({
+        **changes, 'solver.method': 'srkn4', 'solver.step': 0.0}))
+    step, end = simulation.status.step, changes['loads.l.duration']
+    simulation.advance_to(end - 10.0 * step)
+    before = simulation.error_estimate
+    simulation.advance_to(end)
+    assert simulation.status.step_count > 300
+    # A step ends there, in the middle of which would have been the next.
+    assert simulation.snapshot().time == end
+    simulation.advance_to(end + 20.0 * step)
+    assert before < simulation.error_estimate < 1.3 * before
+
+
+def test_measurements_at_kinks_take_their_part_of_the_steps():
+    """One takes three periods of steps: later ones wait until the run has paid for them."""
+    scene = make_scene((3, 3, 3), {
+        'connector.stiffness_compression': 100.0, 'contact.mode': 'never',
+        'solver.method': 'srkn4', 'solver.tolerance': 1e-6,
+        'initial_random.velocity_sigma': 0.05, 'initial_random.spin_sigma': 2.0})
+    simulation = ico.compile_scene(scene)
+    first = simulation.status.estimation_count
+    simulation.advance_to(0.5)
+    status = simulation.status
+    assert status.step_count > 500
+    assert first < status.estimation_count <= first + 0.2 * status.evaluation_count

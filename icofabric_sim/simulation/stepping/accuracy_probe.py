@@ -246,8 +246,13 @@ class AccuracyProbe:
     @property
     def may_measure(self) -> bool:
         """Whether measurements have taken less than their part of all steps."""
+        return self._cost <= _FIRST_COST or self.steps_to_measure <= 0
+
+    @property
+    def steps_to_measure(self) -> int:
+        """Steps to take until measurements have taken less than their part of them."""
         part = _COST_PART if self.is_smooth else _KINKED_COST_PART
-        return self._cost <= max(_FIRST_COST, part * self._trajectory.step_count)
+        return math.ceil(self._cost / part - self._trajectory.step_count)
 
     @property
     def steady_rate(self) -> float:

@@ -340,6 +340,9 @@ class UniformStepping:
             count = touching.prepare(step, before, checks.interval, count)
         # A step of another length is cut to end at an input.
         origin, index = (trajectory.origin, first) if is_whole else (trajectory.time, 0)
+        if not is_whole:
+            # Nor does a difference of the motion end with one.
+            ledger.regular = 0.0
         status, done, checks.since_check = pieces.calls.take(
             origin, index, step, count, before, checks.interval)
         trajectory.require_body_force()

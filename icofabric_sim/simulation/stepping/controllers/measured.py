@@ -189,7 +189,12 @@ class MeasuredStep:
             step = rounded_down(min(cap, errors.step))
         # What held steps short, contacts to come, says nothing of longer ones.
         longer = not through and step > _LONGEST * errors.measured_step
-        if probe or errors.is_new or longer or rates.load_rate > errors.load_rate:
+        jumped = errors.is_new or longer or rates.load_rate > errors.load_rate
+        if probe and not jumped and not shorter > 1.0 and self._may_wait:
+            # Asked again once the run has paid for it.
+            errors.checks_left = -(-errors.steps_to_measure // pieces.monitor.interval_with(step))
+            ledger.rough_limit = max(ledger.rough_limit, _ROUGHER * ledger.rough)
+        elif probe or jumped:
             if not probe:
                 trajectory.save()
             cap = rounded_down(cap)
@@ -264,6 +269,17 @@ class MeasuredStep:
         liveliness = max(speed + acceleration / frequency, trajectory.ledger.spin)
         tolerance = pieces.errors.probe.tolerance
         return longest_at_kinks(trajectory.method, tolerance, liveliness) / frequency
+
+    @property
+    def _may_wait(self) -> bool:
+        """Whether a measurement at kinks or tables costs too much now and nothing presses for it."""
+        pieces = self._pieces
+        ledger, model = pieces.trajectory.ledger, pieces.trajectory.model
+        excess = _LARGEST * ledger.rough
+        return (
+            model.contacts is None and model.wrapping is None
+            and not pieces.errors.probe.reads_differences and not pieces.errors.probe.may_measure
+            and ledger.kinetic <= ledger.lively and excess <= ledger.rough_limit)
 
     def excess(self) -> float | None:
         """
