@@ -47,7 +47,7 @@ def test_estimate_is_within_three_times_of_what_was_added(method):
 
 
 @pytest.mark.parametrize('method', ['dop8', 'srkn6'])
-@pytest.mark.parametrize('seed', [7, 21])
+@pytest.mark.parametrize('seed', [7, 9])
 def test_estimate_counts_what_contacts_add(method, seed):
     changes, periods, _ = draw_scene('contact', seed)
     judged = judge(changes, method, 0.0, periods)
@@ -55,11 +55,11 @@ def test_estimate_counts_what_contacts_add(method, seed):
     # Shells meet and part in a few windows, in which most is added.
     windows = np.sort(np.diff(judged.added))
     assert windows[-4:].sum() > 0.6 * judged.added[-1]
-    # Where kinks lie in steps hangs on the last bits, and one step in a few runs errs unseen.
+    # What a collision adds hangs on where in a step it begins: 0.2 to 5 times what is counted.
     stiffness = changes['contact.stiffness']
     ratios = [judged.ratio] + [
         judge({**changes, 'contact.stiffness': (1.0 + part) * stiffness}, method, 0.0,
-              periods).ratio for part in (1e-8, 2e-8)]
+              periods).ratio for part in (0.01, 0.02)]
     assert 1.0 / 3.0 < sorted(ratios)[1] < 3.0
 
 
@@ -295,9 +295,9 @@ def test_errors_of_velocity_do_not_move_what_lies_on_a_floor():
 
 
 def test_steps_that_contacts_make_err_more_than_allowed_are_reported_once(caplog):
-    changes, _, _ = draw_scene('contact', 9)
+    changes, _, _ = draw_scene('contact', 11)
     run = ico.compile_scene(ico.Scene.from_parameters(changes | {'solver.method': 'srkn8'}))
-    run.advance_to(18.0 * np.pi / run.status.largest_frequency)
+    run.advance_to(40.0 * np.pi / run.status.largest_frequency)
     assert run.error_estimate > 3.0 * changes['solver.tolerance'] * run.time
     said = [text for text in caplog.messages if 'where solver.tolerance' in text]
     assert len(said) == 1 and 'solver.method dop8 or auto' in said[0]

@@ -163,6 +163,7 @@ class MeasuredStep:
         """Return a step that is stable and as accurate as asked: the present one if it will do."""
         pieces = self._pieces
         trajectory, rates, errors = pieces.trajectory, pieces.rates, pieces.errors.probe
+        errors.follow_forces()
         rate = rates.fastest()
         if not rate < math.inf:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
@@ -272,7 +273,7 @@ class MeasuredStep:
 
     @property
     def _may_wait(self) -> bool:
-        """Whether a measurement at kinks or tables costs too much now and nothing presses for it."""
+        """Whether a measurement at kinks or tables costs too much now, and none is pressing."""
         pieces = self._pieces
         ledger, model = pieces.trajectory.ledger, pieces.trajectory.model
         excess = _LARGEST * ledger.rough
