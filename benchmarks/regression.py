@@ -170,6 +170,19 @@ def _pile(**changes: Any) -> Callable[[Round], Any]:
     return make
 
 
+def _dense(tolerance: float) -> Callable[[Round], Any]:
+    """Return 32 shells woven face to face, with friction, which settle on a floor."""
+    def make(given: Round) -> Any:
+        import icofabric_sim as ico
+
+        return ico.Scene.from_parameters({
+            'weave.size': [4, 4, 4], 'weave.connector_angle': -0.36, 'contact.friction': 0.4,
+            'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.0165,
+            'gravity': [0.0, 0.0, -9.81 * given.gravity_ratio],
+            'solver.tolerance': tolerance, 'solver.threads': 1})
+    return make
+
+
 def _given(method: str, step: float) -> dict[str, Any]:
     return {'solver.method': method, 'solver.step': step}
 
@@ -199,6 +212,8 @@ CASES: dict[str, Motion | Equilibrium | Compiling] = {
     'pile of 216, 0 to 0.1 s': Motion(_pile(), 0.0, 0.1),
     'elastic pile of 216, 0 to 0.1 s': Motion(
         _pile(**{'contact.damping': 0.0, 'contact.friction': 0.0}), 0.0, 0.1),
+    'dense weave, auto at 0.1, 10 ms': Motion(_dense(0.1), 0.07, 0.08),
+    'dense weave, auto at 1e-6, 10 ms': Motion(_dense(1e-6), 0.0, 0.01),
     'equilibrium of 2,048 bodies': Equilibrium([16, 16, 16]),
     'compile_scene of S3': Compiling(_fabric(S3)),
 }

@@ -142,6 +142,7 @@ class EventLoop:
                 losses=contact_losses(scene),
                 loose=0 if scene.connector_count else possible,
                 woven=possible if scene.connector_count else 0,
+                is_dense=packed.contact is not None and packed.contact.is_dense,
                 damped=parameters['contact.damping'] * liveliness * half_edge,
                 among=self._methods_for(device))
             # With the room that this method needs.
@@ -169,7 +170,8 @@ class EventLoop:
         if is_chosen and not fixed > 0.0:
             self.near_method = method_near_contact(
                 self.method, is_possible=packed.contact is not None,
-                loose=not scene.connector_count)
+                is_expected=bool(contact_losses(scene)) or (
+                    packed.contact is not None and bool(packed.contact.expected)))
         is_estimated = parameters['solver.error_estimate']
         if ranks is not None:
             from icofabric_sim.simulation.devices.shared_method import shared_method

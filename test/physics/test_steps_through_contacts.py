@@ -40,6 +40,11 @@ LEAPFROG = {'solver__method': 'leapfrog', 'solver__tolerance': 0.1}
 UP = np.array([0.0, 0.0, 1.0])
 FLOOR = {'planes__floor__normal': [0.0, 0.0, 1.0], 'planes__floor__offset': -0.05}
 GRAVITY = 9.81
+# 32 shells woven face to face, 0.03 a above a floor.
+DENSE = {
+    'weave.size': [4, 4, 4], 'weave.connector_angle': -0.36, 'contact.friction': 0.4,
+    'gravity': [0.0, 0.0, -GRAVITY], 'planes.floor.normal': [0.0, 0.0, 1.0],
+    'planes.floor.offset': -0.0165, 'solver.threads': 1}
 
 
 def after(scene, until):
@@ -288,6 +293,53 @@ def test_auto_takes_it_for_many_loose_shells_and_loose_tolerances():
     assert choose_method(LOOSE_WOVEN, 1.0, contact='c', woven=MANY_WOVEN - 1).name == 'dop8'
     assert choose_method(0.5 * LOOSE_WOVEN, 1.0, contact='c', woven=MANY_WOVEN).name == 'dop8'
     assert choose_method(LOOSE_WOVEN, 1.0, woven=MANY_WOVEN).name != 'leapfrog'
+
+
+@pytest.mark.parametrize('changes, name', [
+    ({}, 'leapfrog'), ({'solver.tolerance': 0.5 * LOOSE_CONTACTS}, 'dop8'),
+    ({'weave.connector_angle': -0.3}, 'dop8'), ({'contact.friction': 0.0}, 'dop8'),
+    ({'contact.friction': 0.0, 'contact.damping': 1.0}, 'leapfrog'),
+    ({'weave.size': [2, 2, 2]}, 'dop8')])
+def test_auto_takes_it_for_dense_weaves_that_lose_energy(changes, name):
+    simulation = ico.compile_scene(ico.Scene.from_parameters(
+        {**DENSE, 'solver.tolerance': LOOSE_CONTACTS, **changes}))
+    status = simulation.status
+    assert status.method_name == status.touching_method == name
+    is_crowded = 'face to face' in status.method_reason
+    assert is_crowded == (name == 'leapfrog' or 'solver.tolerance' in changes)
+    assert not is_crowded or f'solver.tolerance of {LOOSE_CONTACTS:g}' in status.method_reason
+
+
+def test_no_other_method_takes_over_where_it_was_chosen_for_contacts():
+    folds = ico.load_scene('folded_slab').with_changes({
+        'weave.size': [16, 16, 16], 'connector.damping': 0.0, 'solver.tolerance': LOOSE_WOVEN})
+    assert folds.body_count >= MANY_WOVEN
+    status = ico.compile_scene(folds).status
+    assert status.method_name == status.touching_method == 'leapfrog'
+
+
+def test_a_dense_weave_on_a_floor_costs_few_evaluations_and_states_its_error():
+    loose_run, exact = (ico.compile_scene(ico.Scene.from_parameters(
+        {**DENSE, 'solver.tolerance': tolerance})) for tolerance in (0.1, 1e-6))
+    for simulation in (loose_run, exact):
+        simulation.advance_to(0.012)
+    here, there = loose_run.snapshot(), exact.snapshot()
+    turns = Rotation.from_quat(here.orientation).inv() * Rotation.from_quat(there.orientation)
+    error = max(
+        np.linalg.norm(here.position - there.position, axis=1).max() / A,
+        turns.magnitude().max())
+    # Collisions make errors a hundred times as large soon after.
+    assert exact.status.error_estimate < 1e-3 * error
+    assert error / 3.0 < loose_run.status.error_estimate < 3.0 * error
+    assert loose_run.status.error_estimate_lacks
+    status = loose_run.status
+    assert status.evaluation_count + status.estimation_count < 6_000
+    assert exact.status.evaluation_count > 20_000
+    loose_run.advance_to(0.03)
+    assert status.contact_count > 4
+    assert status.evaluation_count + status.estimation_count < 14_000
+    assert 0.0 < status.deepest_overlap < 0.01 * A
+    assert status.balance.error_in_parts < 0.01
 
 
 def test_the_bits_are_the_same_in_pieces_from_checkpoints_and_for_any_mode():

@@ -26,6 +26,9 @@ _OVERLAP = 0.005
 # Strain of connectors that press shells together; stiffness beside that of the connectors; way
 # between two outputs, in parts of a, where neither motion nor forces are known.
 _STRAIN, _BESIDE_CONNECTORS, _WAY = 0.1, 20.0, 1.0 / 6.0
+# Gap between faces of neighbours as woven, over a, below which a weave is dense: where it lies on
+# a floor with friction some faces begin or cease to touch at nearly every moment.
+_DENSE_GAP_RATIO = 0.05
 
 
 class ContactSetup(NamedTuple):
@@ -42,6 +45,7 @@ class ContactSetup(NamedTuple):
     fall: np.ndarray  # (3,) acceleration that all have in common [m/s^2]
     expected: str  # why contacts are expected; '': they need not happen
     gap: float = 0.0  # between shells as woven [m], or less
+    is_dense: bool = False  # faces of neighbours all but touch as woven
     half_edges: np.ndarray | None = None  # (n,) [m], of each body, where they differ
 
     def edges(self, bodies: np.ndarray) -> np.ndarray:
@@ -93,6 +97,7 @@ def pack_contact(
         fall=fall,
         expected=_expected(scene),
         gap=_woven_gap(scene),
+        is_dense=_is_dense(scene),
         half_edges=scene.half_edges,
     )
 
@@ -104,6 +109,16 @@ def _woven_gap(scene: Scene) -> float:
     woven = scene.body_half_edges[:len(scene.weave.position)]
     largest = 2.0 * circumscribed_radius(float(woven.max()))
     return max(math.sqrt(2.0) * scene.geometry.pitch - largest, 0.0)
+
+
+def _is_dense(scene: Scene) -> bool:
+    """Return True if faces of neighbours in the weave are closer than _DENSE_GAP_RATIO."""
+    if not scene.connector_count:
+        return False
+    # The normal of the faces that meet (eq 54) times the way between the centres of neighbours.
+    largest = float(scene.body_half_edges[:len(scene.weave.position)].max())
+    gap = math.sqrt(5.0 / 3.0) * scene.geometry.pitch - 2.0 * inscribed_radius(largest)
+    return gap < _DENSE_GAP_RATIO * largest
 
 
 def _expected(scene: Scene) -> str:

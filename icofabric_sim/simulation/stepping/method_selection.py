@@ -58,7 +58,7 @@ class Choice(NamedTuple):
 def choose_method(
     tolerance: float, liveliness: float, *, fixed_ratio: float | None = None,
     kinks: int = 0, bent: bool = False, strain: float = 0.0, contact: str = '', losses: str = '',
-    loose: int = 0, woven: int = 0, damped: float = 0.0,
+    loose: int = 0, woven: int = 0, is_dense: bool = False, damped: float = 0.0,
     among: Collection[str] = tuple(METHODS)
 ) -> Choice:
     """
@@ -69,9 +69,9 @@ def choose_method(
     connectors the slope jumps; `bent`: of some the slope has corners; `strain`: by how much of
     their length connectors are expected to change while the fastest vibration turns by a radian;
     `contact`: why shells are expected to touch; `losses`: what contacts take from the motion;
-    `loose`: bodies, where none are connected; `woven`: where they are; `damped`: contact.damping
-    times the speed [m/s] that is expected. It is one of the names `among`, in which the leapfrog
-    and dop8 are.
+    `loose`: bodies, where none are connected; `woven`: where they are; `is_dense`: faces of
+    neighbours all but touch as woven; `damped`: contact.damping times the speed [m/s] that is
+    expected. It is one of the names `among`, in which the leapfrog and dop8 are.
     """
     candidates = {
         name: method for name, method in METHODS.items() if method.symplectic and name in among}
@@ -86,11 +86,17 @@ def choose_method(
             'dop8', 'the slopes of tabled laws have corners, and only steps that adapt see where: '
             'with steps of one length all methods lose their order')
     many = loose >= (MANY_LOSING if losses else MANY_FREE)
-    if many and tolerance >= LOOSE_CONTACTS and damped <= _MOST_DAMPED:
-        return Choice(
-            'leapfrog', f'{losses or contact}; of {loose:,} loose shells some begin or cease to '
-            f'touch at nearly every moment, and for a solver.tolerance of {LOOSE_CONTACTS:g} '
-            '1/s or more steps that run through contacts cost less than steps that end at each')
+    crowded = is_dense and bool(losses) and woven >= MANY_LOSING
+    which = f'{woven:,} shells woven face to face' if crowded else f'{loose:,} loose shells'
+    runs_through = (
+        f'{losses or contact}; of {which} some begin or cease to touch at nearly every moment, '
+        f'and for a solver.tolerance of {LOOSE_CONTACTS:g} 1/s or more steps that run through '
+        'contacts cost less than steps that end at each')
+    if (many or crowded) and damped <= _MOST_DAMPED:
+        if tolerance >= LOOSE_CONTACTS:
+            return Choice('leapfrog', runs_through)
+        if crowded:
+            return Choice('dop8', runs_through)
     if woven >= MANY_WOVEN and (losses or contact) and tolerance >= LOOSE_WOVEN and (
             damped <= _MOST_DAMPED):
         return Choice(
@@ -151,14 +157,14 @@ def for_damping(
 
 
 def method_near_contact(
-    first: Choice, *, is_possible: bool, loose: bool
+    first: Choice, *, is_possible: bool, is_expected: bool
 ) -> Choice | None:
     """
     The method that takes over from the `first` one once shells are near each other; None: none.
 
-    `is_possible`: shells can touch; `loose`: no connector holds them, which has been judged.
+    `is_possible`: shells can touch; `is_expected`: the first one was chosen for contacts.
     """
-    if not is_possible or loose or facts_of(first.name).adaptive:
+    if not is_possible or is_expected or facts_of(first.name).adaptive:
         return None
     return Choice(
         'dop8', f'{first.name} until shells are near each other, where a contact may begin within '
