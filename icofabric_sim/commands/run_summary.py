@@ -181,7 +181,8 @@ def _recorded(name: str, bag: BagRecorder | None) -> list[Row]:
 def _compiler(compiling: float) -> list[Row]:
     if compiling < _MENTIONED:
         return []
-    return [('', f'{compiling:.3g} s of wall time more to compile kernels, before it and in it')]
+    return [('', f'{compiling:.3g} s of wall time more to load or compile kernels, before '
+                 'it and in it')]
 
 
 def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:

@@ -33,7 +33,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from icofabric_sim.libraries import install_command
 
-_LOOPBACK = re.compile(r'(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?', re.IGNORECASE)
+_LOOPBACK = re.compile(r'(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?', re.IGNORECASE)
 _COOKIE = 'icofabric_viewer'
 _installing = threading.Lock()
 
