@@ -198,11 +198,13 @@ class MeasuredStep:
         elif probe or jumped:
             if not probe:
                 trajectory.save()
-            cap = rounded_down(cap)
+            allowed = rounded_down(cap)
             if errors.reads_differences:
-                step = self._follow_differences(step, cap, rate, jumped=not probe, excess=shorter)
+                step = self._follow_differences(
+                    step, allowed, rate, jumped=not probe, excess=shorter)
             else:
-                step = self._measure(step, cap, rate, jumped=not probe, held=cap == contact)
+                step = self._measure(
+                    step, allowed, rate, jumped=not probe, held=cap == contact)
         if through:
             ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
             if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
@@ -274,13 +276,13 @@ class MeasuredStep:
     @property
     def _may_wait(self) -> bool:
         """Whether a measurement at kinks or tables costs too much now, and none is pressing."""
-        pieces = self._pieces
-        ledger, model = pieces.trajectory.ledger, pieces.trajectory.model
-        excess = _LARGEST * ledger.rough
-        return (
-            model.contacts is None and model.wrapping is None
-            and not pieces.errors.probe.reads_differences and not pieces.errors.probe.may_measure
-            and ledger.kinetic <= ledger.lively and excess <= ledger.rough_limit)
+        trajectory, errors = self._pieces.trajectory, self._pieces.errors.probe
+        ledger, model = trajectory.ledger, trajectory.model
+        if errors.is_smooth or errors.reads_differences or not (
+                model.contacts is None and model.wrapping is None):
+            return False
+        pressing = ledger.kinetic > ledger.lively or _LARGEST * ledger.rough > ledger.rough_limit
+        return not (pressing or errors.may_measure)
 
     def excess(self) -> float | None:
         """
