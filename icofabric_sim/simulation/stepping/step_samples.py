@@ -64,9 +64,10 @@ _LONG_STEP = 1.2
 _DECAY_BIAS = 0.45
 # Part of the largest error within a window that counts at least: errors swing within a period.
 _LEAST = 0.5
-# Steps until the next judgement: after one in which shells may touch, and after a damped one that
-# needs no measurement.
+# Steps until the next judgement, with which a call of kernels ends: after one in which shells may
+# touch, or one that is short beside the decay where that is slow; where the decay is faster.
 _SKIPPED, _SHORT_SKIPPED = 16, 2
+_SLOW_DECAY_RATIO = 0.5
 # Relative rounding of a difference of sums.
 _ROUNDING = 2.0**-52
 # No rate [1/s] was measured.
@@ -98,6 +99,8 @@ class StepSamples:
         decay, frequency = pieces.trajectory.packed.velocity_rate, pieces.rates.fabric.rate
         self._pace = _KINKED if _is_kinked(pieces) else (
             _STRONGLY_DAMPED if decay > _STRONG_DECAY_RATIO * frequency else _DAMPED)
+        self._short_skipped = (
+            _SKIPPED if decay <= _SLOW_DECAY_RATIO * frequency else _SHORT_SKIPPED)
         # Mean of decay rate and frequency [1/s]; inf: no step is too short for a measurement.
         self._decay = (
             math.inf if self._pace is _KINKED else math.sqrt(decay * frequency))
@@ -215,7 +218,7 @@ class StepSamples:
             product = self._decay * control.length
             if not product > _LONG_STEP:
                 self._forget_ratios(1.0 / (1.0 + _DECAY_BIAS * product))
-                self._left = _SHORT_SKIPPED
+                self._left = self._short_skipped
                 return
             self._begin()
         apart = self._follow() if sound else math.inf
