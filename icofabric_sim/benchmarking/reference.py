@@ -51,6 +51,7 @@ class Springs(NamedTuple):
     first_arm: np.ndarray  # signed distance from the centre [m]
     second_arm: np.ndarray
     stiffness: np.ndarray  # (c,) [N/m]
+    damping: float  # [N s/m]
     natural_length: float
     mass: float
     inertia: float
@@ -76,13 +77,20 @@ def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
     pull = np.empty(3)
     for c in range(springs.first.shape[0]):
         i, j = springs.first[c], springs.second[c]
-        square = 0.0
+        square = along = 0.0
         for k in range(3):
             arm_i[k] = springs.first_arm[c] * y[i, 6 + 3 * springs.first_axis[c] + k]
             arm_j[k] = springs.second_arm[c] * y[j, 6 + 3 * springs.second_axis[c] + k]
             pull[k] = y[j, k] + arm_j[k] - y[i, k] - arm_i[k]
             square += pull[k] * pull[k]
         tension = springs.stiffness[c] * (1.0 - springs.natural_length / np.sqrt(square))
+        if springs.damping > 0.0:
+            for k in range(3):
+                m, n = (k + 1) % 3, (k + 2) % 3
+                speed = y[j, 3 + k] + y[j, 15 + m] * arm_j[n] - y[j, 15 + n] * arm_j[m] - (
+                    y[i, 3 + k] + y[i, 15 + m] * arm_i[n] - y[i, 15 + n] * arm_i[m])
+                along += pull[k] * speed
+            tension += springs.damping * along / square
         for k in range(3):
             pull[k] *= tension
             dy[i, 3 + k] += pull[k] / springs.mass
@@ -136,7 +144,7 @@ def springs_of(scene: PlainScene) -> Springs:
         np.ascontiguousarray(column) for column in (*scene.bodies.T, *axis.T, *arm.T))
     return Springs(
         first, second, first_axis, second_axis, first_arm, second_arm,
-        np.full(len(first), scene.stiffness),
+        np.full(len(first), scene.stiffness), scene.damping,
         scene.natural_length, scene.mass, scene.inertia)
 
 

@@ -83,7 +83,7 @@ def step_speed_lines(result: StepSpeed) -> list[str]:
 
 def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
     """Write points, times at equal error and the picture into `folder`; returns their paths."""
-    name = 'work_precision_kinked' if result.reference.crossings else 'work_precision'
+    name = 'work_precision' + result.scene.name.removeprefix('S1').replace(' ', '_')
     points = folder / f'{name}.csv'
     with open(points, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)

@@ -29,6 +29,7 @@ FABRIC: dict[str, Any] = {
 }
 # Connectors that push a fifth as strongly as they pull.
 KINKED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'stiffness_compression': 100.0}}
+DAMPED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'damping': 0.02}}
 # L = w = (1 + sqrt 5) a [m].
 FABRIC_LENGTH = (1.0 + 5.0**0.5) * 0.01
 SIZES = {'S1': (5, 5, 5), 'S3': (21, 21, 21)}
@@ -55,6 +56,7 @@ class PlainScene(NamedTuple):
     inertia: float  # isotropic [kg m^2]
     stiffness: float  # [N/m]
     compression: float  # [N/m] where they push; mostly the same
+    damping: float  # [N s/m] of the rate of their length; mostly 0
     natural_length: float  # [m]
     bodies: np.ndarray  # (c, 2) body numbers
     edges: np.ndarray  # (c, 2) edge codes: up down north south west east
@@ -126,6 +128,7 @@ def plain_numbers(name: str, scene: Scene) -> PlainScene:
         inertia=scene.shell.inertia,
         stiffness=float(scene.connectors.laws.extension[0]),
         compression=float(scene.connectors.laws.compression[0]),
+        damping=float(scene.connectors.damping[0]),
         natural_length=float(scene.connectors.laws.natural_length[0]),
         bodies=np.array(scene.connectors.bodies, dtype=np.int64),
         edges=np.array(scene.connectors.edges, dtype=np.int64),

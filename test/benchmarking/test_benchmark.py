@@ -29,6 +29,7 @@ from icofabric_sim.benchmarking.reference import reference_motion
 from icofabric_sim.benchmarking.scenes import (
     axes_from_midpoints,
     axes_from_quaternions,
+    DAMPED,
     KINKED,
     Motion,
     motion_error,
@@ -129,6 +130,24 @@ def test_kinked_reference_agrees_with_our_finest_motion(small, truth):
     ours = Motion(now.position, axes_from_quaternions(now.orientation))
     assert motion_error(ours, reference.motion, small.half_edge) < 1e-9 * DURATION
     assert motion_error(truth.motion, reference.motion, small.half_edge) > 1e-3
+
+
+def test_damped_reference_agrees_with_our_finest_motion(small, truth):
+    scene = plain_scene('damped', SMALL, DAMPED)
+    assert scene.damping == 0.02 and small.damping == 0.0
+    reference = reference_motion(scene, DURATION)
+    assert reference.uncertainty < 1e-11
+    parameters = scene_parameters(SMALL, {'method': 'dop8', 'tolerance': 1e-9}, DAMPED)
+    simulation = ico.compile_scene(ico.Scene.from_parameters(parameters))
+    simulation.advance_to(DURATION)
+    now = simulation.snapshot()
+    ours = Motion(now.position, axes_from_quaternions(now.orientation))
+    assert motion_error(ours, reference.motion, small.half_edge) < 1e-9 * DURATION
+    assert motion_error(truth.motion, reference.motion, small.half_edge) > 1e-3
+    solver = next(scipy_peer.solvers(scene))
+    solver.start(1e-11, DURATION)
+    solver.finish()
+    assert motion_error(solver.motion(), reference.motion, small.half_edge) < 1e-9
 
 
 def test_reference_conserves_momentum(small, truth):
@@ -332,7 +351,7 @@ def test_work_precision_from_end_to_end(tmp_path, timed_twice):
 def test_kinked_work_precision_from_end_to_end(tmp_path, timed_twice):
     result = work_precision.measure(
         ['scipy', 'mujoco'], rounds=1, size=SMALL, duration=0.02, longest_run=0.1,
-        kinked=True)
+        variant='kinked')
     lines = '\n'.join(report.work_precision_lines(result))
     assert 'S1 kinked' in lines and 'kinks located' in lines and 'MuJoCo' not in lines
     # Steps of one length lose their order, as they meet kinks anywhere.
@@ -341,6 +360,20 @@ def test_kinked_work_precision_from_end_to_end(tmp_path, timed_twice):
     assert min(point.error for point in curves['dop8, tolerance'].points) < 1e-4
     names = [path.name for path in report.write_work_precision(result, tmp_path)]
     assert names[0] == 'work_precision_kinked.csv' and names[2] == 'work_precision_kinked.png'
+
+
+def test_damped_work_precision_from_end_to_end(tmp_path, timed_twice):
+    result = work_precision.measure(
+        ['scipy', 'mujoco'], rounds=1, size=SMALL, duration=0.02, longest_run=5.0,
+        variant='damped')
+    lines = '\n'.join(report.work_precision_lines(result))
+    assert 'S1 damped' in lines and 'plain Numba' in lines and 'MuJoCo' not in lines
+    # Methods for forces without velocities take no part.
+    points = {curve.solver.label: curve.points for curve in result.curves}
+    assert not points['srkn6'] and min(point.error for point in points['dop8, tolerance']) < 1e-9
+    paths = report.write_work_precision(result, tmp_path)
+    assert [path.name for path in paths] == [
+        f'work_precision_damped{end}' for end in ('.csv', '_targets.csv', '.png')]
 
 
 def test_step_speed_from_end_to_end(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ Rates = Callable[[float, np.ndarray], np.ndarray]
 
 
 @numba.njit(error_model='numpy', fastmath=True)
-def _rates(flat, connectors, constants, arms, compression):  # type: ignore[no-untyped-def]
+def _rates(flat, connectors, constants, arms, compression, damping):  # type: ignore[no-untyped-def]
     # flat (13 n): for each body position, quaternion x y z w, velocity, spin (world frame).
     inverse_mass, inverse_inertia, half_width, stiffness, natural_length = constants
     count = arms.shape[0]
@@ -63,11 +63,19 @@ def _rates(flat, connectors, constants, arms, compression):  # type: ignore[no-u
         dx = state[j, 0] - state[i, 0] + jx - ix
         dy = state[j, 1] - state[i, 1] + jy - iy
         dz = state[j, 2] - state[i, 2] + jz - iz
-        strain = 1.0 - natural_length / np.sqrt(dx * dx + dy * dy + dz * dz)
+        square = dx * dx + dy * dy + dz * dz
+        strain = 1.0 - natural_length / np.sqrt(square)
         if compression is None:
             pull = stiffness * strain
         else:
             pull = (stiffness if strain > 0.0 else compression) * strain
+        if damping is not None:
+            oi, pi, qi = state[i, 10], state[i, 11], state[i, 12]
+            oj, pj, qj = state[j, 10], state[j, 11], state[j, 12]
+            ux = state[j, 7] - state[i, 7] + pj * jz - qj * jy - pi * iz + qi * iy
+            uy = state[j, 8] - state[i, 8] + qj * jx - oj * jz - qi * ix + oi * iz
+            uz = state[j, 9] - state[i, 9] + oj * jy - pj * jx - oi * iy + pi * ix
+            pull += damping * (dx * ux + dy * uy + dz * uz) / square
         fx, fy, fz = pull * dx, pull * dy, pull * dz
         rate[i, 7] += inverse_mass * fx
         rate[i, 8] += inverse_mass * fy
@@ -91,11 +99,12 @@ def plain_rates(scene: PlainScene) -> Rates:
         1.0 / scene.mass, 1.0 / scene.inertia, scene.half_width, scene.stiffness,
         scene.natural_length)
     arms = np.zeros((scene.body_count, 6, 3))
-    # Without kinks the test for them is not compiled.
+    # Without kinks the test for them is not compiled, nor damping where there is none.
     compression = None if scene.compression == scene.stiffness else scene.compression
+    damping = None if scene.damping == 0.0 else scene.damping
 
     def rates(time: float, flat: np.ndarray) -> np.ndarray:
-        return np.asarray(_rates(flat, connectors, constants, arms, compression))
+        return np.asarray(_rates(flat, connectors, constants, arms, compression, damping))
 
     return rates
 
