@@ -25,13 +25,16 @@ from icofabric_sim.terminal import InputError, require_place
 if TYPE_CHECKING:
     from icofabric_sim.pictures.moment import Push
     from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.load_cells import Reactions
+    from icofabric_sim.simulation.load_cells import ContactForces, Reactions
     from icofabric_sim.simulation.model.snapshot import Snapshot
     import numpy as np
 
 _BODIES = (
     'body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'reaction_x_n', 'reaction_y_n',
     'reaction_z_n', 'reaction_torque_x_nm', 'reaction_torque_y_nm', 'reaction_torque_z_nm')
+_TOUCHED = tuple(
+    f'contact_{name}_{axis}_{unit}' for name, unit in (('force', 'n'), ('torque', 'nm'))
+    for axis in 'xyz')
 _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
 
 
@@ -57,23 +60,32 @@ class RestOutputs(NamedTuple):
 
     def write(
         self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
-        reaction: 'np.ndarray', reactions: 'Reactions | None' = None
+        reaction: 'np.ndarray', reactions: 'Reactions | None' = None,
+        contacts: 'ContactForces | None' = None
     ) -> None:
         """
-        Tables of bodies, connectors and reactions at rest, and a picture of the start and the end.
+        Tables of bodies, connectors, reactions and contacts, and a picture of start and end.
+
+        Where shells can touch, `bodies.csv` has the resultants of the contacts of each.
         """
         if self.folder is not None:
-            bodies = ([number, *place, *turn, *held] for number, (place, turn, held) in enumerate(
-                zip(snapshot.position.tolist(), snapshot.orientation.tolist(),
-                    reaction.tolist())))
-            self.table('bodies.csv', _BODIES, bodies)
+            head: tuple[str, ...] = _BODIES
+            columns = [snapshot.position, snapshot.orientation, reaction]
+            if contacts is not None:
+                head += _TOUCHED
+                columns.append(contacts.resultants(scene.body_count))
+                touching = contacts.table()
+                self.table('contacts.csv', tuple(touching), zip(*touching.values()))
+            self.table('bodies.csv', head, (
+                [number, *(value for part in row for value in part)]
+                for number, row in enumerate(zip(*(part.tolist() for part in columns)))))
             ends = scene.connectors.bodies.tolist() if scene.connector_count else []
             self.table('connectors.csv', _CONNECTORS, (
                 [number, *pair, length, pull] for number, (pair, length, pull) in enumerate(
                     zip(ends, snapshot.connector_length.tolist(), tension.tolist()))))
             if reactions is not None and reactions.names:
-                columns = reactions.table()
-                self.table('reactions.csv', tuple(columns), zip(*columns.values()))
+                borne = reactions.table()
+                self.table('reactions.csv', tuple(borne), zip(*borne.values()))
         if self.picture is not None:
             self.draw(name, scene, [
                 (scene.initial.position, scene.initial.orientation, 'start'),

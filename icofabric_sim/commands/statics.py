@@ -107,7 +107,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     factor, result = reached[-1]
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(
-        name, scene, result.snapshot, result.tension, result.reaction, result.reactions)
+        name, scene, result.snapshot, result.tension, result.reaction, result.reactions,
+        result.contacts)
     steps = [dict(zip(_STEP_COLUMNS, _step_row(scene, *step))) for step in reached]
     report = {
         'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
@@ -115,6 +116,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         'mechanism_count': result.mechanism_count, 'force_scale_n': result.force_scale,
         'tension_n': result.tension, 'reaction': result.reaction,
         'reactions': _reaction_numbers(result),
+        'contacts': None if result.contacts is None else result.contacts.table(),
         'position_m': result.snapshot.position, 'orientation': result.snapshot.orientation,
         'steps': steps}
     of_last = {key: steps[-1][key] for key in (

@@ -76,7 +76,29 @@ class ContactForces(AsTable):
                 other if other >= 0 else f'planes.{self.planes[-1 - other]}'
                 for other in self.bodies[:, 1].tolist()],
             **_columns('point', 'm', self.point), **_columns('force', 'n', self.force),
-            'overlap_m': self.overlap.tolist()}
+            'overlap_m': self.overlap.tolist(),
+            **_columns('torque', 'nm', self.first[:, 3:]),
+            **_columns('torque_on_second', 'nm', self.second[:, 3:])}
+
+    def resultants(self, body_count: int) -> np.ndarray:
+        """
+        Sum what the contacts do to each body.
+
+        Parameters
+        ----------
+        body_count
+            Bodies of the scene, n.
+
+        Returns
+        -------
+        (n, 6) forces [N] and torques about the centres [N m], world frame.
+
+        """
+        wrenches = np.zeros((body_count, 6))
+        np.add.at(wrenches, self.bodies[:, 0], self.first)
+        shells = self.bodies[:, 1] >= 0
+        np.add.at(wrenches, self.bodies[shells, 1], self.second[shells])
+        return wrenches
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -171,9 +193,7 @@ class LoadCells:
         with driver.trajectory.evaluations.showing():
             driver.trajectory.evaluations.add()
         force = self._forces(loads, state, time)
-        np.add.at(force, touching.bodies[:, 0], touching.first)
-        shells = touching.bodies[:, 1] >= 0
-        np.add.at(force, touching.bodies[shells, 1], touching.second[shells])
+        force += touching.resultants(len(force))
         inertial = self._inertial(self._path_acceleration(loads, state, time), state)
         position = packed.layout.gather(state.position)
         on_bodies, rows = np.zeros_like(force), []

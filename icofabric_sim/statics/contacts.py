@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH, PairForces
 from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.simulation.load_cells import ContactForces
 from icofabric_sim.statics.meetings import Meetings, meetings_of
 import numpy as np
 
@@ -95,6 +96,48 @@ class StaticContacts:
         near = self._near(position)
         planes = tuple(self._forces.near_planes(position))
         return self._push(position, axes, near, planes)
+
+    def forces(
+        self, position: np.ndarray, axes: np.ndarray,
+        friction: tuple[np.ndarray, np.ndarray] | None
+    ) -> ContactForces:
+        """
+        Find what the structure has to sustain: all that acts where shells and planes touch.
+
+        Parameters
+        ----------
+        position, axes
+            Centres (n, 3) [m] and body axes as rows (n, 3, 3), world frame.
+        friction
+            Bodies (p, 2), the second one -1 - k for plane k, and wrenches (p, 12) on both; None
+            where nothing rubs.
+
+        Returns
+        -------
+        Push and friction of each pair, see docs/contact.md.
+
+        """
+        bodies, rows, points = [], [], []
+        for number, (group, _) in enumerate(self._candidates(position)):
+            touching, out = self._forces.met(
+                position[group], axes[group], number - 1, self._forces.half_edges(group))
+            group, out = group[touching], out[touching]
+            points.append(out[:, 15:18] + position[group].mean(axis=1))
+            bodies.append(group if number == 0 else np.column_stack(
+                [group[:, 0], np.full(len(group), -number)]))
+            rows.append(out)
+        pairs, out = np.concatenate(bodies).astype(np.int32), np.concatenate(rows)
+        first = self.stiffness * out[:, :6]
+        second = np.hstack([-first[:, :3], self.stiffness * out[:, 6:9]])
+        if friction is not None:
+            place = {pair: row for row, pair in enumerate(map(tuple, pairs.tolist()))}
+            for pair, wrench in zip(map(tuple, friction[0].tolist()), friction[1]):
+                if pair in place:
+                    first[place[pair]] += wrench[:6]
+                    second[place[pair]] += wrench[6:]
+        return ContactForces(
+            pairs, np.concatenate(points), first[:, :3], out[:, 11], self._setup.names, first,
+            second)
 
     def meetings(self, position: np.ndarray, axes: np.ndarray) -> Meetings:
         """What touches in a configuration, first touches included, and how; for friction."""

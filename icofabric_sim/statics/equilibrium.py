@@ -30,7 +30,7 @@ from icofabric_sim import checks
 from icofabric_sim.checks import counted
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
-from icofabric_sim.simulation.load_cells import Reactions
+from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
@@ -129,6 +129,8 @@ class Equilibrium(AsTable):
     reactions: Reactions | None = None
     # What friction does, on a path of states; None where nothing rubs.
     rubbing: Rubbing | None = None
+    # Force, torques and point of each contact, friction included; None where nothing can touch.
+    contacts: ContactForces | None = None
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -601,7 +603,7 @@ class _Search:
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
             first_touches=here.first_touches, reason=reason, reactions=reactions_of(here),
-            rubbing=here.rubbing)
+            rubbing=here.rubbing, contacts=here.contact_forces)
 
     def _reason(self) -> str:
         """Why the search has ended before it was at rest, and what to try."""

@@ -36,6 +36,7 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.load_cells import ContactForces
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
@@ -356,6 +357,14 @@ class Configuration:
         """What touches; None where the scene has no contact."""
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
+
+    @property
+    def contact_forces(self) -> ContactForces | None:
+        """Force, torques and point of each contact; None where the scene has no contact."""
+        contacts, rubbing = self.fabric.contacts, self.rubbing
+        return None if contacts is None else contacts.forces(
+            self.position, self.axes,
+            None if rubbing is None else (rubbing.pairs, rubbing.wrenches))
 
     @cached_property
     def rubbing(self) -> Rubbing | None:
