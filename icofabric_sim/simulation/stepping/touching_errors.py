@@ -46,7 +46,7 @@ _SAMPLES, _MOST = 128, 8
 # of so many that are alike have been seen; the least such number, and that up to which it grows.
 # One that errs far more makes it half as many. What was seen fades by this at each. Where many
 # pairs touch a stretch counts as one for each so many of them.
-_ALIKE, _MOST_THROUGH, _FADES, _CROWD = 8.0, 32, 0.99, 64.0
+_ALIKE, _MOST_THROUGH, _FADES, _CROWD = 2.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
