@@ -43,10 +43,11 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 _SAMPLES, _MOST = 128, 8
 # Where steps run through contacts every stretch counts while something is near, and one in which
 # nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
-# of so many that are alike have been seen; the least such number, and that up to which it grows.
+# of so many that are alike have been seen (so many more where forces jump without a touch, as when
+# a slack connector tightens); the least such number, and that up to which it grows.
 # One that errs far more makes it half as many. What was seen fades by this at each. Where many
 # pairs touch a stretch counts as one for each so many of them.
-_ALIKE, _MOST_THROUGH, _FADES, _CROWD = 2.0, 32, 0.99, 64.0
+_ALIKE, _ALIKE_AT_ANY_TIME, _MOST_THROUGH, _FADES, _CROWD = 2.0, 8.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
 
@@ -214,9 +215,10 @@ class TouchingErrors:
                     # In how many that are alike the sum would be as uncertain.
                     alike = self._sum**2 / self._squares if self._squares > 0.0 else math.inf
                     alike *= max(self._contact.touching_pairs / _CROWD, 1.0)
-                    if alike >= _ALIKE * self._every:
+                    wanted = (_ALIKE_AT_ANY_TIME if self._always else _ALIKE) * self._every
+                    if alike >= wanted:
                         self._every = min(2 * self._every, _MOST_THROUGH)
-                    elif alike < 0.125 * _ALIKE * self._every:
+                    elif alike < 0.125 * wanted:
                         self._every = max(self._every // 2, 1)
                 elif not self._left:
                     self._every = min(2 * self._every, _MOST)
