@@ -118,18 +118,23 @@ def test_reference_agrees_with_our_finest_motion_and_moves(small, truth):
     assert 0.1 < truth.growth < 20.0
 
 
+def require_our_motion(reference, changes, truth, half_edge):
+    """Our finest motion is that of the reference, and not that of plain connectors, `truth`."""
+    parameters = scene_parameters(SMALL, {'method': 'dop8', 'tolerance': 1e-9}, changes)
+    simulation = ico.compile_scene(ico.Scene.from_parameters(parameters))
+    simulation.advance_to(DURATION)
+    now = simulation.snapshot()
+    ours = Motion(now.position, axes_from_quaternions(now.orientation))
+    assert motion_error(ours, reference.motion, half_edge) < 1e-9 * DURATION
+    assert motion_error(truth.motion, reference.motion, half_edge) > 1e-3
+
+
 def test_kinked_reference_agrees_with_our_finest_motion(small, truth):
     scene = plain_scene('kinked', SMALL, KINKED)
     assert scene.compression == 0.2 * scene.stiffness
     reference = kinked_reference(scene, DURATION)
     assert reference.crossings > 20 and reference.uncertainty < 1e-11
-    parameters = scene_parameters(SMALL, {'method': 'dop8', 'tolerance': 1e-9}, KINKED)
-    simulation = ico.compile_scene(ico.Scene.from_parameters(parameters))
-    simulation.advance_to(DURATION)
-    now = simulation.snapshot()
-    ours = Motion(now.position, axes_from_quaternions(now.orientation))
-    assert motion_error(ours, reference.motion, small.half_edge) < 1e-9 * DURATION
-    assert motion_error(truth.motion, reference.motion, small.half_edge) > 1e-3
+    require_our_motion(reference, KINKED, truth, small.half_edge)
 
 
 def test_damped_reference_agrees_with_our_finest_motion(small, truth):
@@ -137,13 +142,7 @@ def test_damped_reference_agrees_with_our_finest_motion(small, truth):
     assert scene.damping == 0.02 and small.damping == 0.0
     reference = reference_motion(scene, DURATION)
     assert reference.uncertainty < 1e-11
-    parameters = scene_parameters(SMALL, {'method': 'dop8', 'tolerance': 1e-9}, DAMPED)
-    simulation = ico.compile_scene(ico.Scene.from_parameters(parameters))
-    simulation.advance_to(DURATION)
-    now = simulation.snapshot()
-    ours = Motion(now.position, axes_from_quaternions(now.orientation))
-    assert motion_error(ours, reference.motion, small.half_edge) < 1e-9 * DURATION
-    assert motion_error(truth.motion, reference.motion, small.half_edge) > 1e-3
+    require_our_motion(reference, DAMPED, truth, small.half_edge)
     solver = next(scipy_peer.solvers(scene))
     solver.start(1e-11, DURATION)
     solver.finish()

@@ -43,10 +43,10 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 _SAMPLES, _MOST = 128, 8
 # Where steps run through contacts every stretch counts while something is near, and one in which
 # nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
-# of so many that are alike have been seen (so many more where forces jump without a touch, as when
-# a slack connector tightens); the least such number, and that up to which it grows.
-# One that errs far more makes it half as many. What was seen fades by this at each. Where many
-# pairs touch a stretch counts as one for each so many of them.
+# of so many that are alike have been seen: the second number is for forces that jump without a
+# touch, as when a slack connector tightens. The third is how many it stands for at most. One that
+# errs far more makes it half as many. What was seen fades by this at each. Where many pairs touch
+# a stretch counts as one for each so many of them.
 _ALIKE, _ALIKE_AT_ANY_TIME, _MOST_THROUGH, _FADES, _CROWD = 2.0, 8.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0
