@@ -170,7 +170,8 @@ class Graph:
 
     def forget(self, subscription: Any) -> None:
         """End a subscription."""
-        self.node.destroy_subscription(subscription)
+        # By the thread that spins: one destroyed while that thread waits on it ends the spinning.
+        self._executor.create_task(self.node.destroy_subscription, subscription)
 
     def publish(self, topic: str, data: bytes, type_name: str = WRENCH) -> None:
         """Send bytes as they are, once the node listens."""

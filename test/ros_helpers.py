@@ -20,6 +20,7 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 import atexit
 from collections import defaultdict
+from contextlib import contextmanager
 import fcntl
 from importlib import import_module
 from pathlib import Path
@@ -274,6 +275,20 @@ class Client:
 
         return wait_for(looked_at, what, node=self.process, limit=limit)
 
+    @contextmanager
+    def another_node(self, name, **options):
+        """Spin a second node in this client's context until the block ends."""
+        node = rclpy.create_node(name, context=self.context, **options)
+        self.executor.add_node(node)
+        try:
+            yield node
+        finally:
+            self.executor.remove_node(node)
+            # By the thread that spins: a node destroyed while that thread waits on it ends the
+            # spinning (InvalidHandle).
+            destroyed = self.executor.create_task(node.destroy_node)
+            self.wait_for(destroyed.done, f'the end of {name}')
+
     # Topics.
 
     def listen(self, topic, *, latched=False, depth=1000):
@@ -288,12 +303,6 @@ class Client:
                 ros_class(type_of(topic)), topic, lambda data: kept.append(decode(data)), quality,
                 raw=True)
         return kept
-
-    def forget(self, topic):
-        """End a subscription."""
-        topic = topic.replace('~', '/icofabric')
-        self.node.destroy_subscription(self._subscriptions.pop(topic))
-        self.received.pop(topic)
 
     def next(self, topic, condition=lambda message: True, **options):
         """First message of `topic` from now on that fulfils `condition`."""

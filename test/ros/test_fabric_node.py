@@ -156,13 +156,8 @@ def test_diagnostics_follow_a_pause(paused):
 
 def test_another_node_follows_the_clock(client):
     """A node with use_sim_time has our time, to the nanosecond when it stands still."""
-    import rclpy
-
-    follower = rclpy.create_node(
-        'follower', context=client.context,
-        parameter_overrides=[Parameter('use_sim_time', value=True)])
-    client.executor.add_node(follower)
-    try:
+    use_sim_time = Parameter('use_sim_time', value=True)
+    with client.another_node('follower', parameter_overrides=[use_sim_time]) as follower:
         def now():
             return follower.get_clock().now().nanoseconds
 
@@ -173,9 +168,6 @@ def test_another_node_follows_the_clock(client):
         client.next('/clock')
         client.wait_for(lambda: now() == client.clock, 'the same time')
         client.pause(False)
-    finally:
-        client.executor.remove_node(follower)
-        follower.destroy_node()
 
 
 def test_paused_fabric_shows_itself_to_late_joiners(paused, node, scene):

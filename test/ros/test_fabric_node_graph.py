@@ -59,21 +59,12 @@ def test_second_node_of_a_name_does_not_start(tmp_path):
             wait_for(lambda: third.lines(third.READY), 'a node of another name', node=third)
             assert third.stop() == 0
         # Not only nodes of this package can have the name.
-        twin = ros_node('icofabric', client)
-        status = client.health(lambda status: '2 nodes are named' in reasons(status))
-        assert status.level == WARN and '/icofabric' in reasons(status)
-        assert node.lines('2 nodes are named /icofabric')
-        client.executor.remove_node(twin)
-        twin.destroy_node()
+        with client.another_node('icofabric', enable_rosout=False):
+            status = client.health(lambda status: '2 nodes are named' in reasons(status))
+            assert status.level == WARN and '/icofabric' in reasons(status)
+            assert node.lines('2 nodes are named /icofabric')
         client.health(lambda status: 'nodes are named' not in reasons(status))
         assert node.stop() == 0
-
-
-def ros_node(name, client):
-    import rclpy
-    node = rclpy.create_node(name, context=client.context, enable_rosout=False)
-    client.executor.add_node(node)
-    return node
 
 
 def test_interrupt_is_heard_where_the_shell_made_it_ignored(tmp_path):
