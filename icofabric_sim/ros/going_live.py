@@ -25,6 +25,7 @@ from icofabric_sim.ros.start import StopSignals
 
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
+    from icofabric_sim.ros.process import Presence
     from icofabric_sim.simulation.simulation import Simulation
 
 # Where it was recorded to, and whether it published the clock, does not matter now.
@@ -71,11 +72,14 @@ class GoingLive:
             raise RuntimeError('the replay has ended')
         self.reached = time
 
-    def run(self, options: Mapping[str, Any], rate: float, signals: StopSignals) -> int:
+    def run(
+        self, options: Mapping[str, Any], rate: float, signals: StopSignals,
+        presence: 'Presence',
+    ) -> int:
         """
         Run the simulation as the node that the replay was, until stopped; returns the exit status.
 
-        It keeps the pace that the replay had, its `rate`.
+        It keeps the pace that the replay had, its `rate`. `presence` has stayed in the graph.
         """
         from icofabric_sim.ros.fabric import FabricNode, run_node
 
@@ -86,4 +90,5 @@ class GoingLive:
             'real_time_factor': rate,
             'start_paused': self._paused,
         })
-        return run_node(FabricNode(parameters, simulation=self._simulation), signals)
+        return run_node(
+            FabricNode(parameters, simulation=self._simulation, presence=presence), signals)

@@ -32,7 +32,7 @@ from icofabric_sim.ros.going_live import GoingLive
 from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
-from icofabric_sim.ros.process import Server
+from icofabric_sim.ros.process import Presence, Server
 from icofabric_sim.ros.ros_parameters import as_meant, is_foreign
 from icofabric_sim.ros.start import StopSignals
 from icofabric_sim.running.replay.player import Player, ReplayStatus
@@ -299,12 +299,14 @@ def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignal
     status = 1 if node.player.failure else 0
     if ends:
         signals.ignore(status)
+    # With its last node the participant would leave the graph, and the subscribers would take
+    # seconds to find the next one.
+    presence = None if ends else Presence()
     node.destroy_node()
     gc.freeze()  # there is one more at the end of the process
-    if ends:
+    if presence is None or node.going_live is None:
         return status
-    assert node.going_live is not None
-    return node.going_live.run(options, node.player.rate, signals)
+    return node.going_live.run(options, node.player.rate, signals, presence)
 
 
 def _introduce(node: ReplayNode) -> None:

@@ -261,11 +261,13 @@ def test_going_on_as_a_simulation(tmp_path, driven, paused):
         assert 5 < len(run.inputs()) and max(item.nanoseconds for item in run.inputs()) < moment
         recorded = {time: data for name, time, data in run.messages(start=moment)
                     if name == '~/poses'}
-    options = {'start_paused': paused, 'record.path': tmp_path / 'more', 'rate': 0.001,
+    options = {'start_paused': True, 'record.path': tmp_path / 'more', 'rate': 0.2,
                'seek': moment / 1e9}
     with ReplayProcess(tmp_path / 'log', driven, **options) as node, Client(node) as client:
         poses, clock = client.listen('~/poses'), client.listen('/clock')
         client.wait_for(lambda: poses and clock, 'the replay')
+        if not paused:
+            client.pause(False)
         answer = client.call('~/continue')
         assert answer.success, answer.message
         told = round(float(answer.message.split('t = ')[1].removesuffix(' s')) * 1e9)
@@ -280,6 +282,7 @@ def test_going_on_as_a_simulation(tmp_path, driven, paused):
             client.pause(False)
         # All that a fabric_node does, it does.
         client.wait_until(max(expected) + 1)
+        assert set(expected) <= {pose.nanoseconds for pose in poses}  # none is lost on the way
         client.set(step_count=3)
         client.pause()
         assert client.call('~/step').message.startswith('3 solver steps taken')
