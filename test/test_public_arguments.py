@@ -79,8 +79,9 @@ def from_zero(*good):
     return number(*good, bad=[-1.0, -3, -1e-300])
 
 
-def text(*good, bad=(), says=None):
-    return Argument(list(good), [*NO_TEXT, *bad], says=says)
+def text(*good, bad=(), optional=False, says=None):
+    return Argument(list(good), [
+        *(value for value in NO_TEXT if value is not None or not optional), *bad], says=says)
 
 
 def some(kind, *good, optional=False, says=None):
@@ -515,7 +516,7 @@ def table(t):
 
 def compile_words(scene):
     return {
-        'scene': scene, 'rotation': text('quaternion', bad=['', 'euler']),
+        'scene': scene, 'rotation': text('quaternion', None, bad=['', 'euler'], optional=True),
         'body_force': function(None, optional=True),
         'ranks': some(ico.Ranks, None, optional=True)}
 

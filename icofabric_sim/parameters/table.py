@@ -86,6 +86,8 @@ def _positive(**options: Unpack[_Options]) -> _Options:
 
 FIXED, AT_ONCE, RESTARTS = Change.FIXED, Change.AT_ONCE, Change.RESTARTS
 _ZERO3 = [0.0, 0.0, 0.0]
+# Forms of the equations of rotation.
+ROTATIONS = ('quaternion', 'direction_cosines')
 # Simulated time is counted in nanoseconds, and given in seconds to about as many digits [s].
 _LONGEST = 1e9
 
@@ -144,7 +146,7 @@ STATIC: tuple[Specification, ...] = (
         'weave.kind',
         'orthogonal',
         '',
-        'weave',
+        'weave; bias: the orthogonal one in the bias orientation, a face of each shell up',
         RESTARTS,
         choices=('orthogonal', 'bias', 'radial'),
     ),
@@ -161,7 +163,8 @@ STATIC: tuple[Specification, ...] = (
         'weave.box',
         _ZERO3,
         'm',
-        'box to fill best; all zero: weave.size is used',
+        'box to fill best: with whole shells, or with the centres of the bias orientation in an '
+        'upright box, whose shells stand out of it; all zero: weave.size is used',
         RESTARTS,
         minimum=0.0,
     ),
@@ -421,6 +424,14 @@ STATIC: tuple[Specification, ...] = (
         '',
         'whether errors that the method adds are estimated; false: nothing is measured but what '
         'chooses steps, and the same steps are taken',
+    ),
+    _s(
+        'solver.rotation',
+        'quaternion',
+        '',
+        'form of the equations of rotation; quaternion: eqs 21-27; direction_cosines: eqs 16-20, '
+        'for a second opinion',
+        choices=ROTATIONS,
     ),
     _s(
         'solver.energy_limit',
@@ -846,6 +857,15 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('rotation', _ZERO3, 'rad', 'rotation vector, about each centre, world axes'),
         _s('linear_velocity', _ZERO3, 'm/s', 'added velocity'),
         _s('angular_velocity', _ZERO3, 'rad/s', 'added spin'),
+        _s(
+            'file',
+            '',
+            '',
+            'CSV whose first line names its columns, as snapshot.to_csv writes them: body, then '
+            'x_m y_m z_m, qx qy qz qw, vx_m_s vy_m_s vz_m_s, wx_rad_s wy_rad_s wz_rad_s or '
+            'wx_body_rad_s wy_body_rad_s wz_body_rad_s, all or some of these sets; it replaces '
+            'what is woven, before the values above are added',
+        ),
     ),
     'bodies': (
         _s('position', _ZERO3, 'm', 'centre of a loose body', RESTARTS, required=True),

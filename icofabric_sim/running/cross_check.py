@@ -80,9 +80,9 @@ def cross_check(
     roundings of n evaluations in each of two runs add up as sqrt(2 n), unless they conspire
     (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
     """
-    quaternions = compile_scene(scene)
+    quaternions = compile_scene(scene, rotation='quaternion')
     cosines = compile_scene(scene, rotation='direction_cosines')
-    disturbed = compile_scene(scene)
+    disturbed = compile_scene(scene, rotation='quaternion')
     _disturb(disturbed)
     half_edge = scene.geometry.half_edge
     rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps

@@ -16,9 +16,16 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.supports import Supports
+from icofabric_sim.scene.tables import read_named_table
 import numpy as np
+
+# Columns of `initial.NAME.file`, and the last set of them in body axes.
+_PLACE, _TURN = ('x_m', 'y_m', 'z_m'), ('qx', 'qy', 'qz', 'qw')
+_VELOCITY, _SPIN = ('vx_m_s', 'vy_m_s', 'vz_m_s'), ('wx_rad_s', 'wy_rad_s', 'wz_rad_s')
+_BODY_SPIN = ('wx_body_rad_s', 'wy_body_rad_s', 'wz_body_rad_s')
 
 
 class InitialState(NamedTuple):
@@ -85,6 +92,8 @@ def make_initial_state(
         _refuse_held_motion(f'bodies.{name}', np.array([k]), state, supports)
     for name in parameters.names('initial'):
         bodies = groups[parameters[f'initial.{name}.group']]
+        if parameters[f'initial.{name}.file']:
+            _replace(state, f'initial.{name}.file', parameters, bodies)
         state.position[bodies] += parameters[f'initial.{name}.displacement']
         rotation = np.array(parameters[f'initial.{name}.rotation'])
         if rotation.any():
@@ -94,6 +103,37 @@ def make_initial_state(
         _refuse_held_motion(f'initial.{name}', bodies, state, supports)
     _add_random(parameters, state)
     return hold_still(state, supports)
+
+
+def _replace(
+    state: InitialState, name: str, parameters: Parameters, group: np.ndarray
+) -> None:
+    """Set what the table of the parameter `name` gives of bodies of a `group`."""
+    bodies, values = read_named_table(
+        name, str(parameters[name]), (_PLACE, _TURN, _VELOCITY, _SPIN, _BODY_SPIN))
+    outside = np.setdiff1d(bodies, group)
+    if len(outside):
+        raise ParameterError(
+            name, f'{name}: {parameters[name]} has body {outside[0]}, which is not in the group '
+            f'{parameters[name.replace(".file", ".group")]}; choose a group that has it')
+    if _PLACE in values:
+        state.position[bodies] = values[_PLACE]
+    if _TURN in values:
+        length = np.linalg.norm(values[_TURN], axis=1)
+        if (wrong := ~(np.abs(length - 1.0) <= 1e-3)).any():
+            body = np.flatnonzero(wrong)[0]
+            raise ParameterError(
+                name, f'{name}: {parameters[name]} must have unit quaternions qx qy qz qw, got '
+                f'length {length[body]:.6g} for body {bodies[body]}')
+        state.orientation[bodies] = values[_TURN] / length[:, None]
+    if _VELOCITY in values:
+        state.linear_velocity[bodies] = values[_VELOCITY]
+    if _SPIN in values:
+        state.angular_velocity[bodies] = values[_SPIN]
+    elif _BODY_SPIN in values:
+        # Eq 18: body axes are the rows.
+        state.angular_velocity[bodies] = np.einsum(
+            'bi,bij->bj', values[_BODY_SPIN], cosines_from_quaternions(state.orientation[bodies]))
 
 
 def hold_still(state: InitialState, supports: Supports | None) -> InitialState:

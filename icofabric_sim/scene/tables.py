@@ -11,8 +11,9 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Tables in time that a scene names: CSV files whose first column is the time [s]."""
+"""Tables that a scene names: CSV files by time [s], and by the number of a body."""
 
+from collections.abc import Sequence
 import math
 from pathlib import Path
 
@@ -39,19 +40,7 @@ def read_time_table(
     """
     rows: list[list[float]] = []
     wanted = ' or '.join(widths.values())
-    path, content = Path(file), recorded_content(file)
-    try:
-        if content is None:
-            path = find_table(name, file)
-            content = path.read_bytes()
-            note_content(file, content)
-        lines = decoded(content).splitlines()
-    except (OSError, MemoryError) as error:
-        raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
-    except ParameterError:
-        raise
-    except ValueError as error:
-        raise ParameterError(name, f'{name}: {path}: {error}') from None
+    path, lines = _read_lines(name, file)
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text.startswith('#'):
@@ -76,6 +65,67 @@ def read_time_table(
         raise ParameterError(
             name, f'{name}: {path} must have at least two lines of {wanted}, got {len(rows)}')
     return np.array(rows)
+
+
+def read_named_table(
+    name: str, file: str, sets: Sequence[Sequence[str]]
+) -> tuple[np.ndarray, dict[Sequence[str], np.ndarray]]:
+    """
+    Body numbers (r,) and, of the `sets` of columns that are there, their values (r, c).
+
+    The first line names the columns, `body` among them; each set is there as a whole or not at
+    all. Empty lines and those that begin with # are skipped. Places of the file are those of
+    `read_time_table`. Raises ParameterError for the parameter `name`.
+    """
+    path, lines = _read_lines(name, file)
+    known = ['body', *(column for columns in sets for column in columns)]
+    names: list[str] = []
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if not text or text.startswith('#'):
+            continue
+        if not names:
+            names = [column.strip() for column in text.split(',')]
+            if len(set(names)) < len(names) or not {'body'} < set(names) <= set(known) or any(
+                    0 < len(set(columns) & set(names)) < len(columns) for columns in sets):
+                raise ParameterError(
+                    name, f'{name}: {path}, line {number}, must name the column body and one or '
+                    f'more of these sets: {"; ".join(map(" ".join, sets))}, got {text!r:.200}')
+            continue
+        values = _numbers(text) if len(text) <= _LONGEST_LINE else None
+        if values is None or len(values) != len(names) or len(rows) >= _LARGEST:
+            raise ParameterError(
+                name, f'{name}: {path}, line {number}, must be {len(names)} finite numbers, as '
+                f'its first line says, and one of {_LARGEST} lines at most, got {text!r:.80}')
+        rows.append(values)
+    if not rows:
+        raise ParameterError(name, f'{name}: {path} has no line of numbers')
+    table = np.array(rows)
+    bodies = table[:, names.index('body')]
+    if (bodies != np.rint(bodies)).any() or len(np.unique(bodies)) < len(bodies):
+        raise ParameterError(
+            name, f'{name}: {path}: bodies must be whole numbers, each once')
+    return bodies.astype(np.int64), {
+        columns: table[:, [names.index(column) for column in columns]]
+        for columns in sets if columns[0] in names}
+
+
+def _read_lines(name: str, file: str) -> tuple[Path, list[str]]:
+    """Where a table was found, and its lines."""
+    path, content = Path(file), recorded_content(file)
+    try:
+        if content is None:
+            path = find_table(name, file)
+            content = path.read_bytes()
+            note_content(file, content)
+        return path, decoded(content).splitlines()
+    except (OSError, MemoryError) as error:
+        raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(name, f'{name}: {path}: {error}') from None
 
 
 def find_table(name: str, file: str) -> Path:

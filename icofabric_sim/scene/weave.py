@@ -199,8 +199,8 @@ def estimate_weave(
     Estimate bodies, connectors and memory of `build_weave`, and raise what it would raise.
 
     Takes milliseconds and little memory for any size. The counts are exact, but for an upright
-    bias weave with a side of more than 32 places, where they are those of its volume, and for one
-    cut to a region, where they are those of the box around it, and never too small.
+    bias orientation with a side of more than 32 places, where they are those of its volume, and
+    for one cut to a region, where they are those of the box around it, and never too small.
     """
     kind, variant, boundary = _checked_choices(kind, variant, boundary)
     size, extent = _resolved_size(kind, boundary, size, geometry, box)

@@ -19,19 +19,26 @@ for the index alpha. Everything is integer and in units of the pitch W; indices 
 integer arrays, which broadcast, and negative ones (the infinite fabric) work throughout.
 
 The centres are the grid points x + y + z of one parity: even for variants 0 and 2, odd for 1 and
-3. Two rules number them: one counts along columns (x = 2i + ..., y = j, z = k), which is the
-document's rule for variants 0 and 1, the other along rows (x = i, y = 2j + ..., z = k), its rule
-for variants 2 and 3. `along` chooses the other one: 'column' or 'row'.
+3. The document numbers them along columns (x = 2i + ..., y = j, z = k) in variants 0 and 1, and
+along rows (x = i, y = 2j + ..., z = k) in variants 2 and 3, and says that a permutation of the
+axes gives as good a rule. `along` chooses one of the six: 'column' or 'row', or the axes in the
+order in which they are counted: 'xyz' is 'column', 'yxz' is 'row', and in 'zxy' a place is
+2k + ... along z, the lines follow each other along x, and the sheets of lines along y.
 """
 
+from itertools import permutations
 from typing import Literal, Sequence
 
+from icofabric_sim import checks
 import numpy as np
 
 VARIANTS = (0, 1, 2, 3)
 
 Index = int | np.integer | np.ndarray
-Along = Literal['column', 'row']
+Along = Literal['column', 'row', 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx']
+# Axes of the places in a line, of the lines in a sheet, and of the sheets.
+_ORDERS = {''.join('xyz'[axis] for axis in axes): axes for axes in permutations(range(3))}
+_ORDERS |= {'column': _ORDERS['xyz'], 'row': _ORDERS['yxz']}
 
 
 def gap_parity(variant: int) -> int:
@@ -51,19 +58,27 @@ def rule_of(variant: int) -> Along:
     return 'row' if is_turned(variant) else 'column'
 
 
+def _axes(variant: int, along: str | None) -> tuple[int, ...]:
+    """Return the axes of places, lines and sheets; of the document's own rule where None."""
+    along = rule_of(variant) if along is None else along
+    checks.choice('along', along, tuple(_ORDERS))
+    return _ORDERS[along]
+
+
 def centre_rule(
         variant: int, i: Index, j: Index, k: Index, *, along: Along | None = None) -> np.ndarray:
     """
     Return the grid point (x, y, z) of coordinate indices (i, j, k), int64, (..., 3).
 
-    Eqs 55, 56, 59, 61 and 63, and for the other `along` the alternative rules given with them.
+    Eqs 55, 56, 59, 61 and 63, and for another `along` the rules that permute the axes.
     Reduction modulo 2 is a bit mask, so it needs no absolute values (eq 55) for negative indices.
     """
-    i, j, k = np.broadcast_arrays(*(np.asarray(index, np.int64) for index in (i, j, k)))
-    gap = gap_parity(variant)
-    if (along or rule_of(variant)) == 'column':
-        return np.stack((2 * i + ((j + k + gap) & 1), j, k), axis=-1)
-    return np.stack((i, 2 * j + ((i + k + gap) & 1), k), axis=-1)
+    indices = np.broadcast_arrays(*(np.asarray(index, np.int64) for index in (i, j, k)))
+    place, line, sheet = _axes(variant, along)
+    grid = np.stack(indices, axis=-1)
+    grid[..., place] *= 2
+    grid[..., place] += (indices[line] + indices[sheet] + gap_parity(variant)) & 1
+    return grid
 
 
 def indices_from_grid(
@@ -75,7 +90,7 @@ def indices_from_grid(
     """
     indices = np.array(grid, np.int64)
     # An arithmetic shift rounds down, also below zero, which drops the remainder of the rule.
-    indices[..., 0 if (along or rule_of(variant)) == 'column' else 1] >>= 1
+    indices[..., _axes(variant, along)[0]] >>= 1
     return indices
 
 
@@ -114,13 +129,11 @@ def alpha_from_indices(
 
     The indices are those of the same rule (`along`) and must lie in the slab.
     """
-    i, j, k = (np.asarray(index, np.int64) for index in (i, j, k))
+    axes = _axes(variant, along)
+    place, line, sheet = (np.asarray((i, j, k)[axis], np.int64) for axis in axes)
+    length, breadth, _ = (int(size[axis]) for axis in axes)
     gap = gap_parity(variant)
-    columns = (along or rule_of(variant)) == 'column'
-    line_length = int(size[0] if columns else size[1])
-    line, place = (j, i) if columns else (i, j)
-    return (_half(int(size[0]) * int(size[1]) * k, gap)
-            + _half(line_length * line, (k + gap) & 1) + place)
+    return _half(length * breadth * sheet, gap) + _half(length * line, (sheet + gap) & 1) + place
 
 
 def indices_from_alpha(
@@ -133,16 +146,17 @@ def indices_from_alpha(
     """
     remainder = np.asarray(alpha, np.int64)
     gap = gap_parity(variant)
-    columns = (along or rule_of(variant)) == 'column'
-    level_size = int(size[0]) * int(size[1])
-    line_length = int(size[0] if columns else size[1])
-    # The last level, then the last line, that starts at or before the wanted place.
-    k = (2 * remainder + gap) // level_size
-    remainder = remainder - _half(level_size * k, gap)
-    line_gap = (k + gap) & 1
-    line = (2 * remainder + line_gap) // line_length
-    place = remainder - _half(line_length * line, line_gap)
-    return np.stack((place, line, k) if columns else (line, place, k), axis=-1)
+    axes = _axes(variant, along)
+    length, breadth, _ = (int(size[axis]) for axis in axes)
+    # The last sheet, then the last line, that starts at or before the wanted place.
+    sheet = (2 * remainder + gap) // (length * breadth)
+    remainder = remainder - _half(length * breadth * sheet, gap)
+    line_gap = (sheet + gap) & 1
+    line = (2 * remainder + line_gap) // length
+    indices = np.empty((*remainder.shape, 3), np.int64)
+    for axis, index in zip(axes, (remainder - _half(length * line, line_gap), line, sheet)):
+        indices[..., axis] = index
+    return indices
 
 
 def checked_variant(variant: int) -> int:

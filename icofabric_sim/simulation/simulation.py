@@ -23,6 +23,8 @@ from typing import NoReturn, TYPE_CHECKING
 from icofabric_sim import checks
 from icofabric_sim.checks import counted
 from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
+from icofabric_sim.parameters.table import ROTATIONS
+from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint
@@ -76,16 +78,16 @@ _PUSH = (1e-6, 0.0, 0.0)
 
 
 def compile_scene(
-    scene: Scene, *, rotation: str = 'quaternion',
+    scene: Scene, *, rotation: str | None = None,
     body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
 ) -> 'Simulation':
     """
     Turn a scene into something fast, once.
 
-    `rotation` chooses the formulation: 'quaternion' (eqs 21-27, 10 N) or 'direction_cosines'
-    (eqs 16-20, 15 N). `body_force`: a Python function, or a BodyForce, that acts on all bodies
-    beside what the scene says. `ranks`: the processes of MPI that take the steps together; what
-    they cannot share is refused by name.
+    `rotation` replaces `solver.rotation` of the scene: 'quaternion' (eqs 21-27, 10 N) or
+    'direction_cosines' (eqs 16-20, 15 N). `body_force`: a Python function, or a BodyForce, that
+    acts on all bodies beside what the scene says. `ranks`: the processes of MPI that take the
+    steps together; what they cannot share is refused by name.
     Raises ValueError where `solver.step` is beyond the stability limit.
     """
     return Simulation(scene, rotation=rotation, body_force=body_force, ranks=ranks)
@@ -116,15 +118,19 @@ class Simulation:
     """Motion of one scene from its initial state on; not for use by several threads at once."""
 
     def __init__(
-        self, scene: Scene, *, rotation: str = 'quaternion',
+        self, scene: Scene, *, rotation: str | None = None,
         body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
     ) -> None:
         """See `compile_scene`."""
         require_scene(scene)
-        checks.choice('rotation', rotation, ('quaternion', 'direction_cosines'))
+        rotation = str(scene.parameters['solver.rotation']) if rotation is None else rotation
+        checks.choice('rotation', rotation, ROTATIONS)
         cosines = rotation == 'direction_cosines'
         if cosines and body_force is not None:
-            raise ValueError("a body_force is given quaternions: rotation must be 'quaternion'")
+            raise ParameterError(
+                'solver.rotation',
+                "a body_force is given quaternions: solver.rotation must be 'quaternion', got "
+                f'{rotation!r}')
         transport = None
         if ranks is not None:
             # Where they are used: most simulations need none of it.

@@ -198,3 +198,53 @@ def test_motion_of_a_held_loose_body_is_refused():
                 'supports.s.group': 'all',
             },
         )
+
+
+def test_state_of_one_run_is_the_start_of_another(tmp_path):
+    fabric = {'supports.wall.group': 'wall', 'groups.wall': 'x_min', 'gravity': [0.0, 0.0, -9.81]}
+    run = ico.compile_scene(make_scene((3, 2, 2), fabric))
+    run.advance_to(0.05)
+    state = run.snapshot()
+    state.to_csv(tmp_path / 'state.csv')
+    start = {'initial.all.group': 'all', 'initial.all.file': str(tmp_path / 'state.csv')}
+    initial = make_scene((3, 2, 2), fabric | start).initial
+    for name in ('position', 'orientation', 'linear_velocity', 'angular_velocity'):
+        np.testing.assert_allclose(
+            getattr(initial, name), getattr(state, name), rtol=0, atol=1e-15)
+    assert np.abs(initial.angular_velocity).max() > 1e-3
+    # What is added is added to it, and what the table lacks stays as it is woven.
+    (tmp_path / 'some.csv').write_text(
+        '# of two bodies\nbody,qx,qy,qz,qw,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n'
+        '4,0,0,0.6,0.8,1,0,0\n\n1,0,0,0,1,0,2,0\n')
+    scene = make_scene((3, 2, 2), {
+        'groups.two': 'ids 1 4', 'initial.two.group': 'two',
+        'initial.two.file': str(tmp_path / 'some.csv'),
+        'initial.two.angular_velocity': [0.0, 0.0, 5.0]})
+    assert np.array_equal(scene.initial.position, scene.position)
+    assert np.array_equal(scene.initial.orientation[4], [0.0, 0.0, 0.6, 0.8])
+    # A turn about z with the cosine 0.28 and the sine 0.96.
+    np.testing.assert_allclose(
+        scene.initial.angular_velocity[[4, 1]], [[0.28, 0.96, 5.0], [0.0, 2.0, 5.0]], atol=1e-15)
+    assert not scene.initial.angular_velocity[[0, 2, 3, 5]].any()
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('body,x_m,y_m\n1,0,0\n', 'line 1, must name the column body and one or more of these sets'),
+    ('x_m,y_m,z_m\n0,0,0\n', 'line 1, must name the column body'),
+    ('body\n1\n', 'line 1, must name the column body'),
+    ('body,x_m,y_m,z_m\n1,0,0\n', 'line 2, must be 4 finite numbers'),
+    ('body,x_m,y_m,z_m\n1,0,0,nan\n', 'line 2, must be 4 finite numbers'),
+    ('body,x_m,y_m,z_m\n', 'has no line of numbers'),
+    ('body,x_m,y_m,z_m\n1.5,0,0,0\n', 'bodies must be whole numbers, each once'),
+    ('body,x_m,y_m,z_m\n1,0,0,0\n1,0,0,0\n', 'bodies must be whole numbers, each once'),
+    ('body,x_m,y_m,z_m\n6,0,0,0\n', 'has body 6, which is not in the group all'),
+    ('body,x_m,y_m,z_m\n-1,0,0,0\n', 'has body -1, which is not in the group all'),
+    ('body,qx,qy,qz,qw\n1,0,0,0,2\n', 'got length 2 for body 1'),
+    ('body,vx_m_s,vy_m_s,vz_m_s\n0,1,0,0\n', 'moves body 0, which a support holds'),
+])
+def test_tables_that_give_no_state_are_refused(tmp_path, text, message):
+    (tmp_path / 'state.csv').write_text(text)
+    with pytest.raises(ico.ParameterError, match=r'initial\.it\..*' + message):
+        make_scene((3, 2, 2), {
+            'supports.wall.group': 'wall', 'groups.wall': 'ids 0',
+            'initial.it.group': 'all', 'initial.it.file': str(tmp_path / 'state.csv')})

@@ -39,6 +39,9 @@ import pytest
 
 SIZES = list(itertools.product(range(1, 8), repeat=3))
 VARIANTS = (0, 1, 2, 3)
+# The rules that the document prints, and all that permute the axes.
+NAMED = {'column': 'xyz', 'row': 'yxz'}
+ORDERS = [*NAMED, 'xzy', 'yzx', 'zxy', 'zyx']
 
 
 def occupied(variant, size):
@@ -99,18 +102,19 @@ def test_table_3_as_printed_is_off_by_one_level():
 
 
 @pytest.mark.parametrize('variant', VARIANTS)
-@pytest.mark.parametrize('along', ['column', 'row'])
-def test_alpha_counts_the_slab_and_both_rules_give_the_same_centres(variant, along):
+@pytest.mark.parametrize('along', ORDERS)
+def test_alpha_counts_the_slab_and_all_rules_give_the_same_centres(variant, along):
+    inner, outer, sheets = ('xyz'.index(axis) for axis in NAMED.get(along, along))
     for size in SIZES:
         # The fabric line by line, in plain loops.
         centres, indices = [], []
-        inner, outer = (0, 1) if along == 'column' else (1, 0)
-        for z in range(size[2]):
+        for sheet in range(size[sheets]):
             for line in range(size[outer]):
-                places = [p for p in range(size[inner]) if (p + line + z) % 2 == variant % 2]
+                places = [p for p in range(size[inner]) if (p + line + sheet) % 2 == variant % 2]
                 for place, p in enumerate(places):
-                    centres.append((p, line, z) if along == 'column' else (line, p, z))
-                    indices.append((place, line, z) if along == 'column' else (line, place, z))
+                    for found, first in ((centres, p), (indices, place)):
+                        triple = {inner: first, outer: line, sheets: sheet}
+                        found.append((triple[0], triple[1], triple[2]))
         count = slab_count(variant, size)
         assert len(centres) == count
         alpha = np.arange(count)
@@ -126,7 +130,7 @@ def test_alpha_counts_the_slab_and_both_rules_give_the_same_centres(variant, alo
         assert np.array_equal(indices_from_grid(variant, grid, along=along), found)
         assert {tuple(point) for point in grid.tolist()} == {
             tuple(point) for point in np.argwhere(occupied(variant, size)).tolist()}
-        for number, triple in enumerate(indices):
+        for number, triple in enumerate(indices if along in NAMED else ()):
             assert printed_alpha(variant, along, size, *triple) == number
             assert printed_rule(variant, along, *triple) == centres[number]
 
@@ -147,7 +151,7 @@ def test_own_rule_of_each_variant(variant):
 
 
 @pytest.mark.parametrize('variant', VARIANTS)
-@pytest.mark.parametrize('along', ['column', 'row'])
+@pytest.mark.parametrize('along', ORDERS)
 def test_infinite_fabric(variant, along):
     # Eq 55 holds for negative indices: the centres are all points of one parity, each once.
     reach = range(-6, 7)
@@ -168,6 +172,18 @@ def test_infinite_fabric(variant, along):
         # Eq 55 as printed, with absolute values.
         printed = np.stack((2 * i + (np.abs(j) + np.abs(k) % 2) % 2, j, k), axis=1)
         assert np.array_equal(grid, printed)
+
+
+@pytest.mark.parametrize('along', ['level', '', 'xy', 3])
+def test_another_rule_is_refused(along):
+    for ask in (
+        lambda: centre_rule(0, 1, 1, 0, along=along),
+        lambda: indices_from_grid(0, [[1, 1, 0]], along=along),
+        lambda: alpha_from_indices(0, (4, 3, 2), 1, 1, 0, along=along),
+        lambda: indices_from_alpha(0, (4, 3, 2), 3, along=along),
+    ):
+        with pytest.raises((ValueError, TypeError), match='along must be .*zyx'):
+            ask()
 
 
 def test_large_slabs_do_not_overflow():

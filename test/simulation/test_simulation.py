@@ -19,6 +19,7 @@ from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, same_state, STAT
 import icofabric_sim as ico
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 START = make_scene((2, 2, 2), {'solver.step': 2e-4}, **RANDOM)
 
@@ -269,6 +270,31 @@ def test_unknown_rotation_form_is_refused():
         ValueError, match="rotation must be one of quaternion, direction_cosines, got 'euler'"
     ):
         ico.compile_scene(START, rotation='euler')
+
+
+def test_scene_chooses_the_form_of_the_rotation():
+    scene = changed(START, {'solver.rotation': 'direction_cosines'})
+    runs = [ico.compile_scene(scene), ico.compile_scene(START, rotation='direction_cosines'),
+            ico.compile_scene(START), ico.compile_scene(scene, rotation='quaternion')]
+    for run in runs:
+        run.advance_to(0.05)
+    assert [run.rotation for run in runs] == [*['direction_cosines'] * 2, *['quaternion'] * 2]
+    given, asked, own, back = (run.snapshot() for run in runs)
+    assert same_state(given, asked) and same_state(own, back)
+    difference = np.abs(given.position - own.position).max()
+    assert 0.0 < difference < 1e-12  # other roundings, the same motion
+
+
+def test_spin_in_body_axes():
+    simulation = ico.compile_scene(START)
+    simulation.advance_to(0.05)
+    state = simulation.snapshot()
+    # By SciPy's rotations, which know nothing of ours.
+    turns = Rotation.from_quat(state.orientation.copy())
+    wanted = turns.inv().apply(state.angular_velocity.copy())
+    np.testing.assert_allclose(state.angular_velocity_body, wanted, rtol=0, atol=1e-13)
+    assert np.abs(wanted - state.angular_velocity).max() > 0.1
+    assert state.table()['wz_body_rad_s'] == state.angular_velocity_body[:, 2].tolist()
 
 
 def test_state_that_is_no_longer_finite_stops_the_run():

@@ -104,8 +104,9 @@ def _require(
     cosines: bool, body_force: bool
 ) -> None:
     if cosines:
-        raise ValueError(
-            f"rotation 'direction_cosines' {lacks}: take 'quaternion', " + alone)
+        raise ParameterError(
+            'solver.rotation',
+            f"solver.rotation 'direction_cosines' {lacks}: take 'quaternion', " + alone)
     if body_force:
         raise ValueError(f'a body_force {lacks}: leave it out, {alone}')
     for name, what, way_out in lacking:

@@ -33,7 +33,7 @@ import numpy as np
 
 _COLUMNS = (
     ('x_m', 'y_m', 'z_m'), ('qx', 'qy', 'qz', 'qw'), ('vx_m_s', 'vy_m_s', 'vz_m_s'),
-    ('wx_rad_s', 'wy_rad_s', 'wz_rad_s'))
+    ('wx_rad_s', 'wy_rad_s', 'wz_rad_s'), ('wx_body_rad_s', 'wy_body_rad_s', 'wz_body_rad_s'))
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,7 +81,8 @@ class Snapshot(AsTable):
         """State of the bodies as plain numbers: a list for each column, named with its unit."""
         columns: dict[str, list[float]] = {'body': list(range(len(self.position)))}
         for names, values in zip(_COLUMNS, (
-                self.position, self.orientation, self.linear_velocity, self.angular_velocity)):
+                self.position, self.orientation, self.linear_velocity, self.angular_velocity,
+                self.angular_velocity_body)):
             columns.update(zip(names, values.T.tolist()))
         return columns
 
@@ -185,15 +186,20 @@ class Snapshot(AsTable):
         return np.where(self.intact, pull, 0.0)
 
     @cached_property
+    def angular_velocity_body(self) -> np.ndarray:
+        """Angular velocities in the axes of each body [rad/s], (n, 3): eq 18, inverted."""
+        return np.einsum(
+            'bij,bj->bi', cosines_from_quaternions(self.orientation), self.angular_velocity)
+
+    @cached_property
     def spin_momentum(self) -> np.ndarray:
         """Angular momenta I omega of the bodies about their centres [kg m^2/s], (n, 3), world."""
         moments = self.packed.principal_inertia
         if moments is None:
             return np.asarray(self.packed.masses.inertia[:, None] * self.angular_velocity)
-        # Rows are the axes of a body in the world.
-        axes = cosines_from_quaternions(self.orientation)
-        own = np.einsum('bij,bj->bi', axes, self.angular_velocity)
-        return np.einsum('bi,bij->bj', moments * own, axes)
+        return np.einsum(
+            'bi,bij->bj', moments * self.angular_velocity_body,
+            cosines_from_quaternions(self.orientation))
 
     @cached_property
     def lost(self) -> np.ndarray:
