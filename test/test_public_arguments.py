@@ -217,6 +217,7 @@ def table(t):
     statics = {
         'start': snapshot, 'time': time, 'tolerance': tolerance, 'largest_step_count': step_count}
     branch = Argument([None, 'pull', 'push'], ['', 'pulls', *NO_TEXT[1:]])
+    body_force = {'body_force': function(None, optional=True)}
     progress = {'progress': function(None, lambda found: None, optional=True)}
     simulation, force, checkpoint = t.simulation, t.force, t.checkpoint
     return {
@@ -367,6 +368,7 @@ def table(t):
             'strains': array([0.01, 0.02], (np.float32(0.01),), any_length=True, bad=[
                 [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
             'axis': integer(0, np.int64(0), bad=[-1, 3]),
+            'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
         'measure_growth': (ico.measure_growth, {
             'scene': scene, 'duration': positive(1e-4), 'progress': function(lambda time: None)}),
@@ -377,6 +379,7 @@ def table(t):
             'count': integer(1, np.int64(2), bad=[0, -1]),
             'axis': integer(0, np.int64(0), bad=[-1, 3]),
             'about': integer(None, bad=[-1, 1, 3], optional=True),
+            'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
         'measure_turning': (ico.measure_turning, {
             'scene': scene, 'kind': text('bend', bad=['', 'bends', 'pull']),
@@ -384,6 +387,7 @@ def table(t):
                 [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
             'axis': integer(0, np.int64(0), bad=[-1, 3]),
             'about': integer(1, np.int64(2), None, bad=[-1, 0, 3], optional=True),
+            'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
         'solve_bands': (ico.solve_bands, {
             'scene': scene, 'wave_vectors': array(
@@ -392,17 +396,18 @@ def table(t):
             'relaxed': flag(False, np.True_)}),
         'solve_equilibrium': (ico.solve_equilibrium, {
             'scene': scene, **statics, 'load_factor': from_zero(1.0, 0, np.int64(1)),
-            **progress}),
+            **body_force, **progress}),
         'step_loads': (ico.step_loads, {
             'scene': scene, 'factors': Argument(
                 [[0.5, 1], np.array([1.0]), (1,)], [
                     'x', b'x', None, 3, NAN, True, [], (), {}, {1.0: 2}, [NAN], [-1.0], [True],
                     ['1'], [None], [[1.0]], [0.5, INF], np.zeros(0), Other()]),
-            **statics, **progress}),
+            **statics, **body_force, **progress}),
         'solve_modes': (ico.solve_modes, {
             'scene': scene, 'at': snapshot, 'time': time,
             'count': integer(None, 2, np.int64(3), bad=[0, -1], optional=True),
-            'which': text('lowest', 'highest', bad=['', 'Lowest']), 'branch': branch}),
+            'which': text('lowest', 'highest', bad=['', 'Lowest']), 'branch': branch,
+            **body_force}),
         'surface_force': (ico.surface_force, {
             'scene': scene, 'traction': function(gust),
             'group': text('all', 'tip', bad=['', 'no']),

@@ -32,6 +32,7 @@ from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
+from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
@@ -155,23 +156,54 @@ class Equilibrium(AsTable):
 def solve_equilibrium(
     scene: Scene, *, start: Snapshot | None = None, time: float | None = None,
     tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    body_force: BodyForce | Force | None = None,
     progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
-    Find where a fabric comes to rest under its loads, supports and drives, held at a `time` [s].
+    Find where a fabric comes to rest under its loads, supports and drives.
 
-    A time is needed where drives, anchors, loads or tractions change with it. Begins at the
-    initial state of the scene, or at a snapshot, without what is broken there.
-    `tolerance`: what may be left of forces, in parts of the largest connector force or load.
-    `load_factor`: of weight, electric fields, loads and tractions. Friction needs a path: see
-    `step_loads`. Raises ValueError where nothing could ever be in equilibrium.
+    Parameters
+    ----------
+    scene
+        The fabric. Friction needs a path: see `step_loads`.
+    start
+        Where the search begins, without what is broken there; None: the initial state.
+    time
+        Time [s] at which loads, drives and anchors are held; needed where they change with it.
+    tolerance
+        Largest force that may be left, as a ratio to the largest connector force or load.
+    largest_step_count
+        Steps after which the search gives up.
+    load_factor
+        Factor of weight, electric fields, loads, tractions and the body force.
+    body_force
+        A function or `BodyForce` of the user, as `compile_scene` takes it (`ico.surface_force`
+        makes one), at that time and at velocities 0. Its derivatives are differences of it.
+    progress
+        Called with the state of the search at each step.
+
+    Returns
+    -------
+    Equilibrium
+        State, verdict, what is left over, tensions, reactions and contacts.
+
+    Raises
+    ------
+    ValueError
+        If nothing could ever be in equilibrium, or the body force acts between bodies.
+
+    References
+    ----------
+    Eqs 48 and 49 of the document; Steihaug (1983) for the trust-region step.
+
     """
-    _check(scene, start, time, tolerance, largest_step_count, progress)
+    force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     load_factor = checks.number('load_factor', load_factor, least=0.0)
     fabric = StaticFabric(
-        scene, held_time(scene, time), load_factor=load_factor,
+        scene, held_time(scene, time), load_factor=load_factor, body_force=force,
         broken_since=None if start is None else start.broken_since,
         anchors_broken_since=None if start is None else start.anchors_broken_since)
+    fabric.require_steady(time)
     return seek(fabric, start, tolerance, largest_step_count, progress)
 
 
@@ -208,7 +240,7 @@ def _sought(
 def seek_on_path(
     scene: Scene, path: FrictionPath | None, *, start: Snapshot | None, time: float | None = None,
     tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
-    progress: Callable[[Progress], None] | None = None
+    body_force: BodyForce | None = None, progress: Callable[[Progress], None] | None = None
 ) -> tuple[Equilibrium, FrictionPath | None]:
     """
     The next state of a path with friction, and where it goes on from; see friction.py.
@@ -220,7 +252,8 @@ def seek_on_path(
         scene, held_time(scene, time, on_path=path is not None), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since,
         anchors_broken_since=None if start is None else start.anchors_broken_since,
-        friction=None if path is None else replace(path))
+        friction=None if path is None else replace(path), body_force=body_force)
+    fabric.require_steady(time)
     friction, contacts = fabric.friction, fabric.contacts
     if friction is not None and contacts is not None and not friction.is_begun:
         # What touches where the search begins, first touches included, has not slipped there.
@@ -247,9 +280,10 @@ def seek_on_path(
 
 def _check(
     scene: Scene, start: Snapshot | None, time: float | None, tolerance: float,
-    largest_step_count: int, progress: Callable[[Progress], None] | None
-) -> None:
-    """Refuse arguments that no search can begin with."""
+    largest_step_count: int, progress: Callable[[Progress], None] | None,
+    body_force: BodyForce | Force | None
+) -> BodyForce | None:
+    """Refuse arguments that no search can begin with; return the body force."""
     require_scene(scene)
     check_snapshot('start', start, scene)
     check_time(time)
@@ -259,22 +293,24 @@ def _check(
     checks.count('largest_step_count', largest_step_count)
     if progress is not None:
         checks.function('progress', progress)
+    return as_body_force(body_force)
 
 
 def step_loads(
     scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None,
     time: float | None = None, tolerance: float = 1e-10, largest_step_count: int = _STEPS,
+    body_force: BodyForce | Force | None = None,
     progress: Callable[[Progress], None] | None = None
 ) -> Iterator[tuple[float, Equilibrium]]:
     """
     Equilibria under parts of the loads, each sought from the one before.
 
-    `factors`: of weight, electric fields, loads and tractions; drives, anchors and pre-stress are
-    whole from the first. Ends where no equilibrium is found: that one is the last. With friction
-    (contact.friction) they are a path on which what touches sticks and slides: smaller steps
-    follow it more exactly.
+    `factors`: of weight, electric fields, loads, tractions and the `body_force`; drives, anchors
+    and pre-stress are whole from the first. Ends where no equilibrium is found: that one is the
+    last. With friction (contact.friction) they are a path on which what touches sticks and slides:
+    smaller steps follow it more exactly.
     """
-    _check(scene, start, time, tolerance, largest_step_count, progress)
+    force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     if not isinstance(factors, Iterable) or isinstance(factors, (str, bytes, Mapping)):
         raise TypeError(f'factors must be numbers, at least 0, got {checks.shown(factors)}')
     # One after the other may depend on what was found, so an iterator is not read in advance.
@@ -289,7 +325,7 @@ def step_loads(
             factor = checks.number('factors', given, least=0.0)
             found, path = seek_on_path(
                 scene, path, start=start, time=time, tolerance=tolerance, load_factor=factor,
-                largest_step_count=largest_step_count, progress=progress)
+                largest_step_count=largest_step_count, body_force=force, progress=progress)
             yield factor, found
             if not found.converged:
                 return
@@ -300,21 +336,27 @@ def step_loads(
 
 def refuse_free_fall(fabric: StaticFabric) -> None:
     """Refuse weight and loads that nothing bears: no support, no drive, no anchor."""
-    scene = fabric.scene
+    scene, start = fabric.scene, fabric.start
     if not fabric.free.all() or scene.anchors or (
             fabric.contacts is not None and scene.parameters.names('planes')):
         return
-    acting = fabric.start.acting.wrench[:, :3].sum(axis=0)
+    pushes = start.acting.wrench[:, :3]
+    if start.own_wrench is not None and start.own_force_blocks is not None:
+        if start.own_force_blocks.any():
+            # A force that changes from place to place may hold the fabric.
+            return
+        pushes = pushes + start.own_wrench[:, :3]
+    acting = pushes.sum(axis=0)
     if fabric.model.gravity is not None:
         acting = acting + scene.masses.total(scene.body_count) * (
             fabric.model.gravity.acceleration)
     size = float(np.linalg.norm(acting))
-    scale = float(np.abs(fabric.start.acting.wrench[:, :3]).sum())
+    scale = float(np.abs(pushes).sum())
     if size > 1e-12 * scale and size > 0.0:
         raise ValueError(
             f'nothing holds this fabric: a force of {size:.4g} N in all acts on it, by gravity, '
-            'field.electric or loads; hold some bodies with supports.NAME, drives.NAME or '
-            'anchors.NAME, or put planes.NAME below them')
+            'field.electric, loads or a body force; hold some bodies with supports.NAME, '
+            'drives.NAME or anchors.NAME, or put planes.NAME below them')
 
 
 class _Search:
@@ -429,7 +471,8 @@ class _Search:
         """Whether next to nothing acts any more; weight and loads, however small, always do."""
         here = self.here
         return (here.force_scale < _DIED_OUT * self.first_force
-                and self.fabric.model.gravity is None and not here.acting.wrench.any())
+                and self.fabric.model.gravity is None and not here.acting.wrench.any()
+                and (here.own_wrench is None or not here.own_wrench.any()))
 
     def _is_slack(self) -> bool:
         """Whether forces die out, and only ever more slowly."""
@@ -560,9 +603,12 @@ class _Search:
         # Loads without a potential push as at the start of the step.
         pushed = here.acting.wrench - self._dead(here)
         change = there.energy - here.energy - float((pushed * motion).sum())
+        own = self.fabric.own_force
+        if own is not None and not own.has_potential:
+            change -= own.work(here.position, here.orientation, motion)
         if abs(expected) < _ROUNDING * max(abs(here.energy), abs(there.energy)):
             # From the forces at both ends, which know it better than a difference of energies.
-            ahead = there.force - there.acting.wrench + self._dead(there) + pushed
+            ahead = there.force - (there.acting.wrench - self._dead(there)) + pushed
             change = -0.5 * float(((here.force + ahead) * motion).sum())
         return change / expected if math.isfinite(change) else -1.0
 
@@ -615,6 +661,9 @@ class _Search:
                 'supports.NAME, anchors.NAME, planes.NAME or contact.friction, or take smaller '
                 'loads')
         turning = without_potential(self.fabric.scene)
+        own, blocks = self.fabric.own_force, self.here.own_force_blocks
+        if own is not None and blocks is not None and not own.is_symmetric(blocks):
+            turning.append(f'body_force {own.name}')
         if turning:
             return (
                 f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy '

@@ -37,6 +37,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
@@ -46,6 +47,7 @@ from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.friction import FrictionPath, Rubbing
 from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
+from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
 from icofabric_sim.statics.tangent import Stretched, TangentLaws
 from icofabric_sim.statics.wrapped import find_wrapped, Wrapped
@@ -59,18 +61,19 @@ class StaticFabric:
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
         contact: bool = True, load_factor: float = 1.0, broken_since: np.ndarray | None = None,
         inputs: Inputs | None = None, friction: FrictionPath | None = None,
-        anchors_broken_since: np.ndarray | None = None
+        anchors_broken_since: np.ndarray | None = None, body_force: BodyForce | None = None
     ) -> None:
         """
         Hold loads, drives and points of anchors as they are at `time` [s].
 
         `only`: numbers of the connectors that forces and second derivatives count; None: all.
         `contact`: whether shells and planes push each other, where the scene has it.
-        `load_factor`: of weight, electric fields, loads and tractions.
+        `load_factor`: of weight, electric fields, loads, tractions and the body force.
         `broken_since`: as in snapshots (c,); connectors that have broken are left out.
         `anchors_broken_since`: likewise (a,).
         `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
         `friction`: springs of friction on a path of states; None: nothing rubs.
+        `body_force`: of the user, see own_force.py.
         Raises ParameterError for what has no place in statics.
         """
         refuse_in_statics(scene, contact=contact, on_path=friction is not None)
@@ -106,6 +109,8 @@ class StaticFabric:
         state = self.layout.pack(scene.initial)
         place_driven(model, loads, state, time)
         position, orientation, _, _ = self.layout.unpack(state)
+        self.own_force = None if body_force is None else OwnForce(
+            body_force, self.layout, position, orientation, self.half_edge, time, load_factor)
         self.start = Configuration(self, position, orientation)
         self.free = np.ones((scene.body_count, 6), bool)
         if scene.supports is not None:
@@ -153,6 +158,11 @@ class StaticFabric:
         charge = np.broadcast_to(self.scene.electric.charge, self.scene.body_count)
         largest = float(np.abs(charge).max(initial=0.0))
         return charge / largest if largest > 0.0 else charge
+
+    def require_steady(self, time: float | None) -> None:
+        """Refuse a body force that changes with time where no `time` [s] is given; ValueError."""
+        if self.own_force is not None and time is None:
+            self.own_force.require_steady(self.start.position, self.start.orientation)
 
     def configuration(self, name: str, snapshot: Snapshot) -> 'Configuration':
         """Where a snapshot, the argument `name`, has the bodies."""
@@ -260,7 +270,7 @@ class Configuration:
         # What does not depend on it, as far as it is known.
         for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
                      'tension', 'stretched', 'pulled', 'state', 'first_touches', 'wrapped',
-                     'free_ends', 'rubbing', 'rubbing_blocks'):
+                     'free_ends', 'rubbing', 'rubbing_blocks', 'own_wrench', 'own_force_blocks'):
             if name in self.__dict__:
                 there.__dict__[name] = self.__dict__[name]
         return there
@@ -320,7 +330,9 @@ class Configuration:
         """The same as a snapshot at rest."""
         fabric, zero = self.fabric, np.zeros_like(self.position)
         books: Mapping[str, float] = {
-            'work_in': 0.0, 'spent': 0.0, 'start': 0.0, 'potential': 0.0,
+            'work_in': 0.0, 'spent': 0.0, 'start': 0.0,
+            'potential': 0.0 if fabric.own_force is None else fabric.own_force.energy(
+                self.position, self.orientation),
             'anchors': self.pulled.energy,
             'contact': 0.0 if self.touching is None else self.touching.energy}
         arrays = self.position, self.orientation, zero, zero.copy()
@@ -346,6 +358,8 @@ class Configuration:
             fabric.unheld, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
         force = fabric.layout.gather(work.acceleration) * fabric.root**2
         force += self.pulled.wrench + self.acting.wrench
+        if self.own_wrench is not None:
+            force += self.own_wrench
         if self.touching is not None:
             force += self.touching.wrench
         if self.rubbing is not None:
@@ -386,6 +400,18 @@ class Configuration:
         return self.fabric.loads.act(self.position, self.axes)
 
     @cached_property
+    def own_wrench(self) -> np.ndarray | None:
+        """Forces and torques (n, 6) of the user's body force; None where there is none."""
+        own = self.fabric.own_force
+        return None if own is None else own.wrench(self.position, self.orientation)
+
+    @cached_property
+    def own_force_blocks(self) -> np.ndarray | None:
+        """Derivatives (n, 6, 6) of that force, see own_force.py; None where there is none."""
+        own = self.fabric.own_force
+        return None if own is None else own.blocks(self.position, self.orientation)
+
+    @cached_property
     def axes(self) -> np.ndarray:
         """Body axes as rows, (n, 3, 3)."""
         return cosines_from_quaternions(self.orientation)
@@ -400,16 +426,17 @@ class Configuration:
     @cached_property
     def force_scale(self) -> float:
         """
-        The largest force [N] of a connector, of an anchor, of a load, of charges, or of weight.
+        The largest force [N] of a connector, an anchor, a load, charges, weight or body force.
 
         Where none of them acts that of what is held, which then bears moments of connectors alone,
         or of a torque over a.
         """
         fabric = self.fabric
-        weight = 0.0
+        weight = 0.0 if self.own_wrench is None else float(
+            np.linalg.norm(self.own_wrench[:, :3], axis=1).max())
         if fabric.model.gravity is not None:
             size = float(np.linalg.norm(fabric.model.gravity.acceleration))
-            weight = size * float(fabric.packed.masses.mass.max())
+            weight = max(weight, size * float(fabric.packed.masses.mass.max()))
         pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
         if self.touching is not None:
             pulls.append(self.touching.largest_force)
@@ -419,8 +446,11 @@ class Configuration:
             return scale
         held = np.abs(np.where(fabric.free, 0.0, self.force))
         held[:, 3:] /= fabric.half_edge
+        twist = 0.0 if self.own_wrench is None else float(
+            np.linalg.norm(self.own_wrench[:, 3:], axis=1).max())
         return max(
-            scale, float(held.max(initial=0.0)), fabric.loads.largest_torque / fabric.half_edge)
+            scale, float(held.max(initial=0.0)),
+            max(fabric.loads.largest_torque, twist) / fabric.half_edge)
 
     @cached_property
     def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -512,7 +542,7 @@ class Configuration:
 
     @cached_property
     def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Slots (m,) and second derivatives (m, 6, 6) of anchored bodies, and of dead loads."""
+        """Slots (m,) and second derivatives (m, 6, 6) of anchors, dead loads and body forces."""
         slot, found = self.fabric.layout.slot, []
         pulled = self.fabric.anchors.blocks(
             self.pulled, self.position, self.axes, self.anchor_slope)
@@ -523,6 +553,9 @@ class Configuration:
             turning = np.zeros((len(slot), 6, 6))
             turning[:, 3:, 3:] = self._turning
             found.append((slot, turning))
+        if self.own_force_blocks is not None:
+            blocks = self.own_force_blocks
+            found.append((slot, 0.5 * (blocks + np.swapaxes(blocks, 1, 2))))
         return found
 
     @cached_property

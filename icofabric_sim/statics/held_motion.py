@@ -27,6 +27,7 @@ from typing import NamedTuple
 from icofabric_sim.scene.body_sizes import names_of_sizes
 from icofabric_sim.scene.initial import rotate_by_vector
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 import numpy as np
 
 PULL, PUSH, SHEAR, HYDROSTATIC = 'pull', 'push', 'shear', 'hydrostatic'
@@ -59,6 +60,7 @@ class HeldMotion:
     end: np.ndarray  # (e,) the bodies of the end that moves, or of the face there
     moved: np.ndarray  # (m,) all bodies that move
     at: Callable[[float], Placement]
+    body_force: BodyForce | None = None  # of the user, which acts beside the supports
 
     def placed(self, amount: float) -> Scene:
         """The slab with its held bodies where an amount puts them."""
@@ -89,13 +91,17 @@ class HeldMotion:
         return (fx, fy, fz), (mx, my, mz)
 
 
-def held_motion(scene: Scene, kind: str, axis: int, about: int | None = None) -> HeldMotion:
+def held_motion(
+    scene: Scene, kind: str, axis: int, about: int | None = None,
+    body_force: BodyForce | Force | None = None
+) -> HeldMotion:
     """
     The motion of a kind for the slab of a scene, without its loads, supports and drives.
 
     `axis`: from end to end. `about`: the axis across it that a bend turns about, None: the next.
-    ValueError where the slab has no two ends.
+    `body_force`: what acts on the slab all the same. ValueError where the slab has no two ends.
     """
+    own = as_body_force(body_force)
     letter = 'xyz'[axis]
     base, ends = _held(scene, {'fixed_end': f'{letter}_min', 'moved_end': f'{letter}_max'})
     along = base.position[:, axis]
@@ -109,7 +115,8 @@ def held_motion(scene: Scene, kind: str, axis: int, about: int | None = None) ->
     if kind == HYDROSTATIC:
         base, moved = _within_faces(scene)
         return HeldMotion(
-            base, axis, length, end, moved, lambda amount: _squeezed(base.position[moved], amount))
+            base, axis, length, end, moved, lambda amount: _squeezed(base.position[moved], amount),
+            own)
     if kind == BEND:
         turn = unit[(axis + 1) % 3 if about is None else about]
 
@@ -126,7 +133,7 @@ def held_motion(scene: Scene, kind: str, axis: int, about: int | None = None) ->
             rate = np.zeros((len(place), 6))
             rate[:, :3] = shift
             return Placement(place + amount * shift, np.zeros(3), rate)
-    return HeldMotion(base, axis, length, end, end, at)
+    return HeldMotion(base, axis, length, end, end, at, own)
 
 
 def _squeezed(place: np.ndarray, amount: float) -> Placement:

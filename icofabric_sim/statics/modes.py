@@ -28,6 +28,7 @@ from icofabric_sim import checks
 from icofabric_sim.scene.masses import require_isotropic
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
+from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
@@ -169,19 +170,47 @@ class Spectrum(AsTable):
 @one_thread()
 def solve_modes(
     scene: Scene, *, at: Snapshot | None = None, time: float | None = None,
-    count: int | None = None, which: str = LOWEST, branch: str | None = None
+    count: int | None = None, which: str = LOWEST, branch: str | None = None,
+    body_force: BodyForce | Force | None = None
 ) -> Spectrum:
     """
-    Vibrations about the initial configuration of a scene, or about a snapshot (an equilibrium).
+    Find vibrations about the initial configuration of a scene, or about a snapshot.
 
-    What is broken in the snapshot is left out. `count`: how many frequencies, the `which`:
-    'lowest' or 'highest'; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger
-    one. Loads, drives and anchors are held at `time` [s]; dead loads with their point off the
-    centre count, follower loads do not. `branch`: how connectors at their kink count in what is
-    not given for both, 'push' (None) or 'pull'. With `contact.friction` what presses sticks: small
-    motions stretch its springs, which count as if they held nothing in that configuration.
+    Dead loads with their point off the centre count, follower loads do not. With
+    `contact.friction` what presses sticks: small motions stretch its springs, which count as if
+    they held nothing in that configuration.
+
+    Parameters
+    ----------
+    scene
+        The fabric.
+    at
+        The configuration (an equilibrium), without what is broken there; None: the initial one.
+    time
+        Time [s] at which loads, drives and anchors are held; needed where they change with it.
+    count
+        How many frequencies; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger.
+    which
+        'lowest' or 'highest' of them.
+    branch
+        How connectors at their kink count in what is not given for both: 'push' (None) or 'pull'.
+    body_force
+        A function or `BodyForce` of the user, as `compile_scene` takes it (`ico.surface_force`
+        makes one), at that time and at velocities 0. Its derivatives are differences of it.
+
+    Returns
+    -------
+    Spectrum
+        Frequencies [rad/s], shapes, and the motions without energy.
+
+    Raises
+    ------
+    ValueError
+        If the body force has no potential or acts between bodies.
+
     """
     require_scene(scene)
+    force = as_body_force(body_force)
     check_snapshot('at', at, scene)
     check_time(time)
     if count is not None:
@@ -192,10 +221,14 @@ def solve_modes(
     fabric = StaticFabric(
         scene, held_time(scene, time, on_path=friction is not None),
         broken_since=None if at is None else at.broken_since,
-        anchors_broken_since=None if at is None else at.anchors_broken_since, friction=friction)
+        anchors_broken_since=None if at is None else at.anchors_broken_since, friction=friction,
+        body_force=force)
+    fabric.require_steady(time)
     here = fabric.start if at is None else fabric.configuration('at', at)
     if friction is not None and fabric.contacts is not None:
         fabric.friction = friction.pressed(fabric.contacts, here.position, here.axes)
+    if fabric.own_force is not None and here.own_force_blocks is not None:
+        fabric.own_force.require_symmetric(here.own_force_blocks)
     jumps = here.kink_jumps
     if not len(jumps):
         return _solve(here, count, which)
@@ -475,6 +508,13 @@ def rigid_count(here: Configuration) -> int:
         for body, arm, direction in fabric.anchors.directions(here.position, here.axes)]
     limits = np.hstack([held, np.array(anchored).reshape(-1, 6).T * float(
         fabric.root.flat[0])])
+    blocks = here.own_force_blocks
+    if blocks is not None and blocks.any():
+        # What a body force does against them, as large as its largest derivative [N/m].
+        push = np.einsum('bij,mbj->mbi', blocks, motions)
+        push[..., 3:] /= fabric.half_edge
+        limits = np.hstack([limits, float(fabric.root.flat[0]) / max(
+            float(np.abs(push).max()), 1e-300) * push.reshape(6, -1)])
     if not limits.size:
         return 6
     values = np.linalg.svd(limits, compute_uv=False)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.statics.equilibrium import Equilibrium, Progress, seek
@@ -33,6 +34,7 @@ class Present(NamedTuple):
     scene: Scene
     snapshot: Snapshot
     inputs: Inputs
+    body_force: BodyForce | None
 
 
 def present_of(simulation: Simulation) -> Present:
@@ -40,8 +42,8 @@ def present_of(simulation: Simulation) -> Present:
     Take the present state of a run, and what acts: received wrenches, and drives where they are.
 
     Shells and planes push each other as stiffly as in the run, so that what is found is at rest
-    there too. Pulls by hand do not count: they end by themselves. Raises ParameterError for what
-    has no place in statics.
+    there too, and a body force acts as it does at that time. Pulls by hand do not count: they end.
+    Raises ParameterError for what has no place in statics.
     """
     scene = simulation.scene
     refuse_in_statics(scene)
@@ -51,7 +53,7 @@ def present_of(simulation: Simulation) -> Present:
     inputs = Inputs(scene)
     inputs.adopt(simulation.inputs, simulation.time, anew=False)
     inputs.pulls.clear()
-    return Present(scene, simulation.snapshot(), inputs)
+    return Present(scene, simulation.snapshot(), inputs, simulation.body_force)
 
 
 def rest_of(
@@ -64,5 +66,6 @@ def rest_of(
     """
     snapshot = present.snapshot
     fabric = StaticFabric(
-        present.scene, snapshot.time, broken_since=snapshot.broken_since, inputs=present.inputs)
+        present.scene, snapshot.time, broken_since=snapshot.broken_since, inputs=present.inputs,
+        body_force=present.body_force)
     return seek(fabric, snapshot, _TOLERANCE, _STEPS, progress)

@@ -82,7 +82,8 @@ def follow(
             path, done = _begun(path, motion, found), [(0.0, found.snapshot)]
     for amount in amounts:
         here = motion.placed(amount)
-        found, next_path = seek_on_path(here, path, start=_ahead(done, amount))
+        found, next_path = seek_on_path(
+            here, path, start=_ahead(done, amount), body_force=motion.body_force)
         before = motion.conjugate(amount, found.reaction)
         breaks: list[Break] = []
         while found.converged and (worst := _worst_beyond(here, found.snapshot)) is not None:
@@ -90,7 +91,7 @@ def follow(
             since = last.break_time.copy()
             since[worst] = 0.0
             found, next_path = seek_on_path(
-                here, path, start=replace(last, broken_since=since))
+                here, path, start=replace(last, broken_since=since), body_force=motion.body_force)
             length = float(last.connector_length[worst])
             breaks.append(Break(
                 worst, amount, _side(here, worst, length), length,
@@ -110,7 +111,8 @@ class Rest:
         scene = motion.scene
         if scene.parameters['contact.friction'] != 0.0:
             scene = scene.with_changes({'contact.friction': 0.0})
-        self._scene, found = motion.scene, solve_equilibrium(scene)
+        self._scene, found = motion.scene, solve_equilibrium(
+            scene, body_force=motion.body_force)
         fabric = StaticFabric(scene)
         self._kinked, self._rest = fabric.laws.kinked, fabric.laws.natural_length
         self._longer = found.snapshot.connector_length > self._rest

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
+from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import (
     held_motion,
@@ -86,7 +87,7 @@ CURVE_COLUMNS = (
 
 def measure_curve(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
-    progress: Callable[[int], None] | None = None
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Results[CurvePoint]:
     """
     Equilibria of a slab whose end is displaced by `strains`, rising from above 0.
@@ -94,21 +95,24 @@ def measure_curve(
     The bodies at either end along the world's `axis` are held as they are woven, one end displaced
     along the axis (pull, push) or across it (shear); all others are free. Or all bodies that lack
     a neighbour are displaced towards the centre (hydrostatic). Loads, supports and drives of the
-    scene are left out; its planes and connector groups count. Each search begins where the last
-    one ended. Of the connectors beyond their break lengths the one that is farthest beyond breaks
-    for good, and the search goes on, until none is (the quasi-static order of de Arcangelis,
-    Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends early where no equilibrium is found.
+    scene are left out; its planes and connector groups count, and so does a steady `body_force`
+    of the user (see `solve_equilibrium`), also before anything moves. Each search begins where the
+    last one ended. Of the connectors beyond their break lengths the one that is farthest beyond
+    breaks for good, and the search goes on, until none is (the quasi-static order of de
+    Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends early where no
+    equilibrium is found.
 
     Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
     angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
     across is in `middle_strain`.
     """
-    return Results(CURVE_COLUMNS, curve_points(scene, kind, strains, axis=axis, progress=progress))
+    return Results(CURVE_COLUMNS, curve_points(
+        scene, kind, strains, axis=axis, body_force=body_force, progress=progress))
 
 
 def curve_points(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
-    progress: Callable[[int], None] | None = None
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Iterator[CurvePoint]:
     """The same, each as soon as it is found."""
     require_scene(scene)
@@ -117,7 +121,7 @@ def curve_points(
     axis = checks.count('axis', axis, 0, 2)
     if progress is not None:
         checks.function('progress', progress)
-    motion = held_motion(scene, kind, axis)
+    motion = held_motion(scene, kind, axis, body_force=body_force)
     rest = Rest(motion)
     for number, step in enumerate(follow(motion, steps, rest)):
         yield curve_point(motion, kind, rest, step)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
+from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import BEND, held_motion, HeldMotion, TURNED
 from icofabric_sim.statics.slab_path import Break, follow, Rest, Step, tension_range
@@ -73,7 +74,7 @@ TURN_COLUMNS = (
 
 def measure_turning(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
-    progress: Callable[[int], None] | None = None
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Results[TurnPoint]:
     """
     Equilibria of a slab whose ends along the world's `axis` are turned against each other.
@@ -89,12 +90,12 @@ def measure_turning(
     `end_moment`, which is about the centre of the end, in second order of the angle.
     """
     return Results(TURN_COLUMNS, turn_points(
-        scene, kind, angles, axis=axis, about=about, progress=progress))
+        scene, kind, angles, axis=axis, about=about, body_force=body_force, progress=progress))
 
 
 def turn_points(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
-    progress: Callable[[int], None] | None = None
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Iterator[TurnPoint]:
     """The same, each as soon as it is found."""
     require_scene(scene)
@@ -104,7 +105,7 @@ def turn_points(
     check_about(kind, axis, about)
     if progress is not None:
         checks.function('progress', progress)
-    motion = held_motion(scene, kind, axis, about)
+    motion = held_motion(scene, kind, axis, about, body_force)
     rest = Rest(motion)
     for number, step in enumerate(follow(motion, steps, rest)):
         yield turn_point(motion, rest, step)

@@ -72,13 +72,15 @@ class BodyForce:
         self.name = getattr(force, '__name__', type(force).__name__)
         # Whether Numba has compiled it; None until a scene is.
         self.is_compiled: bool | None = None
-        self._by_body = False
+        # Whether it is called for one body at a time; known once it is prepared.
+        self.is_by_body = False
+        self._compiled: Any = None  # compiled code that calls it body by body
         self._keep: list[Any] = []  # what compiled code points to
         self._error: BaseException | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the functions without compiled code, which holds in one process."""
-        return {**vars(self), 'is_compiled': None, '_keep': [], '_error': None}
+        return {**vars(self), 'is_compiled': None, '_compiled': None, '_keep': [], '_error': None}
 
     def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
         """
@@ -92,20 +94,19 @@ class BodyForce:
             0, layout.slot, numbers, result, aligned_empty((6, layout.slot_count)),
             np.zeros(1, np.int64), np.zeros(1))
         external.rows[:] = 0.0
-        single = self._compile() if self._wanted is not False and not _PLAIN else None
-        if single is None and self._wanted and not _PLAIN:
-            raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
-        self.is_compiled = single is not None
-        self._by_body = self.is_compiled or bool(_PLAIN and self._wanted) or (
+        if self._wanted is not False and not _PLAIN and self.is_compiled is None:
+            self._compiled = self._compile()
+            if self._compiled is None and self._wanted:
+                raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
+        self.is_compiled = self._compiled is not None
+        self.is_by_body = self.is_compiled or bool(_PLAIN and self._wanted) or (
             self._wanted is None and self._takes_only_one(numbers))
-        if single is not None:
-            callback = _loop(single)
+        if self._compiled is not None:
+            address = self._compiled.address
         else:
-            callback = C_FUNCTION(self._python(external))
-        self._keep.append(callback)
-        address = callback.address if single is not None else ctypes.cast(
-            callback, ctypes.c_void_p).value
-        assert address is not None
+            self._keep.append(C_FUNCTION(self._python(external)))
+            address = ctypes.cast(self._keep[-1], ctypes.c_void_p).value
+            assert address is not None
         external = external._replace(address=int(address))
         self._try(external)
         try:
@@ -124,7 +125,7 @@ class BodyForce:
         orientation = checks.array('orientation', orientation, (len(position), 4))
         if self.potential is None:
             return 0.0
-        if not self._by_body:
+        if not self.is_by_body:
             found = np.asarray(self.potential(time, position, orientation))
             if found.dtype.kind not in 'iuf' or found.shape not in ((), (len(position),)):
                 raise ValueError(
@@ -165,24 +166,24 @@ class BodyForce:
         return f'body_force {self.name} failed at t = {external.moment[0]:.9g} s: {what}'
 
     def _compile(self) -> Any:
-        """The function for one body; None, with the error noted, where Numba cannot compile it."""
+        """Compile a C function for all bodies; None, with the error noted, where Numba cannot."""
         force: Any = self.force
         try:
             single = force if hasattr(force, 'py_func') else numba.njit(force)
             single.compile((types.float64, *[_ROW] * 4))
             # The result must be two vectors, too.
-            _loop(single)
+            loop = _loop(single)
         except Exception as error:  # noqa: BLE001 - Numba lets many kinds through
             self._error = ValueError(_words(error).split('\n')[0])
             return None
         self._error = None
-        return single
+        return loop
 
     def _python(self, external: External) -> Callable[..., int]:
         """Callback that hands all bodies to the Python function, and keeps what goes wrong."""
         def call(time: float, count: int, numbers: int, result: int) -> int:
             try:
-                if self._by_body:
+                if self.is_by_body:
                     for row, target in zip(external.numbers, external.result):
                         target[:] = self._of_body(time, row)
                 else:

@@ -1,0 +1,151 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A body force of the user at rest: at one time, velocities 0; derivatives by differences."""
+
+from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.kernels.external import call_function
+from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.layout import Layout
+import numpy as np
+
+# Steps of differences of fourth order, over a and in rad, and their weights.
+_STEP = 1e-3
+_STENCIL = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+# Relative differences that count: of the halves of a derivative, and of forces.
+_ASYMMETRY_RATIO, _CHANGE_RATIO = 1e-6, 1e-9
+# Times [s] at which a force that is held at none must be the same.
+_OTHER_TIMES_S = (0.7390851332, 17.320508)
+
+
+class OwnForce:
+    """Forces and torques on all bodies in a configuration, and their derivatives by its places."""
+
+    def __init__(
+        self, force: BodyForce, layout: Layout, position: np.ndarray, orientation: np.ndarray,
+        half_edge: float, time: float, factor: float
+    ) -> None:
+        """
+        Hold a force at `time` [s], times a `factor`; it is called in the given configuration.
+
+        Raises ValueError where the force fails, or acts between bodies.
+        """
+        self._force, self._half_edge, self._time, self._factor = force, half_edge, time, factor
+        self._external = force.prepare(
+            layout, np.hstack([position, orientation, np.zeros((len(position), 6))]))
+        self._refuse_coupling(position, orientation)
+
+    @property
+    def name(self) -> str:
+        """Name of the function."""
+        return self._force.name
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether the user has given its potential."""
+        return self._force.potential is not None
+
+    def wrench(self, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+        """Compute forces [N] and torques [N m] on all bodies, (n, 6)."""
+        return self._factor * self._at(self._time, position, orientation)
+
+    def energy(self, position: np.ndarray, orientation: np.ndarray) -> float:
+        """Compute the potential energy [J]; 0 without a potential."""
+        return self._factor * self._force.energy(self._time, position, orientation)
+
+    def work(
+        self, position: np.ndarray, orientation: np.ndarray, motion: np.ndarray
+    ) -> float:
+        """Integrate the work [J] along a `motion` (n, 6) by Simpson's rule."""
+        first, middle, last = (
+            self.wrench(position + part * motion[:, :3], turned_by(
+                part * motion[:, 3:], orientation)) for part in (0.0, 0.5, 1.0))
+        return float(((first + 4.0 * middle + last) * motion).sum()) / 6.0
+
+    def blocks(self, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+        """
+        Compute the derivatives - dF/dx of each body, (n, 6, 6), along displacements and turns.
+
+        They are symmetric where the force has a potential.
+        """
+        blocks = np.zeros((len(position), 6, 6))
+        for k in range(6):
+            step = _STEP * (self._half_edge if k < 3 else 1.0)
+            for times, weight in _STENCIL:
+                motion = np.zeros_like(blocks[:, 0])
+                motion[:, k] = times * step
+                there = self.wrench(
+                    position + motion[:, :3], turned_by(motion[:, 3:], orientation))
+                blocks[:, :, k] -= weight / step * there
+        # A torque on a turned body is seen from other axes: half of its turn.
+        torque = self.wrench(position, orientation)[:, 3:]
+        for k, axis in enumerate(np.eye(3)):
+            blocks[:, 3:, 3 + k] += 0.5 * np.cross(axis, torque)
+        return blocks
+
+    def is_symmetric(self, blocks: np.ndarray) -> bool:
+        """Return whether derivatives are those of a force with a potential."""
+        scale = np.repeat([1.0, 1.0 / self._half_edge], 3)
+        scaled = blocks * scale[:, None] * scale
+        off = np.abs(scaled - np.swapaxes(scaled, 1, 2)).max(initial=0.0)
+        return bool(off <= _ASYMMETRY_RATIO * np.abs(scaled).max(initial=0.0))
+
+    def require_steady(self, position: np.ndarray, orientation: np.ndarray) -> None:
+        """Refuse a force that changes with time; ValueError."""
+        here = self._at(self._time, position, orientation)
+        for time in _OTHER_TIMES_S:
+            if not self._alike(here, self._at(time, position, orientation)):
+                raise ValueError(
+                    f'body_force {self._force.name} changes with time, and a fabric is at rest '
+                    'only where that is held; say at which time (time=), or give a function of '
+                    'that time')
+
+    def require_symmetric(self, blocks: np.ndarray) -> None:
+        """Refuse a force without a potential; ValueError."""
+        if not self.is_symmetric(blocks):
+            raise ValueError(
+                f'body_force {self._force.name} has no potential: its derivative by places and '
+                'turns is not symmetric, so vibrations about this configuration are not those of '
+                'an energy and may grow; give a force that has a potential, take tractions.NAME '
+                'or loads.NAME (whose turning with bodies vibrations leave out), or see the '
+                'motion in a run (compile_scene with body_force=)')
+
+    def _at(self, time: float, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+        external = self._external
+        external.numbers[:, :3], external.numbers[:, 3:7] = position, orientation
+        external.moment[0] = time
+        if call_function(external.address, time, external.numbers, external.result):
+            raise ValueError(self._force.explain(external))
+        return external.result.copy()
+
+    def _refuse_coupling(self, position: np.ndarray, orientation: np.ndarray) -> None:
+        """Move every other body a little: nothing may change for the rest of them."""
+        if self._force.is_by_body:
+            return
+        moved = np.arange(len(position)) % 2 == 1
+        there = np.where(moved[:, None], position + _STEP * self._half_edge, position)
+        turned = np.where(
+            moved[:, None], turned_by(np.full_like(position, _STEP), orientation), orientation)
+        if not self._alike(*(
+                self._at(self._time, *state)[~moved]
+                for state in ((position, orientation), (there, turned)))):
+            raise ValueError(
+                f'body_force {self._force.name} acts between bodies: what it does to one changes '
+                'as another moves. Statics takes forces on each body by its own place and '
+                'orientation; take connectors or charge.mutual for forces between bodies, or let '
+                'a run with drag come to rest (compile_scene with body_force=)')
+
+    @staticmethod
+    def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+        off = np.abs(one - other).max(axis=0, initial=0.0)
+        return bool((off <= _CHANGE_RATIO * np.abs(one).max(axis=0, initial=0.0)).all())
