@@ -87,10 +87,13 @@ class RestOutputs(NamedTuple):
                 borne = reactions.table()
                 self.table('reactions.csv', tuple(borne), zip(*borne.values()))
         if self.picture is not None:
+            # Where it is needed: help texts come without it.
+            import numpy as np
+
             self.draw(name, scene, [
                 (scene.initial.position, scene.initial.orientation, 'start'),
                 (snapshot.position, snapshot.orientation, 'at rest')],
-                _arrows(reactions))
+                _arrows(reactions, float(np.abs(tension).max(initial=0.0))), contacts)
 
     def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
         """Write a CSV file of that name."""
@@ -105,16 +108,17 @@ class RestOutputs(NamedTuple):
 
     def draw(
         self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],
-        pushes: tuple['Push', ...] = ()
+        pushes: tuple['Push', ...] = (), contacts: 'ContactForces | None' = None
     ) -> None:
-        """Draw configurations side by side, with arrows at the last one."""
+        """Draw configurations side by side, with the arrows of forces at the last one."""
         from icofabric_sim.pictures.drawing import frame_moments, Renderer
         from icofabric_sim.pictures.measures import fit_scale
         from icofabric_sim.pictures.moment import Moment
 
         assert self.picture is not None
         moments = [Moment(math.nan, *state[:2], scene, state[2]) for state in states]
-        moments[-1] = moments[-1]._replace(pushes=pushes)
+        moments[-1] = moments[-1]._replace(
+            pushes=pushes, contact_forces=None if contacts is None else contacts.arrows())
         self.picture.parent.mkdir(parents=True, exist_ok=True)
         Renderer(
             frame_moments(moments), title=name, color='strain',
@@ -122,18 +126,17 @@ class RestOutputs(NamedTuple):
         print(f'drawn to {self.picture}')
 
 
-def _arrows(reactions: 'Reactions | None') -> tuple['Push', ...]:
-    """Arrows of what bears a force, but for rounding."""
+def _arrows(reactions: 'Reactions | None', tension: float) -> tuple['Push', ...]:
+    """Arrows of what bears a force, but for rounding beside it and the largest `tension` [N]."""
     from icofabric_sim.pictures.moment import Push
-    import numpy as np
 
     if reactions is None or not len(reactions.names):
         return ()
-    sizes = np.linalg.norm(reactions.force, axis=1)
+    sizes = (reactions.force**2).sum(axis=1)**0.5
     return tuple(
         Push(name, reactions.point[number], reactions.force[number])
         for number, name in enumerate(reactions.names)
-        if sizes[number] > 1e-6 * sizes.max())
+        if sizes[number] > 1e-6 * max(tension, sizes.max()))
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:

@@ -27,6 +27,7 @@ from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.input_types import Wrench
+from icofabric_sim.simulation.load_cells import contact_arrows
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
@@ -68,7 +69,8 @@ class ActingMarkers:
         """
         The message at that time, with the wrenches that act, by channel or body number.
 
-        And with what is `touching`: a point for each contact, and its normal, one edge long.
+        And with what is `touching`: a point for each contact, its normal, one edge long, and the
+        forces on both shells, friction included, the largest of them two edges long.
         """
         edge = self._scene.shell.edge_length
         size = np.linalg.norm(touching.force, axis=1, keepdims=True)
@@ -88,7 +90,10 @@ class ActingMarkers:
             _List('contacts', 0, _SPHERE_LIST, (0.60, 0.10, 0.70, 1.0), (0.2 * edge,) * 3,
                   touching.point),
             _List('contact_normals', 0, _LINE_LIST, (0.60, 0.10, 0.70, 1.0),
-                  (0.06 * edge, 0, 0), normals))
+                  (0.06 * edge, 0, 0), normals),
+            _List('contact_forces', 0, _LINE_LIST, (0.00, 0.51, 0.41, 1.0),
+                  (0.1 * edge, 0, 0), self._lines(contact_arrows(
+                      touching.bodies, touching.point, touching.force + touching.spring))))
         layout = CdrBuilder()
         layout.numbers('I', len(lists))
         for item in lists:
@@ -114,15 +119,16 @@ class ActingMarkers:
                     along = _turned(turn, part) if channel is None or channel.in_body_axes else (
                         np.broadcast_to(part, begin.shape))
                     ends[kind].append(np.stack([begin, along], axis=1))
-        lines = []
-        for found in ends:
-            pairs = np.concatenate(found) if found else np.zeros((0, 2, 3))
-            size = np.linalg.norm(pairs[:, 1], axis=1).max(initial=0.0)
-            if size > 0.0:
-                pairs[:, 1] = pairs[:, 0] + pairs[:, 1] * (
-                    2.0 * self._scene.shell.edge_length / size)
-            lines.append(pairs.reshape(-1, 3))
-        return lines[0], lines[1]
+        forces, torques = (self._lines(
+            np.concatenate(found) if found else np.zeros((0, 2, 3))) for found in ends)
+        return forces, torques
+
+    def _lines(self, arrows: np.ndarray) -> np.ndarray:
+        """Ends of lines for points and vectors (k, 2, 3); the largest is two edges long."""
+        size = np.linalg.norm(arrows[:, 1], axis=1).max(initial=0.0)
+        scale = 2.0 * self._scene.shell.edge_length / size if size > 0.0 else 0.0
+        return np.stack(
+            [arrows[:, 0], arrows[:, 0] + scale * arrows[:, 1]], axis=1).reshape(-1, 3)
 
 
 def _turned(orientation: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -194,16 +194,18 @@ class Outputs:
 
     def contacts(self, contacts: ContactForces) -> bytes:
         """
-        `~/contacts`: [m, 9] first and second body, point [m], force [N] on the first, overlap [m].
+        `~/contacts`: [m, 15] first, second body, point [m], force [N] on the first, overlap [m].
 
-        World frame. A second body of -1 - k is the plane k, whose names are the first label.
+        Then the torques [N m] on the first and on the second, each about its centre; world frame.
+        A second body of -1 - k is the plane k, whose names are the first label.
         """
         message = Float64MultiArrayBytes(
             (f'planes: {", ".join(contacts.planes)}',
-             'first, second, point, force on first, overlap'), (len(contacts.bodies), 9))
+             'first, second, point, force on first, overlap, torque on first, torque on second'),
+            (len(contacts.bodies), 15))
         return message.filled(partial(_write_columns, [
             contacts.bodies.astype(float), contacts.point, contacts.force,
-            contacts.overlap[:, None]]))
+            contacts.overlap[:, None], contacts.first[:, 3:], contacts.second[:, 3:]]))
 
     def broken(self, snapshot: Snapshot) -> bytes:
         """

@@ -53,7 +53,7 @@ import numpy as np
 DEFAULT_SIZE = (1280, 960)
 TEXT_COLOR = (64, 68, 74)
 _FAINT_COLOR = (120, 125, 132)
-_FORCE_COLOR = (190, 30, 40)
+_FORCE_COLOR, _CONTACT_FORCE_COLOR = (190, 30, 40), (0, 130, 105)
 # Top and bottom of the backdrop, floors and walls, and the lines on them.
 _SKY, _EARTH = np.array([1.0, 1.0, 1.0]), np.array([0.945, 0.952, 0.962])
 _GROUND, _LINE = (226, 228, 231), (208, 211, 215)
@@ -67,7 +67,7 @@ _HEADING, _FOOTING, _TEXT = 0.055, 0.085, 0.021
 # Directions in which a moment's bodies reach farthest are what the camera is fitted to.
 _DIRECTIONS = np.array([
     [x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
-_ARROW = 4.5  # edges
+_ARROW, _CONTACT_ARROW = 4.5, 1.5  # edges
 
 
 class Framing:
@@ -139,6 +139,22 @@ def _arrow_ends(moment: Moment, push: Push) -> np.ndarray:
     away = 1.2 * edge if _is_outward(moment, push) else -(_ARROW + 1.2) * edge
     tail = push.point + away * along
     return np.array([tail, tail + _ARROW * edge * along])
+
+
+def _arrow_outline(
+    tail: np.ndarray, tip: np.ndarray, breadth: float, head: float, extra: float = 0.0
+) -> np.ndarray:
+    """Corners (7, 2) [pixels] of an arrow with half the width `breadth`, `extra` around it."""
+    unit = (tip - tail) / max(float(np.linalg.norm(tip - tail)), 1.0)
+    side, neck = np.array([-unit[1], unit[0]]), tip - head * unit
+    return np.array([
+        tail - extra * unit + (breadth + extra) * side,
+        neck + (breadth + extra) * side,
+        neck + (2.4 * breadth + 1.6 * extra) * side - 0.4 * extra * unit,
+        tip + 1.8 * extra * unit,
+        neck - (2.4 * breadth + 1.6 * extra) * side - 0.4 * extra * unit,
+        neck - (breadth + extra) * side,
+        tail - extra * unit - (breadth + extra) * side])
 
 
 def _reach(position: np.ndarray) -> float:
@@ -304,6 +320,7 @@ class Renderer:
                 rim = camera.project(ground.rim, fine)
                 draw.line([*map(tuple, rim.tolist()), tuple(rim[0].tolist())], fill=_LINE,
                           width=2 * smooth)
+        self._contact_arrows(draw, moment, camera, fine)
         labels = [self._arrow(draw, moment, push, camera, fine) for push in moment.pushes]
         image = canvas.reduce(smooth)
         draw = ImageDraw.Draw(image)
@@ -349,6 +366,23 @@ class Renderer:
             self._backdrops = {key: image}
         return image
 
+    def _contact_arrows(self, draw: Any, moment: Moment, camera: Camera, area: Area) -> None:
+        """Draw what contacts do to shells; the largest force is so many edges long."""
+        arrows = moment.contact_forces
+        if arrows is None or not len(arrows):
+            return
+        sizes = np.linalg.norm(arrows[:, 1], axis=1)
+        edge = moment.scene.shell.edge_length
+        tips = arrows[:, 0] + arrows[:, 1] * (_CONTACT_ARROW * edge / sizes.max())
+        breadth = max(0.06 * edge * camera.pixels_per_meter(area), 1.5)
+        for number in np.argsort(sizes):
+            tail, tip = camera.project(np.array([arrows[number, 0], tips[number]]), area)
+            length = float(np.linalg.norm(tip - tail))
+            if length > breadth:
+                draw.polygon(
+                    _flat(_arrow_outline(tail, tip, breadth, min(4.0 * breadth, 0.6 * length))),
+                    fill=_CONTACT_FORCE_COLOR, outline=(255, 255, 255))
+
     def _arrow(
         self, draw: Any, moment: Moment, push: Any, camera: Camera, area: Area
     ) -> tuple[tuple[float, float], str, str]:
@@ -360,20 +394,11 @@ class Renderer:
         shaft = ends[1] - ends[0]
         length = max(float(np.linalg.norm(shaft)), 1.0)
         unit = shaft / length
-        side = np.array([-unit[1], unit[0]])
         breadth = max(0.16 * edge * camera.pixels_per_meter(area), 3.0)
         head = min(5.0 * breadth, 0.6 * length)
         for extra, color in ((0.55 * breadth, (255, 255, 255)), (0.0, _FORCE_COLOR)):
-            neck = ends[1] - head * unit
-            outline = np.array([
-                ends[0] - extra * unit + (breadth + extra) * side,
-                neck + (breadth + extra) * side,
-                neck + (2.4 * breadth + 1.6 * extra) * side - 0.4 * extra * unit,
-                ends[1] + 1.8 * extra * unit,
-                neck - (2.4 * breadth + 1.6 * extra) * side - 0.4 * extra * unit,
-                neck - (breadth + extra) * side,
-                ends[0] - extra * unit - (breadth + extra) * side])
-            draw.polygon(_flat(outline), fill=color)
+            draw.polygon(
+                _flat(_arrow_outline(ends[0], ends[1], breadth, head, extra)), fill=color)
         away = unit if outward else -unit
         place = (ends[1 if outward else 0] / self._smooth) + 0.7 * self._text * away
         anchor = ('lm' if away[0] > 0.0 else 'rm') if abs(away[0]) > 0.5 else (
@@ -397,6 +422,8 @@ class Renderer:
             legend['anchor'] = ANCHOR_COLOR
         if moment.broken is not None and len(moment.broken):
             legend['broken connector'] = BROKEN_COLOR
+        if moment.contact_forces is not None and len(moment.contact_forces):
+            legend['force of a contact'] = np.array(_CONTACT_FORCE_COLOR) / 255.0
         if 'contact' not in legend and scene.body_count <= 20_000 and len(
                 find_contacts(
                     scene.body_half_edges, moment.position, moment.orientation).bodies):

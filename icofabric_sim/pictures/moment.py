@@ -40,4 +40,6 @@ class Moment(NamedTuple):
     pushes: tuple[Push, ...] = ()
     anchor_points: np.ndarray | None = None  # (a, 3) [m] of the world; None: those at time 0
     torn_anchors: np.ndarray | None = None  # numbers of broken anchors
+    # (k, 2, 3) points [m] and forces [N] that contacts exert on shells
+    contact_forces: np.ndarray | None = None
     known: np.ndarray | None = None  # (n,) bool: whose pose it is; others are as woven; None: all

@@ -19,6 +19,8 @@ from pathlib import Path
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import active_inputs, RecordedInput, RecordedRun
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.messages import decode_float64_multi_array
+from icofabric_sim.messages.topics import CONTACTS
 from icofabric_sim.pictures.camera import View
 from icofabric_sim.pictures.drawing import DEFAULT_SIZE, Framing, Renderer
 from icofabric_sim.pictures.measures import fit_scale
@@ -27,6 +29,7 @@ from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.selectors import Bodies, select
 from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
+from icofabric_sim.simulation.load_cells import contact_arrows
 import numpy as np
 
 Progress = Callable[[int], None]  # called with the number of pictures done
@@ -86,12 +89,14 @@ class RunMoments:
         self._breaks = run.breaks()
 
     def at(
-            self, times: Sequence[int] | np.ndarray, *, with_velocity: bool = False
+            self, times: Sequence[int] | np.ndarray, *, with_velocity: bool = False,
+            with_contacts: bool = False
     ) -> Iterator[Moment]:
         """
         Yield the moments of the recorded `times` [ns], in order of time.
 
         `with_velocity`: with the velocities since the recorded poses before each of them.
+        `with_contacts`: with the forces of contacts, where the run was recorded with them.
         """
         wanted = {int(time) for time in times}
         read = wanted
@@ -110,7 +115,16 @@ class RunMoments:
                 moment = moment._replace(velocity=velocity)
             before = moment
             if frame.nanoseconds in wanted:
-                yield moment
+                yield moment._replace(contact_forces=self._contact_forces(frame.nanoseconds)) if (
+                    with_contacts) else moment
+
+    def _contact_forces(self, time: int) -> np.ndarray | None:
+        """Points [m] and forces [N] of the contacts recorded at a `time` [ns], (k, 2, 3)."""
+        for _, _, data in self.run.messages(
+                start=time, stop=time + 1, names=[CONTACTS.name]):
+            rows = self.run.decoded(decode_float64_multi_array, data).values
+            return contact_arrows(rows[:, :2], rows[:, 2:5], rows[:, 5:8])
+        return None
 
     def _moment(self, time: int, position: np.ndarray, orientation: np.ndarray) -> Moment:
         scene = self.run.scene_at(time)
@@ -188,7 +202,9 @@ class RunPictures:
 
     def moments_at(self, times: Sequence[int] | np.ndarray) -> Iterable[Moment]:
         """Moments at recorded times [ns]."""
-        return self._moments.at(times, with_velocity=self._with_velocity)
+        return self._moments.at(
+            times, with_velocity=self._with_velocity,
+            with_contacts=self.renderer.color == 'contact')
 
     def sheet(self, path: str | Path) -> None:
         """Draw the moments side by side."""

@@ -23,12 +23,14 @@ from concurrent.futures import Future
 import threading
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.run_events import do_event
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.simulation.errors import SimulationError
+import numpy as np
 
 if TYPE_CHECKING:
     from icofabric_sim.statics.equilibrium import Equilibrium
@@ -99,6 +101,7 @@ class Rest:
         facts = {
             'verdict': result.verdict, 'residual': result.residual,
             'mechanism_count': result.mechanism_count,
+            **({} if result.contacts is None else {'contacts': result.contacts.table()}),
             'position': result.snapshot.position.tolist(),
             'orientation': result.snapshot.orientation.tolist()}
         before = state.simulation.checkpoint()
@@ -111,4 +114,18 @@ class Rest:
         self._time.begin_anew()
         self._broadcast.event(state.now, 'equilibrium', **facts)
         self._time.show_after('equilibrium')
-        return f'{result.verdict}, residual {result.residual:.2g}, t = {seconds(state.now):.9f} s'
+        return (f'{result.verdict}, residual {result.residual:.2g}'
+                f'{_contacts_text(result)}, t = {seconds(state.now):.9f} s')
+
+
+def _contacts_text(result: 'Equilibrium') -> str:
+    """How many contacts there are, and the largest force and resultant on a shell."""
+    contacts = result.contacts
+    if contacts is None or not len(contacts.bodies):
+        return ''
+    forces = np.linalg.norm(contacts.force, axis=1)
+    sums = np.linalg.norm(
+        contacts.resultants(len(result.snapshot.position))[:, :3], axis=1)
+    return (f', {counted(len(forces), "contact")}, the largest force {forces.max():.3g} N, on '
+            f'body {contacts.bodies[np.argmax(forces), 0]}, the largest resultant of them '
+            f'{sums.max():.3g} N, on body {np.argmax(sums)}')

@@ -80,6 +80,10 @@ class ContactForces(AsTable):
             **_columns('torque', 'nm', self.first[:, 3:]),
             **_columns('torque_on_second', 'nm', self.second[:, 3:])}
 
+    def arrows(self) -> np.ndarray:
+        """Return points [m] and forces [N] on shells (k, 2, 3), as `contact_arrows` says."""
+        return contact_arrows(self.bodies, self.point, self.force)
+
     def resultants(self, body_count: int) -> np.ndarray:
         """
         Sum what the contacts do to each body.
@@ -99,6 +103,29 @@ class ContactForces(AsTable):
         shells = self.bodies[:, 1] >= 0
         np.add.at(wrenches, self.bodies[shells, 1], self.second[shells])
         return wrenches
+
+
+def contact_arrows(bodies: np.ndarray, point: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """
+    Say where the forces of contacts act on shells.
+
+    Parameters
+    ----------
+    bodies
+        (m, 2) numbers; the second one -1 - k: plane k.
+    point
+        (m, 3) [m].
+    force
+        (m, 3) [N] on the first bodies.
+
+    Returns
+    -------
+    (k, 2, 3) points [m] and forces [N]: those on first bodies, then those on second ones.
+
+    """
+    arrows = np.stack([point, force], axis=1)
+    shells = bodies[:, 1] >= 0
+    return np.concatenate([arrows, np.stack([point[shells], -force[shells]], axis=1)])
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -50,7 +50,7 @@ def test_forces_supports_and_planes_are_where_they_act():
         snapshot, 1_500_000_000, simulation.status.active_loads, simulation.status.touching()))
     assert [name for name, marker in shown.items() if marker.action == 0] == [
         'forces', 'torques', 'supports', 'planes', 'plane_surfaces']
-    assert list(shown)[5:] == ['contacts', 'contact_normals']
+    assert list(shown)[5:] == ['contacts', 'contact_normals', 'contact_forces']
     for marker in list(shown.values())[:5]:
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (1, 500_000_000)
         assert marker.header.frame_id == 'world' and marker.action == 0
@@ -91,6 +91,15 @@ def test_contacts_are_shown_where_shells_press_on_a_floor():
     np.testing.assert_allclose(normals[:, 0], spots)
     np.testing.assert_allclose(
         np.linalg.norm(normals[:, 1] - normals[:, 0], axis=1), scene.shell.edge_length)
+    arrows = points(shown['contact_forces']).reshape(-1, 2, 3)
+    shells = touching.bodies[:, 1] >= 0
+    assert len(arrows) == len(spots) + shells.sum()
+    np.testing.assert_allclose(arrows[:, 0], [*spots, *spots[shells]])
+    along = arrows[:, 1] - arrows[:, 0]
+    whole = touching.force + touching.spring
+    np.testing.assert_allclose(
+        along, 0.04 * np.array([*whole, *-whole[shells]]) / np.linalg.norm(whole, axis=1).max(),
+        rtol=0, atol=1e-12)
     for number, (first, second) in enumerate(touching.bodies):
         assert touching.overlap[number] > 0.0 and np.linalg.norm(touching.force[number]) > 0.0
         if second < 0:

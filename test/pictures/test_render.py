@@ -411,6 +411,21 @@ def test_forces_anchors_and_what_holds_are_drawn(tmp_path: Path) -> None:
     assert with_them[0] > 200 and with_them[1] > 20 and with_them[2] > without[2] + 2000
 
 
+def test_forces_of_contacts_are_drawn_to_scale(tmp_path: Path) -> None:
+    scene = one_body()
+    point, forces = np.zeros(3), np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+    moment = at_rest(scene)._replace(contact_forces=np.stack(
+        [np.broadcast_to(point, (2, 3)), forces], axis=1))
+    renderer = Renderer(frame_moments([moment], View(-math.pi / 2, 0.0)), size=SIZE)
+    renderer.frame(moment, tmp_path / 'picture.png')
+    red, green, blue = np.moveaxis(imread(tmp_path / 'picture.png')[:400, :, :3], 2, 0)
+    rows, columns = np.nonzero((red < 0.1) & (green > 0.4) & (green < 0.6) & (blue < 0.5))
+    # To the right one and a half edges of 20 mm, upwards half of that: seen from the front, the
+    # shell of 38 mm across between the two.
+    right, up = np.ptp(columns), np.ptp(rows)
+    assert up > 20 and right == pytest.approx(2.0 * up, rel=0.15)
+
+
 # icofabric render.
 
 def test_verb_draws_frames_and_sheet(

@@ -200,5 +200,5 @@ def test_markers_of_loads_come_to_a_listener(tmp_path):
             lambda: kept and kept[-1].markers[0].points, 'the arrow of a force')
         assert [marker.ns for marker in kept[-1].markers] == [
             'forces', 'torques', 'supports', 'planes', 'plane_surfaces', 'contacts',
-            'contact_normals']
+            'contact_normals', 'contact_forces']
         assert node.stop() == 0

@@ -23,7 +23,8 @@ from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.kernels.runtime import kernel_guard
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.messages import decode_float64_multi_array
-from icofabric_sim.messages.topics import CONTACTS, POSES, REACTIONS, TENSIONS
+from icofabric_sim.messages.topics import CONTACTS, Outputs, POSES, REACTIONS, TENSIONS
+from icofabric_sim.pictures.render import RunMoments
 from icofabric_sim.running import broadcast as broadcast_module
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.diagnostics import HealthReport
@@ -31,10 +32,36 @@ from icofabric_sim.running.recording import BagSink, GIVEN, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.simulation import Simulation
+import numpy as np
 import pytest
 from runner_helpers import Beside, ListSink
 
 MEASURED = {REACTIONS: 'reactions', TENSIONS: 'tensions', CONTACTS: 'contacts'}
+
+
+STACK = {
+    'weave.size': [1, 1, 1], 'contact.stiffness': 1e4, 'contact.friction': 0.5,
+    'bodies.it.position': [0.0, 0.0, 0.0323], 'bodies.it.angular_velocity': [0.0, 9.0, 1.0],
+    'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.0161}
+
+
+def test_contacts_are_told_with_force_and_torques():
+    scene = ico.Scene.from_parameters(STACK)
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(1e-4)
+    found = simulation.contacts()
+    message = decode_float64_multi_array(Outputs(scene).contacts(found))
+    rows = message.values
+    assert rows.shape == (2, 15) and found.table()['second'] == [1, 'planes.floor']
+    assert message.labels[1].endswith('torque on first, torque on second')
+    assert (rows[:, 9:12] == found.first[:, 3:]).all()
+    assert (rows[:, 12:] == found.second[:, 3:]).all()
+    # About the middle of the two centres the forces of a pair turn nothing but by its moment.
+    place = simulation.snapshot().position
+    apart = np.cross(place[0] - place[1], rows[0, 5:8])
+    turned = rows[0, 9:12] + rows[0, 12:] + apart
+    assert np.abs(rows[0, 9:12]).max() > 0.0
+    assert np.abs(turned).max() < 1e-12 * np.abs(rows[0, 5:8]).max()
 
 
 @pytest.mark.parametrize('live', [False, True])
@@ -76,6 +103,28 @@ def test_a_bag_holds_them_where_asked_and_verify_compares_them(tmp_path):
         assert counts == dict.fromkeys(MEASURED, 4)
         report = verify_run(run)
     assert report.verdict == 'identical', report.lines()
+
+
+def test_pictures_of_a_bag_have_the_forces_of_its_contacts(tmp_path):
+    path = tmp_path / 'bag'
+    simulation = ico.compile_scene(ico.Scene.from_parameters(STACK | {
+        'record.path': str(path), 'record.measured': True, 'duration': 1e-4,
+        'publish_rate': 1e4, 'real_time_factor': 0.0}))
+    bag = BagSink(path, simulation, live=False)
+    runner = Runner(simulation, [bag])
+    runner.run(until_finished=True)
+    bag.close(summary=summarise_run(runner.status()))
+    with RecordedRun(path, '/icofabric') as run:
+        *_, moment = RunMoments(run).at(run.pose_times(), with_contacts=True)
+        *_, without = RunMoments(run).at(run.pose_times())
+    contacts = simulation.contacts()
+    # On the first of two shells, on that which stands on the floor, and on the second.
+    assert moment.time == simulation.time and without.contact_forces is None
+    np.testing.assert_array_equal(
+        moment.contact_forces[:, 1], [*contacts.force, -contacts.force[0]])
+    np.testing.assert_array_equal(
+        moment.contact_forces[:, 0], [*contacts.point, contacts.point[0]])
+    assert np.abs(contacts.force).max() > 0.1
 
 
 class Cells:

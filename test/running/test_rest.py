@@ -124,3 +124,20 @@ def test_friction_is_refused_by_name():
     runner = runner_of(**{'contact.friction': 0.3})
     with Beside(runner), pytest.raises(ValueError, match=r'contact\.friction 0\.3'):
         runner.solve_equilibrium().result(LIMIT)
+
+
+def test_what_contacts_bear_is_told_and_recorded():
+    sink, weight = ListSink(EVENTS), 9.81 * 3.0
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'contact.stiffness': 1e5, 'start_paused': True,
+        'masses.it.group': 'it', 'masses.it.mass': 3.0, 'initial.it.group': 'it',
+        'initial.it.displacement': [0.0, 0.0, 1e-4], 'gravity': [0.0, 0.0, -9.81],
+        'supports.it.group': 'it', 'supports.it.fix': 'tx ty rotation', 'groups.it': 'all',
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.0161803398875})
+    runner = Runner(ico.compile_scene(scene), [sink])
+    with Beside(runner):
+        said = runner.solve_equilibrium().result(LIMIT)
+    assert '1 contact, the largest force 29.4 N, on body 0, the largest resultant of them ' in said
+    [facts] = events(sink)
+    assert facts['contacts']['second'] == ['planes.floor']
+    assert facts['contacts']['force_z_n'] == pytest.approx([weight], rel=1e-6)
