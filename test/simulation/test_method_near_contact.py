@@ -161,6 +161,20 @@ def test_books_go_on_and_the_tolerance_is_kept(through):
     assert 0.0 < apart / SCENE.geometry.half_edge < 1e-4
 
 
+def test_less_than_rounding_of_contacts_is_not_asked_for(through, caplog):
+    """Steps fell to 1e-11 s: 587,222 instead of some 500."""
+    whole, _ = through
+    tight = ico.compile_scene(SCENE.with_changes({
+        'solver.method': 'dop8', 'solver.tolerance': 1e-10}))
+    push(tight)
+    caplog.set_level('WARNING', 'icofabric_sim')
+    tight.advance_to(END)
+    assert whole.status.step_count < tight.status.step_count < 1000
+    assert 'errors below 5' in caplog.text and 'are not asked for' in caplog.text
+    apart = np.abs(tight.snapshot().position - whole.snapshot().position).max()
+    assert 0.0 < apart / SCENE.geometry.half_edge < 1e-4
+
+
 @pytest.mark.parametrize('changes', [
     {'solver.method': 'srkn6'}, {'solver.step': 1e-5}, {'contact.mode': 'never'},
     {'solver.tolerance': 1e-6, 'connector.damping': 1e-4}])

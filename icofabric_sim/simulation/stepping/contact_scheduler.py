@@ -94,7 +94,7 @@ class ContactScheduler:
                 f'shells that may touch are up to {extent:.4g} m from the origin, where places '
                 f'are rounded to {math.ulp(extent):.2g} m: while they are near each other, errors '
                 f'below {noise:.2g} per second are not asked for; move the scene nearer to the '
-                'origin')
+                'origin, or give a smaller contact.stiffness or a larger solver.tolerance')
             _LOGGER.warning('%s', self.rounding)
 
     def count_touching(self) -> None:

@@ -52,9 +52,9 @@ _AHEAD = 6.0
 _SPARE = 0.1
 # Rounding of forces of contacts as it shows in the estimate of the error, beside a coordinate.
 _NOISE_RATIO = 0.25 * float(np.finfo(float).eps)
-# Up to so many tolerances of it steps of contacts are hardly shorter; from ten times as many on
-# they were 10,000 times shorter.
-_LARGEST_NOISE = 30.0
+# At most this part of the tolerance may be noise: where it was 2.5 times the tolerance no step was
+# short enough, and they were 1e-11 s in the end.
+_LARGEST_NOISE = 0.5
 
 RANK = 0
 
@@ -168,8 +168,8 @@ class EmbeddedError:
             # As errors of velocities count.
             noise *= _NOISE_RATIO * math.sqrt(control.scales[2])
             if noise > _LARGEST_NOISE * control.tolerance:
-                control.floor = noise
-                contact.note_rounding(extent, noise)
+                control.floor = noise / _LARGEST_NOISE
+                contact.note_rounding(extent, control.floor)
         return False
 
     def follow_touching(self) -> bool:
