@@ -106,12 +106,11 @@ def test_end_of_the_node_does_not_wait_for_a_long_request(tmp_path):
 
 
 def test_force_that_is_too_large_ends_in_a_stop_with_the_reason(tmp_path):
-    """655 N on a shell of 7 g: the run says why it stands, and a reset lets it go on."""
+    """6.5 kN on a shell of 7 g: the run says why it stands, and a reset lets it continue."""
     with NodeProcess(tmp_path / 'log', scene=SCENES / 'hanging_slab.yaml', offset=2) as node, (
             Client(node, offset=2)) as client:
-        client.push('~/wrench', (0.0, 655.0, 0.0), frame='icosahedron_5')
+        client.push('~/wrench', (0.0, 6500.0, 0.0), frame='icosahedron_5')
         status = client.health(lambda status: status.level == ERROR)
-        # Steps that are too short to get on with, or an overlap.
         reasons = status.values['reasons']
         assert 'reset the run' in reasons or 'overlap by' in reasons
         assert len(status.message) <= 80
