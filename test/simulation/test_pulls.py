@@ -141,7 +141,7 @@ def test_the_inertia_of_a_body_has_no_part_in_its_pull():
     assert simulation.snapshot().energy['kinetic'] == pytest.approx(energy, rel=1e-6)
 
 
-@pytest.mark.parametrize('mass_ratio', [1e-3, 1e3])
+@pytest.mark.parametrize('mass_ratio', [1e-2, 1e3])
 def test_a_light_or_heavy_body_of_a_fabric_comes_to_rest_where_it_is_drawn(mass_ratio):
     """Held at the far end and damped: the spring of the hand against that of the fabric."""
     shell = ico.Scene.from_parameters(SCENE).shell.mass
