@@ -44,6 +44,7 @@ import numpy as np
 import pytest
 from ranks_program import (
     COMMON,
+    COUNTS,
     frequencies,
     jumps,
     LONG_SCENES,
@@ -84,7 +85,7 @@ def shared(alone):
 
 
 @pytest.mark.parametrize('name', SCENES)
-@pytest.mark.parametrize('count', range(2, MOST + 1))
+@pytest.mark.parametrize('count', COUNTS)
 def test_any_number_of_ranks_gives_the_bits_of_one_process(count, name, alone, shared):
     assert shared['found'][str(count)][name] == alone[name]
     require_motion(alone[name], touching='contact.mode' not in SCENES[name])
