@@ -108,32 +108,40 @@ def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-un
 
     All columns hold increments, and their sum is compensated: rounding stays that of the forces.
     """
-    y = start.copy()
-    lost = np.zeros_like(y)
-    at_start, rate = np.empty_like(y), np.empty_like(y)
-    before, now = np.empty_like(y), np.empty_like(y)
-    table = np.empty((columns.shape[0], *y.shape))
+    shape, y = start.shape, start.copy().ravel()
+    size = y.shape[0]
+    lost, rate, total = np.zeros(size), np.empty(size), np.empty(size)
+    at_start, before, now = np.empty(size), np.empty(size), np.empty(size)
+    table = np.empty((columns.shape[0], size))
     step = duration / count
+    # Element by element: whole arrays would take four times as long to compile.
     for _ in range(count):
-        _rates(springs, y, at_start)
+        _rates(springs, y.reshape(shape), at_start.reshape(shape))
         for j in range(columns.shape[0]):
             h = step / columns[j]
-            before[:] = 0.0
-            now[:] = h * at_start
+            for i in range(size):
+                before[i] = 0.0
+                now[i] = h * at_start[i]
             for _ in range(1, columns[j]):
-                _rates(springs, y + now, rate)
-                following = before + 2.0 * h * rate
-                before[:] = now
-                now[:] = following
-            table[j] = now
+                for i in range(size):
+                    total[i] = y[i] + now[i]
+                _rates(springs, total.reshape(shape), rate.reshape(shape))
+                for i in range(size):
+                    following = before[i] + 2.0 * h * rate[i]
+                    before[i] = now[i]
+                    now[i] = following
+            for i in range(size):
+                table[j, i] = now[i]
             for k in range(j - 1, -1, -1):
                 factor = (columns[j] / columns[k]) ** 2 - 1.0
-                table[k] = table[k + 1] + (table[k + 1] - table[k]) / factor
-        change = table[0] - lost
-        total = y + change
-        lost[:] = (total - y) - change
-        y[:] = total
-    return y
+                for i in range(size):
+                    table[k, i] = table[k + 1, i] + (table[k + 1, i] - table[k, i]) / factor
+        for i in range(size):
+            change = table[0, i] - lost[i]
+            total[i] = y[i] + change
+            lost[i] = (total[i] - y[i]) - change
+            y[i] = total[i]
+    return y.reshape(shape)
 
 
 def springs_of(scene: PlainScene) -> Springs:
