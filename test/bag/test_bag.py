@@ -560,7 +560,7 @@ def test_random_damage_is_an_error_and_nothing_else(tmp_path: Path) -> None:
         record(path, example_messages(5), storage=storage, custom=CUSTOM)
         whole = (path / name).read_bytes()
         refused = 0
-        for number in range(60):
+        for number in range(30):
             data = bytearray(whole)
             for place in generator.integers(0, len(data), 1 + number % 5):
                 data[place] = generator.integers(256)

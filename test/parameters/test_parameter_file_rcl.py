@@ -248,14 +248,14 @@ def random_file(generator):
 def test_random_files(compare_text):
     generator = random.Random(2026)
     outcomes = []
-    for _ in range(1000):
+    for _ in range(400):
         more = []
         if generator.random() < 0.25:
             more = ['-p', generator.choice(['a', 'a.b', 'c.d', 'icofabric:a', 'other:a']) + ':=' +
                     generator.choice(['1', '2.5', 'x1', '[1, 2]', '[]', '~', 'on'])]
         outcomes.append(compare_text(random_file(generator), *more))
-    assert outcomes.count('equal') > 100 and outcomes.count('refused') > 130
-    assert outcomes.count('stricter') > 60
+    assert outcomes.count('equal') > 40 and outcomes.count('refused') > 52
+    assert outcomes.count('stricter') > 24
 
 
 def test_ros_reads_what_we_dump(ros, tmp_path):

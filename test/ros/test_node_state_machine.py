@@ -157,4 +157,4 @@ def machine_of(client, folder):
 @pytest.mark.examples
 def test_services_in_any_order_answer_as_the_model_says(client, folder):
     client.set(checkpoint__path=str(folder / 'a.checkpoint'), record__path=str(folder / 'bag'))
-    run_state_machine_as_test(machine_of(client, folder), settings=examples(5, 8))
+    run_state_machine_as_test(machine_of(client, folder), settings=examples(3, 8))

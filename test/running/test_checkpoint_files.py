@@ -294,7 +294,8 @@ def test_hostile_memory_is_refused_or_runs_and_ends(method):
     for path in spots({'memory': text['header']['memory'], 'time': 0.0}):
         if not path:
             continue
-        for value in NASTY:
+        # Half of the values for each method: places that both methods have get all of them.
+        for value in NASTY[(len(path) + len(str(path[-1])) + (method == 'dop8')) % 2::2]:
             changed = json.loads(whole)
             place = changed['header']
             for key in path[:-1]:
@@ -314,7 +315,7 @@ def test_hostile_memory_is_refused_or_runs_and_ends(method):
         changed = json.loads(whole)
         changed['arrays'][number][0] = f'{name}.x' if number % 2 else 'header'
         try_it(changed, arrays)
-    assert refused > 700 and taken > 20
+    assert refused > 350 and taken > 10
 
 
 def test_what_acts_at_once_does_not_keep_checkpoints_from_other_runs():

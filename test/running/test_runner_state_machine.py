@@ -203,4 +203,4 @@ class RunnerMachine(RuleBasedStateMachine):
 
 @pytest.mark.examples
 def test_any_requests_in_any_order_do_what_the_model_says_and_verify():
-    run_state_machine_as_test(RunnerMachine, settings=examples(25, 15))
+    run_state_machine_as_test(RunnerMachine, settings=examples(12, 15))

@@ -350,7 +350,7 @@ class SimulationMachine(RuleBasedStateMachine):
 
 @pytest.mark.examples
 def test_any_calls_in_any_order_do_what_the_model_says():
-    run_state_machine_as_test(SimulationMachine, settings=examples(50, 25))
+    run_state_machine_as_test(SimulationMachine, settings=examples(25, 25))
 
 
 @pytest.mark.parametrize('kind', SCENES)
