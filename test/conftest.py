@@ -89,24 +89,30 @@ _LONG = re.compile(
 # them, so that none is left with one when the others have ended. Nodes wait more than they
 # compute: they come among the rest, while other workers compile.
 LONG_FILES = (
-    'physics/test_connector_laws', 'physics/test_contact_runs', 'physics/test_energy_balance',
-    'physics/test_contact_losses', 'physics/test_tolerance', 'physics/test_wrap',
+    'physics/test_connector_laws', 'physics/test_contact_runs', 'physics/test_dense_half',
+    'physics/test_energy_balance', 'physics/test_contact_losses', 'physics/test_wrap',
+    'physics/test_tolerance', 'physics/test_energy_guard', 'physics/test_lattice_rest',
     'physics/test_term_oracles', 'physics/test_drives', 'physics/test_breakage',
-    'physics/test_attachments', 'physics/test_body_force', 'physics/test_kernels',
-    'physics/test_error_estimate', 'physics/test_electric', 'physics/test_moments',
-    'physics/test_tractions', 'ros/test_soak', 'commands/test_commands',
-    'ros/test_replay_node', 'ros/test_fabric_node_graph', 'kernels/test_kernel_cache',
-    'ros/test_fabric_node_subscribers', 'studies/test_sweep_workers', 'ros/test_examples',
-    'studies/test_named', 'simulation/test_threads', 'ros/test_fabric_node_clock',
-    'benchmarking/test_benchmark', 'running/test_change_column', 'scene/test_ready_scenes',
-    'simulation/test_traversal_order', 'ros/test_fabric_node_start',
-    'ros/test_fabric_node_limits', 'running/replay/test_verify',
-    'ros/test_fabric_node_recording', 'ros/test_fabric_node_advance',
-    'simulation/test_checkpoint', 'ros/test_fabric_node_wrenches', 'ros/test_fabric_node',
-    'ros/test_fabric_node_services', 'ros/test_live_delivery', 'commands/test_warm',
-    'benchmarking/test_benchmark_terms', 'simulation/test_checkpoint_random',
-    'studies/test_stress', 'geometry/test_shell', 'bag/test_bag_recovery',
-    'running/replay/test_verify_complete', 'test_rooms', 'ros/test_stop_signals', 'test_colcon')
+    'physics/test_attachments', 'physics/test_body_force', 'physics/test_error_estimate',
+    'physics/test_kernels', 'physics/test_electric', 'physics/test_moments',
+    'physics/test_tractions', 'studies/test_stress', 'simulation/test_ranks', 'ros/test_soak',
+    'studies/test_sweep_workers', 'benchmarking/test_benchmark', 'commands/test_commands',
+    'ros/test_fabric_node_graph', 'ros/test_replay_node', 'simulation/test_gpu_contact',
+    'kernels/test_kernel_cache', 'ros/test_fabric_node_subscribers', 'ros/test_examples',
+    'studies/test_named', 'simulation/test_method_near_contact',
+    'benchmarking/test_benchmark_terms', 'commands/test_warm', 'simulation/test_threads',
+    'ros/test_fabric_node_advance', 'ros/test_fabric_node_clock', 'ros/test_fabric_node_start',
+    'studies/test_material_study', 'running/test_change_column', 'scene/test_ready_scenes',
+    'simulation/test_traversal_order', 'test_installation', 'running/test_checkpoint_files',
+    'simulation/test_pulls', 'simulation/test_evaluation_counts', 'ros/test_fabric_node_limits',
+    'running/replay/test_verify', 'ros/test_fabric_node_recording', 'simulation/test_checkpoint',
+    'running/test_runner_state_machine', 'ros/test_fabric_node_wrenches', 'ros/test_fabric_node',
+    'ros/test_fabric_node_services', 'ros/test_node_state_machine', 'ros/test_kill_recovery',
+    'bag/test_bag_split', 'simulation/test_state_machine', 'ros/test_live_delivery',
+    'bag/test_bag', 'simulation/test_checkpoint_random', 'geometry/test_shell',
+    'bag/test_bag_recovery', 'running/replay/test_verify_complete', 'test_rooms',
+    'ros/test_node_ranks', 'ros/test_stop_signals', 'test_colcon', 'test_package',
+    'simulation/test_speed_guard', 'parameters/test_parameter_file_rcl')
 _PLACES = {name: place for place, name in enumerate(LONG_FILES)}
 _HERE = Path(__file__).parent
 
