@@ -265,8 +265,8 @@ def test_bodies_on_ropes_of_their_own_swing_each_at_its_rate(method):
             f'anchors.{name}.position': [float(body), 0.0, half + 0.11],
             f'anchors.{name}.stiffness': k, f'anchors.{name}.natural_length': 0.1}
     scene = make_scene((1, 1, 1), {
-        'solver.method': method, 'solver.tolerance': 1e-9, 'solver.energy_limit': 1.0, **changes},
-        **sections)
+        'solver.method': method, 'solver.tolerance': 1e-7 if method == 'leapfrog' else 1e-9,
+        'solver.energy_limit': 1.0, **changes}, **sections)
     simulation = ico.compile_scene(scene)
     time = 0.3
     simulation.advance_to(time)

@@ -13,6 +13,7 @@
 # limitations under the License.
 """Rest of the endless fabric under pre-stress and with contact, and what it is like about it."""
 
+from itertools import combinations_with_replacement
 import json
 
 from fabrics import changed, make_scene
@@ -147,10 +148,11 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(
         return cell_energy(scene, gradient, turn) + rubbed
 
     h, base, unit = 1e-5, energy(np.zeros(9)), np.eye(9)
-    second = np.array([[
-        (energy(h * (unit[a] + unit[b])) - energy(h * (unit[a] - unit[b]))
-         - energy(h * (unit[b] - unit[a])) + energy(-h * (unit[a] + unit[b]))) / (4.0 * h * h)
-        for b in range(9)] for a in range(9)])
+    second = np.zeros((9, 9))
+    for a, b in combinations_with_replacement(range(9), 2):
+        second[a, b] = second[b, a] = (
+            energy(h * (unit[a] + unit[b])) - energy(h * (unit[a] - unit[b]))
+            - energy(h * (unit[b] - unit[a])) + energy(-h * (unit[a] + unit[b]))) / (4.0 * h * h)
     for a in range(9):
         # It is the least of all near it.
         assert min(energy(1e-4 * unit[a]), energy(-1e-4 * unit[a])) > base
