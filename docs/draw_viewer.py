@@ -67,7 +67,7 @@ def main() -> None:
             time.sleep(3.0)
             keep(browser.screenshot(), 'viewer.png', 760)
             browser.mouse('released', [place + way for place, way in zip(start, DRAWN)])
-            browser.click(browser.ask(CONTROL.replace('TEXT', "'record'")))
+            browser.click(browser.ask(CONTROL.replace('TEXT', "'Start recording'")))
             time.sleep(1.5)
             keep(browser.screenshot(), 'viewer_refused.png', 240)
     finally:

@@ -52,11 +52,11 @@ class Slider(NamedTuple):
 
 
 SLIDERS = (
-    Slider('pull.strength', 'strength of the pull', 0.1, 100.0, 0.1),
-    Slider('gravity', 'gravity z [m/s^2]', -20.0, 20.0, 0.01, 2),
-    Slider('connector.stiffness', 'stiffness [N/m]', 0.0, 5000.0, 1.0),
-    Slider('connector.damping', 'damping [N s/m]', 0.0, 2.0, 0.01),
-    Slider('real_time_factor', 'wanted pace', 0.0, 4.0, 0.05),
+    Slider('pull.strength', 'Drag force scale', 0.1, 100.0, 0.1),
+    Slider('gravity', 'Gravity z [m/s^2]', -20.0, 20.0, 0.01, 2),
+    Slider('connector.stiffness', 'Stiffness [N/m]', 0.0, 5000.0, 1.0),
+    Slider('connector.damping', 'Damping [N s/m]', 0.0, 2.0, 0.01),
+    Slider('real_time_factor', 'Real-time factor', 0.0, 4.0, 0.05),
 )
 MENUS = {'weave.kind': ('orthogonal', 'bias', 'radial'), 'weave.variant': ('0', '1', '2', '3')}
 
@@ -132,18 +132,18 @@ class Panel:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        self.state = gui.add_markdown('waiting for a fabric')
+        self.state = gui.add_markdown('Waiting for a fabric')
         self.words = gui.add_markdown('')
         self._lay_out_legend()
         if hands is None:
-            gui.add_markdown('*read only: nothing here can change the run*')
+            gui.add_markdown('*Read only: this page cannot change the run.*')
         else:
             self._lay_out_run(hands)
             self._lay_out_parameters(hands)
         self._lay_out_view()
         self._lay_out_plots()
-        with gui.add_folder('What the run says', expand_by_default=False):
-            self.report = gui.add_markdown('nothing yet')
+        with gui.add_folder('Diagnostics', expand_by_default=False):
+            self.report = gui.add_markdown('No diagnostics received')
 
     def say(self, text: str, *, good: bool = True) -> None:
         """Show an answer, a refusal so that it is seen."""
@@ -167,7 +167,8 @@ class Panel:
             if figures:
                 pace = figures.get('real-time factor', '?')
                 # All of it would move what stands below, under the mouse.
-                lines.append(_code(f'pace {pace}; {level}: {sight.message.partition(";")[0]}'))
+                message = sight.message.partition(';')[0]
+                lines.append(_code(f'real-time factor {pace}; {level}: {message}'))
                 reasons = figures.get('reasons', 'none')
                 self._set(self.report, 'content', _code(
                     sight.message if reasons == 'none' else reasons))
@@ -242,17 +243,18 @@ class Panel:
     def _lay_out_run(self, hands: Hands) -> None:
         gui = self._server.gui
         motion: dict[str, tuple[str, bool | None]] = {
-            'pause': ('pause', True), 'go on': ('pause', False), 'step': ('step', None)}
-        start: dict[str, tuple[str, bool | None]] = {'back to the start': ('reset', None)}
+            'Pause': ('pause', True), 'Resume': ('pause', False), 'Step': ('step', None)}
+        start: dict[str, tuple[str, bool | None]] = {'Reset': ('reset', None)}
         groups = [motion, start]
         if hands.is_replay:
-            start['continue'] = ('continue', None)
+            start['Simulate from here'] = ('continue', None)
         else:
-            motion['advance'] = ('advance', None)
-            start['clear loads'] = ('clear_loads', None)
-            groups.append({'record': ('record', True), 'end the record': ('record', False)})
+            motion['Advance'] = ('advance', None)
+            start['Clear loads'] = ('clear_loads', None)
+            groups.append(
+                {'Start recording': ('record', True), 'Stop recording': ('record', False)})
         with gui.add_folder('Run'):
-            for label, calls in zip(('motion', 'begin anew', 'bag'), groups):
+            for label, calls in zip(('Motion', 'State', 'Bag'), groups):
                 group = gui.add_button_group(label, tuple(calls))
                 group.on_click(
                     lambda event, calls=calls: self._do(hands, *calls[event.target.value]))
@@ -261,9 +263,9 @@ class Panel:
         gui = self._server.gui
         if hands.is_replay:
             with gui.add_folder('Replay'):
-                self._control('rate', gui.add_slider('rate', 0.0, 10.0, 0.05, 1.0), float)
-                self._control('loop', gui.add_checkbox('loop', False), bool)
-                self._seek = gui.add_slider('go to [s]', 0.0, 1.0, 0.001, 0.0)
+                self._control('rate', gui.add_slider('Rate', 0.0, 10.0, 0.05, 1.0), float)
+                self._control('loop', gui.add_checkbox('Loop', False), bool)
+                self._seek = gui.add_slider('Time [s]', 0.0, 1.0, 0.001, 0.0)
 
                 @self._seek.on_update
                 def _(event: Any) -> None:
@@ -288,9 +290,10 @@ class Panel:
     def _lay_out_view(self) -> None:
         gui, section = self._server.gui, self._stage.section
         with gui.add_folder('View'):
-            follow = gui.add_number('follow body', -1, min=-1, step=1, hint='its number; -1: none')
-            axis = gui.add_dropdown('cut across', ('off', 'x', 'y', 'z'))
-            place = self._cut = gui.add_slider('cut at [m]', -2.0, 2.0, 0.001, 0.0)
+            follow = gui.add_number(
+                'Follow body', -1, min=-1, step=1, hint='body number; -1: none')
+            axis = gui.add_dropdown('Clip plane normal', ('off', 'x', 'y', 'z'))
+            place = self._cut = gui.add_slider('Clip plane position [m]', -2.0, 2.0, 0.001, 0.0)
 
             @follow.on_update
             def _(_: Any) -> None:
@@ -307,7 +310,7 @@ class Panel:
         with self._server.gui.add_folder('Plots', expand_by_default=False):
             for title, names in (
                     ('energy [J]', ('kinetic', 'connectors', 'balance_error')),
-                    ('pace (simulated over wall time)', ('pace',)),
+                    ('real-time factor', ('pace',)),
                     ('displacement [m]', ('displacement',))):
                 labels = ('largest',) if names == ('displacement',) else names
                 handle = self._server.gui.add_uplot(

@@ -138,7 +138,7 @@ def test_a_silent_page_slows_no_other(shown, client):
 
 
 def test_slider_changes_a_parameter_and_a_refusal_is_said(shown, client):
-    client.set('stiffness [N/m]', 350.0)
+    client.set('Stiffness [N/m]', 350.0)
     client.wait_for(
         lambda: shown.runner.parameters['connector.stiffness'] == 350.0, 'stiffness stays')
     client.wait_for(lambda: client.shown('connector.stiffness is set'), 'no answer')
@@ -155,9 +155,9 @@ def test_slider_changes_a_parameter_and_a_refusal_is_said(shown, client):
 def test_buttons(shown, client):
     client.wait_for(lambda: client.shells() is not None, 'no shells')
     for label, answer in (
-            ('advance', 'advanced'), ('step', 'solver steps taken'),
-            ('back to the start', 'back at the initial state'),
-            ('record', 'nothing to record with')):
+            ('Advance', 'advanced'), ('Step', 'solver steps taken'),
+            ('Reset', 'back at the initial state'),
+            ('Start recording', 'nothing to record with')):
         client.press(label)
         client.wait_for(partial(client.shown, answer), answer)
 
@@ -173,7 +173,7 @@ def test_section_hides_what_lies_beyond(shown):
 
 def test_the_slider_of_the_cut_spans_the_fabric(shown, client):
     position = shown.runner.simulation.scene.position
-    slider = client.controls[client.control('cut at [m]')]
+    slider = client.controls[client.control('Clip plane position [m]')]
     client.wait_for(lambda: slider['max'] < 1.0, 'it does not span the fabric')
     assert slider['min'] < position.min() < position.max() < slider['max']
 
@@ -200,7 +200,7 @@ def test_no_page_can_open_it_to_the_world(shown, client, monkeypatch):
     monkeypatch.setattr(
         type(shown.page.server), 'request_share_url', lambda *words, **more: asked.append(words))
     client.send('ShareUrlRequest')
-    client.set('cut at [m]', 0.7)
+    client.set('Clip plane position [m]', 0.7)
     client.wait_for(lambda: shown.page.stage.section.place == 0.7, 'later messages are heard')
     assert not asked
 
@@ -208,10 +208,10 @@ def test_no_page_can_open_it_to_the_world(shown, client, monkeypatch):
 def test_read_only_page_changes_nothing():
     with Shown(read_only=True, start_paused=True) as shown, PageClient(shown.port) as client:
         client.wait_for(lambda: client.shells() is not None, 'no shells')
-        client.wait_for(lambda: client.shown('read only'), 'it does not say so')
+        client.wait_for(lambda: client.shown('Read only'), 'it does not say so')
         client.drag('start', 1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.3))
         labels = {item.get('label') for item in client.controls.values()}
-        assert not labels & {'motion', 'stiffness [N/m]', 'bag'} and 'cut across' in labels
+        assert not labels & {'Motion', 'Stiffness [N/m]', 'Bag'} and 'Clip plane normal' in labels
         assert not shown.inputs.messages and shown.page.grip is None
 
 
@@ -227,13 +227,13 @@ def test_record_is_shown_and_scrubbed(tmp_path):
         try:
             with PageClient(page.server.get_port()) as client:
                 client.wait_for(lambda: client.shells() is not None, 'no shells')
-                client.set('go to [s]', 0.05)
+                client.set('Time [s]', 0.05)
                 client.wait_for(lambda: player.now == 50_000_000, 'not there')
-                client.set('go to [s]', 9.0)
+                client.set('Time [s]', 9.0)
                 client.wait_for(lambda: client.notices, 'no refusal')
-                client.set('rate', 4.0)
+                client.set('Rate', 4.0)
                 client.wait_for(lambda: player.rate == 4.0, 'the rate stays')
-                client.set('loop', True)
+                client.set('Loop', True)
                 client.wait_for(lambda: player.loop, 'no loop')
         finally:
             page.close()
@@ -259,14 +259,14 @@ def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run
                 client.wait_for(lambda: sight.span == (0.0, end), 'the span is not known')
                 # It was played to its end.
                 client.wait_for(
-                    lambda: client.controls[client.control('go to [s]')]['value'] == end,
+                    lambda: client.controls[client.control('Time [s]')]['value'] == end,
                     'the slider stays')
-                assert client.controls[client.control('go to [s]')]['max'] == end
-                client.press('pause')
+                assert client.controls[client.control('Time [s]')]['max'] == end
+                client.press('Pause')
                 client.wait_for(lambda: player.paused, 'it goes on')
-                client.set('go to [s]', 0.05)
+                client.set('Time [s]', 0.05)
                 client.wait_for(lambda: player.now == 50_000_000, 'not there')
-                client.press('continue')
+                client.press('Simulate from here')
                 client.wait_for(lambda: hands.going_on is not None, 'it does not go on')
                 client.wait_for(partial(client.shown, 'goes on as a simulation'), 'no answer')
         finally:

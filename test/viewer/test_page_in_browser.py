@@ -194,7 +194,7 @@ def test_a_browser_that_is_stopped_lets_go(shown, page, monkeypatch):
 
 
 def test_a_field_changes_a_parameter_and_the_answer_is_shown(shown, page):
-    page.click(control(page, 'stiffness [N/m]'))
+    page.click(control(page, 'Stiffness [N/m]'))
     page.type_in('350')
     page.wait_for(
         lambda: shown.runner.parameters['connector.stiffness'] == 350.0, 'stiffness stays')
@@ -202,10 +202,10 @@ def test_a_field_changes_a_parameter_and_the_answer_is_shown(shown, page):
 
 
 def test_a_slider_changes_a_parameter(shown, page):
-    control(page, 'gravity z [m/s^2]')
+    control(page, 'Gravity z [m/s^2]')
     left, top, width = page.ask("""(() => {
         const id = [...document.querySelectorAll('label')].filter(
-            item => item.textContent === 'gravity z [m/s^2]')[0].htmlFor;
+            item => item.textContent === 'Gravity z [m/s^2]')[0].htmlFor;
         const box = document.getElementById(id).getBoundingClientRect();
         return [box.left, box.top + 0.4 * box.height, box.width];
     })()""")
@@ -226,7 +226,7 @@ def test_a_slider_changes_a_parameter(shown, page):
 
 
 def test_a_refusal_is_shown_in_words(shown, page):
-    page.click(control(page, 'record'))
+    page.click(control(page, 'Start recording'))
     page.wait_for("document.body.innerText.includes('nothing to record with')", 'no refusal')
     page.wait_for("document.body.innerText.includes('refused')", 'it does not say so')
 
