@@ -19,6 +19,8 @@ end, with exactly opposite results. That costs less than half of what it saves: 
 scattered, so bodies are computed side by side and in any order, by any number of threads.
 """
 
+from typing import Any
+
 from icofabric_sim.kernels.law_tables import tabled_factor
 from icofabric_sim.kernels.records import Kinks, LawTables, Links, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
@@ -185,9 +187,11 @@ def edge_pull(
         uy = load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+        there = bits(links.present[block, link])
         factor = law_factor(
-            links.tables, kinks, part, variety, block, link, s, square, stiffness, minus_rest)
-        factor = where(bits(links.present[block, link]), factor, zero)
+            links.tables, kinks, part, variety, block, link, s, square, there, stiffness,
+            minus_rest)
+        factor = where(there, factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
     return fx, fy, fz
 
@@ -195,14 +199,15 @@ def edge_pull(
 @inlined
 def law_factor(
     tables: LawTables | None, kinks: Kinks | None, part: float, variety: Variety | None,
-    block: int, link: int, s: int, square: Vector, stiffness: Vector, minus_rest: Vector
+    block: int, link: int, s: int, square: Vector, there: Any, stiffness: Vector,
+    minus_rest: Vector
 ) -> Vector:
-    """Tension over length [N/m] of a connector of squared length `square`."""
+    """Tension over length [N/m] of a connector of squared length `square`; `there`: its mask."""
     if tables is None:
         return step_factor(
             kinks, part, variety, block, link, s, square, stiffness, minus_rest)
     else:
-        return tabled_factor(tables, variety, link, s, square)
+        return tabled_factor(tables, variety, link, s, square, there)
 
 
 @inlined

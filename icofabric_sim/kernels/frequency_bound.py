@@ -89,8 +89,7 @@ def block_bound(
                 inverse = where(there, rsqrt(squared), zero)
                 stretch, pull, slope = bound_parts(
                     links.variety, link, s, squared, inverse, stiffness, minus_rest)
-                pull = tabled_pull(
-                    links.tables, links.variety, link, s, squared * inverse, pull)
+                pull = tabled_pull(links.tables, link, s, squared * inverse, pull)
                 stretch, pull = where(there, stretch, zero), where(there, pull, zero)
                 energy = stored_part(
                     links.tables, links.variety, link, s, there, squared * inverse, stretch, pull,
@@ -247,8 +246,7 @@ def stored_part(
     if tables is None:
         return energy_part(variety, stretch, pull, energy)
     else:
-        double = tabled_energy(
-            tables, variety, link, s, length, splat(0.5) * (stretch * pull))
+        double = tabled_energy(tables, link, s, length, splat(0.5) * (stretch * pull))
         return energy + where(there, double + double, splat(0.0))
 
 

@@ -142,7 +142,7 @@ def second_derivative(
             inverse = where(there, where(square > splat(_SMALLEST), rsqrt(square), zero), zero)
             k, pull = slope_and_pull(
                 links.variety, link, s, square, inverse, stiffness, minus_rest)
-            pull = tabled_pull(links.tables, links.variety, link, s, square * inverse, pull)
+            pull = tabled_pull(links.tables, link, s, square * inverse, pull)
             pull = where(inverse > zero, pull, zero)
             nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
             along = fma(nx, vx, fma(ny, vy, nz * vz))

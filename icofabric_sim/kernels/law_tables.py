@@ -12,161 +12,222 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors whose tension follows a table, see law_tables.py beside this folder.
+Connectors whose tension follows a table.
 
-Each lane looks up its own piece by bisection: neighbouring bodies have other lengths, and as many
-comparisons for all lanes as a table has rows would cost more beyond some twenty rows. The force
-remembers the piece of each connector with its bounds, so all lanes are compared at once, and only
-a connector that has left its piece is looked up again. What is remembered changes no result: a
-length has one piece.
+Connectors of one law share its pieces, which stay in the fastest cache. Where all follow one
+table, each vector of connectors remembers two pieces side by side that hold the lengths of all
+lanes, which choose between them. What is remembered changes no result: a length has one piece.
+
+Else the range of a table is divided into bins of one width: the piece of a length is found by one
+product, what is known of its bin and one comparison. Bins with more than one bound, and those that
+reach beyond the ends of the table, are marked: their lengths are looked up by bisection.
 """
 
-import math
+from typing import Any
 
 from icofabric_sim.kernels.records import LawTables, LINK_COUNT, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
+    insert,
     lane,
     LANES,
     load,
-    load_at,
+    load_pair,
+    maximum,
     rsqrt,
     splat,
     Vector,
     where,
 )
-import numpy as np
 
-# Numbers that are remembered of a piece: see `LawTables.pieces`.
-PIECE = 8
+# Numbers of a piece and of a table: see `LawTables`.
+ROW_SIZE, HEAD_SIZE = 8, 8
 
 
 @compiled
-def piece_of(rows: np.ndarray, first: int, length: float) -> int:
-    """Row of the piece of a table that begins in row `first`, for a `length` [m]."""
-    low, high = first, int(rows[first, 7])
+def row_of(tables: LawTables, number: int, length: float) -> int:
+    """Return the row of the piece of a table for a `length` [m]."""
+    head = HEAD_SIZE * number
+    low, high = int(tables.heads[head + 4]), int(tables.heads[head + 5])
     while low < high:
         middle = (low + high + 1) >> 1
-        if rows[middle, 0] < length:
+        if tables.rows[ROW_SIZE * middle] < length:
             low = middle
         else:
             high = middle - 1
+    if low == int(tables.heads[head + 4]) or low == int(tables.heads[head + 5]):
+        tables.beyond[0] = 1.0
     return low
 
 
 @compiled
-def find_pieces(
-    tables: LawTables, variety: Variety, link: int, s: int, length: Vector, at: int
-) -> None:
-    """
-    Remember the pieces of lanes that have left theirs, from place `at` on: see `LawTables.pieces`.
-
-    Springs have two pieces, with k_c up to the natural length and k_e above.
-    """
-    rows, pieces = tables.rows, tables.pieces
+def search_rows(tables: LawTables, link: int, s: int, length: Vector) -> Vector:
+    """Return the rows of all lanes' pieces by bisection."""
+    result = splat(0.0)
     for i in range(LANES):
-        place, number = at + i, lane(length, i)
-        if pieces[place] < number <= pieces[place + LANES]:
-            continue
-        start = int(tables.first[link, s + i])
-        if start < 0:
-            rest = variety.natural_length[link, s + i]
-            pulls = number > rest
-            pieces[place] = rest if pulls else -math.inf
-            pieces[place + LANES] = math.inf if pulls else rest
-            for k in range(2, PIECE):
-                pieces[place + k * LANES] = 0.0
-            pieces[place + 2 * LANES] = rest
-            pieces[place + 4 * LANES] = (
-                variety.extension[link, s + i] if pulls else variety.compression[link, s + i])
-        else:
-            r, last = piece_of(rows, start, number), int(rows[start, 7])
-            pieces[place] = rows[r, 0] if r > start else -math.inf
-            pieces[place + LANES] = rows[r + 1, 0] if r < last else math.inf
-            for k in range(2, PIECE):
-                pieces[place + k * LANES] = rows[r, k - 1]
+        number = int(tables.number[link, s + i])
+        if number >= 0:
+            result = insert(result, i, float(row_of(tables, number, lane(length, i))))
+    return result
+
+
+@compiled
+def remember_near(tables: LawTables, link: int, s: int, length: Vector) -> int:
+    """Remember and return where two pieces that hold all lanes begin, as `LawTables.near`."""
+    first, last = int(tables.heads[4]), int(tables.heads[5])
+    lowest, highest = last, first
+    for i in range(LANES):
+        if tables.number[link, s + i] >= 0.0:
+            row = row_of(tables, 0, lane(length, i))
+            lowest, highest = min(lowest, row), max(highest, row)
+    # Without those beyond the ends of the table, which are to be noted each time.
+    lower = min(lowest, last - 2)
+    near = ROW_SIZE * lower if lower > first and highest <= lower + 1 else -1
+    tables.near[LINK_COUNT * (s >> 2) + link] = near
+    return near
 
 
 @inlined
-def place_of_pieces(
-    tables: LawTables, variety: Variety | None, link: int, s: int, length: Vector
-) -> int:
-    """Where the pieces of a connector are remembered, once they are those of its `length` [m]."""
-    at = PIECE * (LINK_COUNT * s + LANES * link)
-    zero, one = splat(0.0), splat(1.0)
-    left = where(load_at(tables.pieces, at) < length, zero, one)
-    left = where(load_at(tables.pieces, at + LANES) < length, one, left)
-    if any_lane(left > zero):
-        find_pieces(tables, variety, link, s, length, at)
-    return at
+def find_rows(tables: LawTables, link: int, s: int, length: Vector, there: Any) -> Vector:
+    """
+    Return the rows of the pieces of connectors for a `length` [m].
+
+    Lanes outside the mask `there` get a piece of any table.
+    """
+    zero, heads = splat(0.0), tables.heads
+    number = maximum(load(tables.number, link, s), zero)
+    origin, scale = load_pair(heads, number, HEAD_SIZE, 0)
+    last, first = load_pair(heads, number, HEAD_SIZE, 2)
+    place = first + clipped((length - origin) * scale, last)
+    return binned_rows(tables, link, s, length, place, there)
 
 
 @inlined
-def tension_at(pieces: np.ndarray, at: int, length: Vector) -> Vector:
-    """Tension [N] by the pieces from place `at` on."""
-    t = length - load_at(pieces, at + 2 * LANES)
-    return load_at(pieces, at + 3 * LANES) + t * (
-        load_at(pieces, at + 4 * LANES) + t * (
-            load_at(pieces, at + 5 * LANES) + t * load_at(pieces, at + 6 * LANES)))
+def binned_rows(
+    tables: LawTables, link: int, s: int, length: Vector, place: Vector, there: Any
+) -> Vector:
+    """Return the same from the `place` of each length among the bins."""
+    bound, row = load_pair(tables.bins, place, 2, 0)
+    if any_lane(where(there, bound, splat(0.0)) < splat(0.0)):
+        return search_rows(tables, link, s, length)
+    return where(bound < length, row + splat(1.0), row)
+
+
+@inlined
+def clipped(place: Vector, last: Vector) -> Vector:
+    """Return places between 0 and `last`; 0 for NaN."""
+    return maximum(where(place < last, place, last), splat(0.0))
+
+
+@inlined
+def tension_in(tables: LawTables, row: Vector, length: Vector) -> Vector:
+    """Return the tension [N] by pieces of any rows."""
+    anchor, f = load_pair(tables.rows, row, ROW_SIZE, 1)
+    d, c = load_pair(tables.rows, row, ROW_SIZE, 3)
+    b, _ = load_pair(tables.rows, row, ROW_SIZE, 5)
+    t = length - anchor
+    return f + t * (d + t * (c + t * b))
+
+
+@inlined
+def tension_near(rows: Any, near: int, length: Vector) -> Vector:
+    """Return the tension [N] by two pieces side by side."""
+    high = near + ROW_SIZE
+    is_high = splat(rows[high]) < length
+    t = length - where(is_high, splat(rows[high + 1]), splat(rows[near + 1]))
+    d = where(is_high, splat(rows[high + 3]), splat(rows[near + 3]))
+    c = where(is_high, splat(rows[high + 4]), splat(rows[near + 4]))
+    b = where(is_high, splat(rows[high + 5]), splat(rows[near + 5]))
+    return where(is_high, splat(rows[high + 2]), splat(rows[near + 2])) + t * (
+        d + t * (c + t * b))
 
 
 @inlined
 def tabled_factor(
-    tables: LawTables, variety: Variety | None, link: int, s: int, square: Vector
+    tables: LawTables, variety: Variety | None, link: int, s: int, square: Vector, there: Any
 ) -> Vector:
     """Tension over length [N/m] of a connector of squared length `square`, table or spring."""
     inverse = rsqrt(square)
     length = square * inverse
-    at = place_of_pieces(tables, variety, link, s, length)
-    return tension_at(tables.pieces, at, length) * inverse
+    if tables.is_alike:
+        zero, one, rows = splat(0.0), splat(1.0), tables.rows
+        near = int(tables.near[LINK_COUNT * (s >> 2) + link])
+        if near >= 0:
+            left = where(splat(rows[near]) < length, zero, one)
+            left = where(splat(rows[near + 2 * ROW_SIZE]) < length, one, left)
+            if any_lane(where(there, left, zero) > zero):
+                near = remember_near(tables, link, s, length)
+        if near >= 0:
+            return tension_near(rows, near, length) * inverse
+        heads = tables.heads
+        place = clipped((length - splat(heads[0])) * splat(heads[1]), splat(heads[2]))
+        row = binned_rows(tables, link, s, length, place, there)
+        return tension_in(tables, row, length) * inverse
+    return mixed_factor(tables, variety, link, s, length, inverse)
+
+
+@compiled
+def mixed_factor(
+    tables: LawTables, variety: Variety, link: int, s: int, length: Vector, inverse: Vector
+) -> Vector:
+    """The same where not all connectors follow one table."""
+    rest = load(variety.natural_length, link, s)
+    k = where(
+        length > rest, load(variety.extension, link, s), load(variety.compression, link, s))
+    return tabled_pull(tables, link, s, length, k * (length - rest)) * inverse
 
 
 @compiled
 def tabled_pull(
-    tables: LawTables | None, variety: Variety | None, link: int, s: int, length: Vector,
-    pull: Vector
+    tables: LawTables | None, link: int, s: int, length: Vector, pull: Vector
 ) -> Vector:
     """Tension [N] of a connector; `pull` without table."""
     if tables is None:
         return pull
     else:
-        at = place_of_pieces(tables, variety, link, s, length)
-        return where(
-            load(tables.first, link, s) < splat(0.0), pull, tension_at(tables.pieces, at, length))
+        there = load(tables.number, link, s) > splat(-0.5)
+        row = find_rows(tables, link, s, length, there)
+        return where(there, tension_in(tables, row, length), pull)
 
 
 @compiled
 def tabled_slope(
-    tables: LawTables | None, variety: Variety | None, link: int, s: int, length: Vector,
-    slope: Vector
+    tables: LawTables | None, link: int, s: int, length: Vector, slope: Vector
 ) -> Vector:
     """Slope of the tension [N/m] of a connector; `slope` without table."""
     if tables is None:
         return slope
     else:
-        at = place_of_pieces(tables, variety, link, s, length)
-        t = length - load_at(tables.pieces, at + 2 * LANES)
-        own = load_at(tables.pieces, at + 4 * LANES) + t * (
-            splat(2.0) * load_at(tables.pieces, at + 5 * LANES)
-            + t * (splat(3.0) * load_at(tables.pieces, at + 6 * LANES)))
-        return where(load(tables.first, link, s) < splat(0.0), slope, own)
+        there = load(tables.number, link, s) > splat(-0.5)
+        row = find_rows(tables, link, s, length, there)
+        anchor, _ = load_pair(tables.rows, row, ROW_SIZE, 1)
+        d, c = load_pair(tables.rows, row, ROW_SIZE, 3)
+        b, _ = load_pair(tables.rows, row, ROW_SIZE, 5)
+        t = length - anchor
+        return where(there, d + t * (splat(2.0) * c + t * (splat(3.0) * b)), slope)
 
 
 @compiled
 def tabled_energy(
-    tables: LawTables | None, variety: Variety | None, link: int, s: int, length: Vector,
-    energy: Vector
+    tables: LawTables | None, link: int, s: int, length: Vector, energy: Vector
 ) -> Vector:
-    """Energy [J] of a connector; `energy` without table."""
+    """
+    Energy [J] of a connector; `energy` without table.
+
+    Health checks ask for it, so pieces that hold all lanes are looked for again.
+    """
     if tables is None:
         return energy
     else:
-        at = place_of_pieces(tables, variety, link, s, length)
-        t = length - load_at(tables.pieces, at + 2 * LANES)
-        own = load_at(tables.pieces, at + 7 * LANES) + t * (
-            load_at(tables.pieces, at + 3 * LANES) + t * (
-                load_at(tables.pieces, at + 4 * LANES) / splat(2.0) + t * (
-                    load_at(tables.pieces, at + 5 * LANES) / splat(3.0)
-                    + t * load_at(tables.pieces, at + 6 * LANES) / splat(4.0))))
-        return where(load(tables.first, link, s) < splat(0.0), energy, own)
+        if tables.is_alike and tables.near[LINK_COUNT * (s >> 2) + link] < 0:
+            remember_near(tables, link, s, length)
+        there = load(tables.number, link, s) > splat(-0.5)
+        row = find_rows(tables, link, s, length, there)
+        anchor, f = load_pair(tables.rows, row, ROW_SIZE, 1)
+        d, c = load_pair(tables.rows, row, ROW_SIZE, 3)
+        b, stored = load_pair(tables.rows, row, ROW_SIZE, 5)
+        t = length - anchor
+        own = stored + t * (f + t * (d / splat(2.0) + t * (
+            c / splat(3.0) + t * b / splat(4.0))))
+        return where(there, own, energy)

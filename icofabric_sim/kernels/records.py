@@ -65,12 +65,20 @@ class Variety(Record):
 class LawTables(Record):
     """Tensions by table, see kernels/law_tables.py."""
 
-    first: np.ndarray  # (12, s) first row of a connector's table, -1 where it has none
-    # (m, 8) least length, anchor [m], f [N], d, c, b, energy [J], last row of the table
+    number: np.ndarray  # (12, s) of a connector's table, -1 where it has none
+    # (8 m,) for each piece least length, anchor [m], f [N], d, c, b, energy [J], 0
     rows: np.ndarray
-    # (8 12 s,) of each block and connector, lanes side by side: the piece that it was on last,
-    # as least length, largest length, and anchor to energy as above; written where it is read
-    pieces: np.ndarray
+    # (8 t,) for each table where its bins begin [m], bins in a metre, the last bin, the number of
+    # the first among those of all tables, its first and its last row; two places are free
+    heads: np.ndarray
+    # (2 k,) for each bin the bound in it [m] (inf: none, -1: to be searched), and the row of the
+    # piece below the bound
+    bins: np.ndarray
+    is_alike: bool  # all connectors follow one table
+    # (3 s,) int32, of the connectors of a block that follow one table where in `rows` the lower of
+    # two pieces side by side begins that hold all lanes' lengths; -1: none is known
+    near: np.ndarray
+    beyond: np.ndarray  # (1,) 1 once a length beyond its table was met
 
 
 class Links(Record):

@@ -18,6 +18,9 @@ from fabrics import make_scene, packed_state, pair_face_to_face, RANDOM, wrenche
 import icofabric_sim as ico
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.law_tables import ROW_SIZE, tabled_factor
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.lanes import LANES, load_at, splat, store
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.law_tables import make_law
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
@@ -161,9 +164,57 @@ def test_energy_of_a_swing_through_all_pieces_stays(band):
     assert min(lengths) < 0.9 and max(lengths) > 1.25
 
 
+def forces_by_tables(scene, lengths, passes=1):
+    """Tensions [N] by the kernels of the first connector of a scene, in all lanes."""
+    links = pack_scene(scene).model.links
+    tables = links.tables
+    place, = np.argwhere(tables.number >= 0.0)[:1]
+    link, s = int(place[0]), int(place[1]) // LANES * LANES
+    tables.number[link, s:s + LANES] = 0.0
+    result = np.zeros((passes, len(lengths)))
+    for row in range(passes):
+        put_tensions(tables, links.variety, link, s, lengths, result, row)
+    return result.ravel()
+
+
+@compiled
+def put_tensions(tables, variety, link, s, lengths, result, row):
+    there = splat(1.0) > splat(0.0)
+    for i in range(0, len(lengths), LANES):
+        length = load_at(lengths, i)
+        factor = tabled_factor(tables, variety, link, s, length * length, there)
+        store(result, row, i, factor * length)
+
+
+# Points far closer together than bins can be, and evenly spaced ones.
+CROWDED = [(0.5, -1.0), (1.0, 0.0), *((1.0 + k * 1e-7, 0.01 * k) for k in range(1, 5)), (1.6, 3.0)]
+
+
+@pytest.mark.parametrize('points', [
+    BAND, CROWDED, [(0.9, -1.0), (1.1, 1.0)],
+    [(0.5 + 0.01 * k, k / 50.0 - 1.0 + (k / 50.0 - 1.0)**3) for k in range(101)]])
+def test_kernels_find_the_piece_of_each_length(tmp_path, points):
+    scene = make_scene((3, 3, 3), {'connector.law': write(tmp_path / 'law.csv', points)})
+    table, = scene.connectors.tables.tables
+    assert pack_scene(scene).model.links.tables.is_alike
+    bounds = table.rows[1:, 0]
+    generator = np.random.default_rng(5)
+    lengths = np.concatenate([
+        bounds, bounds * (1.0 + 1e-9), bounds * (1.0 - 1e-9), LENGTH * generator.uniform(
+            0.3, 1.8, 1000), LENGTH * (1.0 + 0.002 * generator.standard_normal(1000))])
+    lengths = np.resize(lengths, len(lengths) // LANES * LANES)
+    expected = table.evaluate(lengths)[0]
+    # Kernels know lengths to about an ulp.
+    rounding = 2.0 * np.spacing(lengths.max()) * table.largest_slope
+    np.testing.assert_allclose(
+        forces_by_tables(scene, lengths, passes=2), np.tile(expected, 2), rtol=0,
+        atol=1e-13 * np.abs(expected).max() + rounding)
+    assert len({*np.searchsorted(bounds, lengths)}) == len(bounds) + 1
+
+
 @pytest.mark.parametrize('groups', [False, True])
 def test_pieces_remembered_from_elsewhere_change_no_bit(band, groups):
-    """Forces look at the piece of before first, which must not matter, whatever it was."""
+    """Forces try the pieces of before first, which must not matter, whatever they were."""
     changes = {'connector.law': band}
     if groups:
         changes = {
@@ -171,8 +222,14 @@ def test_pieces_remembered_from_elsewhere_change_no_bit(band, groups):
             'connector_groups.g.law': band}
     scene = make_scene((3, 3, 3), changes)
     packed = pack_scene(scene)
-    places = [disturbed(scene, 0.1, seed) for seed in range(6)]
+    tables = packed.model.links.tables
+    assert tables.is_alike is not groups
+    tables.near[:] = ROW_SIZE * 3
+    places = [disturbed(scene, 0.05, seed) for seed in range(6)]
     used = [wrenches(scene, *place, packed=packed) for place in (*places, places[0])]
+    if not groups:
+        # Some are remembered, some have lanes on more than two pieces.
+        assert len({*tables.near}) > 2 and -1 in tables.near
     for place, seen in zip((*places, places[0]), used):
         fresh = wrenches(scene, *place)
         assert np.array_equal(fresh.force, seen.force)

@@ -190,8 +190,8 @@ def tangent_springs(
             square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
             length = square * rsqrt(square)
             k, pull = law_at(links.variety, links, link, s, square, length)
-            pull = tabled_pull(links.tables, links.variety, link, s, length, pull)
-            k = tabled_slope(links.tables, links.variety, link, s, length, k)
+            pull = tabled_pull(links.tables, link, s, length, pull)
+            k = tabled_slope(links.tables, link, s, length, k)
             pull = square_time * pull
             k = fma(square_time, k, time * damping_of(damping, link, s))
             size = maximum(pull, splat(0.0) - pull)

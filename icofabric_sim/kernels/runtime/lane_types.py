@@ -109,6 +109,42 @@ def load_flat(typing: Any, array: Any, index: Any) -> Any:
 
 
 @intrinsic
+def load_pairs(typing: Any, array: Any, places: Any, stride: Any, offset: Any) -> Any:
+    """Two numbers side by side of a 1-D array of doubles, for each lane."""
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        data = builder.gep(data, [context.cast(builder, args[3], sig.args[3], types.intp)])
+        indices = ir.VectorType(_INDEX, LANES)
+        factor = builder.insert_element(
+            ir.Constant(indices, ir.Undefined),
+            context.cast(builder, args[2], sig.args[2], types.int32), ir.Constant(_INDEX, 0))
+        factor = builder.shuffle_vector(factor, factor, ir.Constant(indices, [0] * LANES))
+        numbers = builder.mul(builder.fptosi(args[1], indices), factor)
+        pair = ir.VectorType(ir.DoubleType(), 2)
+        parts = []
+        for i in range(LANES):
+            place = builder.zext(
+                builder.extract_element(numbers, ir.Constant(_INDEX, i)), ir.IntType(64))
+            parts.append(builder.load(
+                builder.bitcast(builder.gep(data, [place]), pair.as_pointer()), align=8))
+
+        def shuffled(a: Any, b: Any, order: list[int]) -> Any:
+            kind = ir.VectorType(_INDEX, len(order))
+            return builder.shuffle_vector(a, b, ir.Constant(kind, order))
+
+        # Every other lane in one register, so that one instruction of two registers gives each.
+        even, odd = parts[::2], parts[1::2]
+        while len(even) > 1:
+            order = list(range(2 * even[0].type.count))
+            even = [shuffled(a, b, order) for a, b in zip(even[::2], even[1::2])]
+            odd = [shuffled(a, b, order) for a, b in zip(odd[::2], odd[1::2])]
+        low = [i + k * LANES for i in range(0, LANES, 2) for k in range(2)]
+        return context.make_tuple(builder, sig.return_type, [
+            shuffled(even[0], odd[0], low), shuffled(even[0], odd[0], [i + 1 for i in low])])
+    return types.UniTuple(lanes_type, 2)(array, places, stride, offset), generate
+
+
+@intrinsic
 def store_row(typing: Any, array: Any, row: Any, index: Any, value: Any) -> Any:
     """Write lanes into a 2-D array."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -27,8 +27,8 @@ from numba.extending import overload
 import numpy as np
 
 __all__ = [
-    'any_lane', 'bits', 'fabs', 'fma', 'insert', 'lane', 'LANES', 'load', 'load_at', 'maximum',
-    'rsqrt', 'splat', 'sqrt', 'store', 'store_at', 'where']
+    'any_lane', 'bits', 'fabs', 'fma', 'insert', 'lane', 'LANES', 'load', 'load_at', 'load_pair',
+    'maximum', 'rsqrt', 'splat', 'sqrt', 'store', 'store_at', 'where']
 
 # Untyped: Numba calls intrinsics without their first argument.
 emit: Any = lane_types
@@ -44,6 +44,18 @@ def load(array: np.ndarray, row: int, index: int) -> Vector:
 def load_at(array: np.ndarray, index: int) -> Vector:
     """Elements index to index + LANES of a 1-D array."""
     return array[index:index + LANES].copy()
+
+
+def load_pair(
+    array: np.ndarray, places: Vector, stride: int, offset: int
+) -> tuple[Vector, Vector]:
+    """
+    Return for each lane two numbers side by side of a 1-D array of doubles.
+
+    They begin `offset` after `stride` times the lane's place, without its fraction.
+    """
+    index = stride * places.astype(np.int32) + offset
+    return array[index], array[index + 1]
 
 
 def store(array: np.ndarray, row: int, index: int, value: Vector) -> None:
@@ -116,6 +128,8 @@ def insert(value: Vector, index: int, number: float) -> Vector:
 overload(load)(lambda array, row, index: lambda array, row, index: emit.load_row(
     array, row, index))
 overload(load_at)(lambda array, index: lambda array, index: emit.load_flat(array, index))
+overload(load_pair)(lambda array, places, stride, offset: (
+    lambda array, places, stride, offset: emit.load_pairs(array, places, stride, offset)))
 overload(store)(lambda array, row, index, value: lambda array, row, index, value: emit.store_row(
     array, row, index, value))
 overload(store_at)(lambda array, index, value: lambda array, index, value: emit.store_flat(

@@ -26,7 +26,7 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.law_tables import piece_of
+from icofabric_sim.kernels.law_tables import row_of, ROW_SIZE
 from icofabric_sim.kernels.moments import partner_slot
 from icofabric_sim.kernels.obstruction import axes_at, enters_from
 from icofabric_sim.kernels.records import (
@@ -104,16 +104,15 @@ def tabled_law(
     if tables is None:
         return law
     else:
-        first = int(tables.first[link, s])
-        if first < 0:
+        number = int(tables.number[link, s])
+        if number < 0:
             return law
-        rows = tables.rows
-        r = piece_of(rows, first, length)
-        t = length - rows[r, 1]
+        rows, r = tables.rows, ROW_SIZE * row_of(tables, number, length)
+        t = length - rows[r + 1]
         return (
-            rows[r, 2] + t * (rows[r, 3] + t * (rows[r, 4] + t * rows[r, 5])),
-            rows[r, 6] + t * (rows[r, 2] + t * (
-                rows[r, 3] / 2.0 + t * (rows[r, 4] / 3.0 + t * rows[r, 5] / 4.0))), law[2])
+            rows[r + 2] + t * (rows[r + 3] + t * (rows[r + 4] + t * rows[r + 5])),
+            rows[r + 6] + t * (rows[r + 2] + t * (
+                rows[r + 3] / 2.0 + t * (rows[r + 4] / 3.0 + t * rows[r + 5] / 4.0))), law[2])
 
 
 @compiled

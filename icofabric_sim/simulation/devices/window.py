@@ -78,13 +78,6 @@ class Slots(NamedTuple):
         target.flags.writeable = values.flags.writeable
         return target
 
-    def cut_runs(self, values: np.ndarray) -> np.ndarray:
-        """The same of numbers that lie run by run, as many for each."""
-        runs = values.reshape(-1, len(values) * LANES // self.whole)
-        target = aligned_zeros((self.total // LANES, runs.shape[1]))
-        target[:len(self.kept)] = runs[self.kept]
-        return target.reshape(-1)
-
 
 class Window(NamedTuple):
     """All that a rank gets when a run begins, but for the loads and the state."""
@@ -153,8 +146,9 @@ def window_of(
             variety = Variety(*(slots.cut(values) for values in variety))
         tables = links.tables
         if tables is not None:
+            number = slots.cut(tables.number)
             tables = tables._replace(
-                first=slots.cut(tables.first), pieces=slots.cut_runs(tables.pieces))
+                number=number, near=np.full(number.size >> 2, -1, np.int32))
         links = links._replace(place=place, present=present, variety=variety, tables=tables)
     bending, twisting = model.bending, model.twisting
     supports, masses = model.supports, model.masses

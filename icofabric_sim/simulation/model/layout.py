@@ -31,7 +31,7 @@ from icofabric_sim.geometry.rotations import (
     unit_quaternions,
 )
 from icofabric_sim.kernels.figures import figures_room, group_size
-from icofabric_sim.kernels.law_tables import PIECE
+from icofabric_sim.kernels.law_tables import HEAD_SIZE, ROW_SIZE
 from icofabric_sim.kernels.records import (
     Blocks,
     EDGE_COUNT,
@@ -64,6 +64,9 @@ _SAMPLES = 4096
 _GOOD = 1.3
 # Blocks more that shorter ways between neighbours are worth.
 _CLOSER = 1.05
+# Bins of a table: as many as its closest points require, but at least and, of short tables, at
+# most these counts.
+_LEAST_BINS, _MOST_BINS = 64, 4096
 
 
 class _Places(NamedTuple):
@@ -342,7 +345,7 @@ def make_links(
         raise ValueError('too many bodies to number their attachment points with 32 bits')
     side, reach = _sides(grid, connections), 0
     variety = None if laws.plain and not tables.tables else _no_laws(layout)
-    packed, first_rows = _pack_tables(layout, tables)
+    packed = _pack_tables(layout, tables)
     for piece, pair, codes in _from_either_end(connections):
         own, other = block[pair[:, 0]], block[pair[:, 1]]
         edge = codes[:, 0].astype(np.int64)
@@ -359,7 +362,7 @@ def make_links(
             for rows, values in zip(variety, laws):
                 rows[link, layout.slot[pair[:, 0]]] = values[piece] if len(values) > 1 else values
         if packed is not None:
-            packed.first[link, layout.slot[pair[:, 0]]] = first_rows[tables.of[piece]]
+            packed.number[link, layout.slot[pair[:, 0]]] = tables.of[piece]
     links = Links(
         place, present, float(max(laws.extension.max(), laws.compression.max())),
         float(laws.natural_length.max()), half_width, attachment, variety,
@@ -405,20 +408,38 @@ def _no_laws(layout: Layout) -> Variety:
     return Variety(*rows)
 
 
-def _pack_tables(layout: Layout, tables: ConnectorTables) -> tuple[LawTables | None, np.ndarray]:
-    """All tables in one, no connector with any; and the first rows of each, the last one -1."""
+def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
+    """All tables in one, no connector with any."""
     if not tables.tables:
-        return None, np.full(1, -1.0)
-    counts = np.array([len(table.rows) for table in tables.tables])
-    last = np.cumsum(counts) - 1
-    rows = np.hstack([
-        np.vstack([table.rows for table in tables.tables]), np.repeat(last, counts)[:, None]])
-    first = aligned_empty((LINK_COUNT, layout.slot_count))
-    first[:] = -1.0
-    # No length lies above infinity: each connector looks its first piece up.
-    pieces = aligned_empty((PIECE * LINK_COUNT * layout.slot_count,))
-    pieces[:] = np.inf
-    return LawTables(first, rows, pieces), np.append(last - counts + 1.0, -1.0)
+        return None
+    heads = np.zeros((len(tables.tables), HEAD_SIZE))
+    bins, row_count, bin_count = [], 0, 0
+    for head, table in zip(heads, tables.tables):
+        length = table.rows[1:, 0]
+        extent = length[-1] - length[0]
+        # Bounds a bin apart at least, and never at the side of one.
+        count = np.ceil(1.01 * extent / np.diff(length).min())
+        width = extent / np.clip(count, _LEAST_BINS, max(_MOST_BINS, 4 * len(length)))
+        head[:2] = length[0] - 0.5 * width, 1.0 / width
+        head[3:6] = bin_count, row_count, row_count + len(length)
+        # As kernels do; the last bin holds what is longer still.
+        place = np.floor(bin_count + (length - head[0]) * head[1]).astype(np.int64) - bin_count
+        head[2] = place[-1] + 1
+        own = np.arange(place[-1] + 2)
+        below = np.searchsorted(place, own)  # bounds in lower bins
+        inside = np.searchsorted(place, own, side='right') - below
+        single = (inside < 2) & (own > place[0]) & (own < place[-1])
+        bound = np.where(inside == 1, length[np.minimum(below, len(length) - 1)], np.inf)
+        bins.append(np.column_stack([np.where(single, bound, -1.0), row_count + below]))
+        row_count, bin_count = row_count + len(table.rows), bin_count + len(own)
+    rows = np.zeros((row_count, ROW_SIZE))
+    rows[:, :7] = np.vstack([table.rows for table in tables.tables])
+    number = aligned_empty((LINK_COUNT, layout.slot_count))
+    number[:] = -1.0
+    return LawTables(
+        number, rows.ravel(), heads.ravel(), np.vstack(bins).ravel(),
+        len(heads) == 1 and not tables.of.any(), np.full(number.size >> 2, -1, np.int32),
+        np.zeros(1))
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:

@@ -245,7 +245,7 @@ class Driver:
         elif trajectory.control is not None:
             is_due = tables.was_suspect()
         else:
-            is_due = self.monitor.since_check == 0 and tables.is_suspect()
+            is_due = self.monitor.since_check == 0 and tables.was_suspect()
         if is_due:
             state, trail = trajectory.state, trajectory.work.trail
             if trajectory.control is not None and trajectory.control.length > 0.0 and (

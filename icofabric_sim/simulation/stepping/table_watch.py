@@ -13,9 +13,7 @@
 # limitations under the License.
 """Watches for connectors that are longer or shorter than the table of their law says."""
 
-from icofabric_sim.kernels.law_tables import PIECE
-from icofabric_sim.kernels.records import LINK_COUNT, State
-from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
@@ -25,8 +23,7 @@ class TableWatch:
     """
     Remembers the first connector that was seen beyond its table, at the health checks.
 
-    Forces remember on which piece of its table each connector is: lengths are computed only where
-    that is one beyond either end.
+    Forces note that they met a length beyond its table: lengths are computed only after that.
     """
 
     def __init__(self, packed: PackedScene) -> None:
@@ -36,9 +33,7 @@ class TableWatch:
         self._always = packed.model.wrapping is not None  # pieces are those of straight lengths
         links = packed.model.links
         assert links is not None and links.tables is not None
-        tables = links.tables
-        self._pieces = tables.pieces.reshape(-1, LINK_COUNT, PIECE, LANES)
-        self._tabled = (tables.first >= 0.0).reshape(LINK_COUNT, -1, LANES).swapaxes(0, 1)
+        self._beyond = links.tables.beyond
 
     @property
     def is_watching(self) -> bool:
@@ -51,13 +46,13 @@ class TableWatch:
         return bool(self._packed.tables.stops.any())
 
     def is_suspect(self) -> bool:
-        """Whether a connector may be beyond its table in the state that was evaluated last."""
-        outside = (self._pieces[:, :, 0] == -np.inf) | (self._pieces[:, :, 1] == np.inf)
-        return self._always or bool((outside & self._tabled).any())
+        """Whether a connector was beyond its table in a state since the last check."""
+        return self._always or self._beyond[0] > 0.0
 
     def was_suspect(self) -> bool:
-        """Return whether this or the state before was suspect, where the latter is to be seen."""
+        """Return whether a state since the last check but one is suspect, and begin anew."""
         before, self._suspected = self._suspected, self.is_suspect()
+        self._beyond[0] = 0.0
         return before or self._suspected
 
     def describe(
