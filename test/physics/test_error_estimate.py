@@ -200,9 +200,9 @@ def test_an_error_of_velocity_moves_loose_shells_on(method):
     for time in times:
         exact.advance_to(time)
         ends.append(exact.snapshot())
-    for step in np.linspace(2e-5, 4e-5, 3):
+    for step in (2e-5, 4e-5):
         run = ico.compile_scene(ico.Scene.from_parameters(
-            scene | {'solver.method': method, 'solver.step': float(step)}))
+            scene | {'solver.method': method, 'solver.step': step}))
         pieces, estimates, added = ico.compile_scene(run.scene), [0.0], []
         for time, end in zip(times, ends):
             run.advance_to(time)
