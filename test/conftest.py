@@ -69,7 +69,6 @@ _LONG = re.compile(
     r'|test_a_fabric_moves_as_an_independent_right_hand_side_says\[changes0\]'
     r'|test_other_scenes_have_the_bits_of_one_process'
     r'|test_ready_scenes_have_the_bits_of_one_process_or_are_refused'
-    r'|test_dense_slabs_whose_faces_meet_and_part_rest\[0\]'
     r'|test_a_bias_slab_of_point_springs_rests_however_far_it_is_pulled'
     r'|test_quick_arms_around_shells_are_dampers_and_slow_ones_springs'
     r'|test_they_break_at_the_length_of_the_whole_way\[1-2\]'
