@@ -159,6 +159,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 def _without_constants(scene: 'Scene') -> str:
     """Why there is no endless fabric of a scene, of which there are curves; '': there is."""
     from icofabric_sim.scene.connector_groups import alike_everywhere
+    if scene.parameters['weave.kind'] == 'radial':
+        return 'a radial weave does not repeat in space'
     if not alike_everywhere(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
     if scene.electric.mutual and scene.electric.charge.any():

@@ -93,7 +93,8 @@ class ConnectorMarkers:
     Line lists of the connectors; the id of each is the number of its strain class.
 
     One more where there are anchors, in a colour of its own, with the next number; and one, with
-    the number after that, of connectors that run into the shell they are attached to.
+    the number after that, of connectors that run into the shell they are attached to. A connector
+    around a shell has a line for each of its straight parts.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -129,17 +130,35 @@ class ConnectorMarkers:
         classes = np.empty(snapshot.connector_count, np.uint8)
         classify(
             snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts[:-1])
-        obstructed = snapshot.obstructed
+        wraps = snapshot.packed.model.wrapping is not None
+        # Those that lie around their shells have the colour of their strain.
+        obstructed = snapshot.lost if wraps else snapshot.obstructed
         if obstructed.any() or snapshot.broken_since is not None:
             classes[obstructed > 0] = len(STRAIN_CLASSES)
             if snapshot.broken_since is not None:
                 classes[~snapshot.intact] = _NO_CLASS
             counts[:] = [np.count_nonzero(classes == number) for number in range(len(counts))]
+        if wraps and snapshot.obstructed.any():
+            yield from self._bent_lists(snapshot, nanoseconds, classes)
+            return
         for number, (marker, count) in enumerate(zip(self._lists, counts.tolist())):
             if count:
                 yield marker.filled(nanoseconds, 2 * count, partial(
                     fill_lines, connectors, snapshot.position, snapshot.orientation, classes,
                     number))
+            else:
+                yield marker.stamped(nanoseconds, action=MarkerAction.DELETE)
+
+    def _bent_lists(
+        self, snapshot: Snapshot, nanoseconds: int, classes: np.ndarray
+    ) -> Iterator[bytes]:
+        """The same lists with all straight parts of connectors that lie around shells."""
+        segments = snapshot.connector_segments
+        of_class = classes[segments.of]
+        for number, marker in enumerate(self._lists):
+            points = segments.ends[of_class == number].reshape(-1, 3)
+            if len(points):
+                yield marker.filled(nanoseconds, len(points), partial(np.copyto, src=points))
             else:
                 yield marker.stamped(nanoseconds, action=MarkerAction.DELETE)
 

@@ -43,7 +43,7 @@ from icofabric_sim.pictures.fabric_polygons import (
     shown_bodies,
 )
 from icofabric_sim.pictures.light import Lighting
-from icofabric_sim.pictures.measures import connector_ends, Scale
+from icofabric_sim.pictures.measures import connector_segments, Scale
 from icofabric_sim.pictures.moment import Moment, Push
 from icofabric_sim.pictures.scenery import Ground, grounds, moved_plate, place_plate, plates
 from icofabric_sim.scene.scene import Scene
@@ -606,7 +606,8 @@ def _shadowed(
         whole = shown[scene.connectors.bodies].all(axis=1)
         if moment.broken is not None:
             whole[moment.broken] = False
-        bars = connector_ends(scene, moment.position, moment.orientation)[whole]
+        segments = connector_segments(scene, moment.position, moment.orientation)
+        bars = segments.ends[whole[segments.of]]
     over = bars.mean(axis=1) @ ground.normal - ground.offset
     thick = max(round(0.2 * pixel), 1)
     for low, high, soft in levels:

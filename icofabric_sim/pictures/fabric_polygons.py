@@ -28,7 +28,7 @@ from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.messages.markers import held_bodies, SHELL_CLASSES
 from icofabric_sim.pictures.camera import Area, Camera
 from icofabric_sim.pictures.light import light_on, Lighting
-from icofabric_sim.pictures.measures import connector_ends, Scale, values_of
+from icofabric_sim.pictures.measures import connector_segments, Scale, values_of
 from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
@@ -187,13 +187,14 @@ def _connectors(
     moment: Moment, colors: np.ndarray, chosen: np.ndarray, camera: Camera, area: Area
 ) -> list[_Part]:
     scene = moment.scene
-    ends = connector_ends(scene, moment.position, moment.orientation)
-    chosen = chosen & camera.is_before(ends).all(axis=1)
-    broken = np.zeros(len(ends), dtype=bool)
+    ends, of = connector_segments(scene, moment.position, moment.orientation)
+    chosen = chosen[of] & camera.is_before(ends).all(axis=1)
+    broken = np.zeros(scene.connector_count, dtype=bool)
     if moment.broken is not None:
         broken[moment.broken] = True
+    broken = broken[of]
     whole = chosen & ~broken
-    parts = [_cables(ends[whole], colors[whole], scene.shell.half_edge, camera, area)]
+    parts = [_cables(ends[whole], colors[of[whole]], scene.shell.half_edge, camera, area)]
     torn = ends[chosen & broken]
     if len(torn):
         reach = np.minimum(_STUB, 1.5 * scene.shell.half_edge / np.maximum(

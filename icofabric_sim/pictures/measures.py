@@ -28,6 +28,7 @@ from icofabric_sim.pictures.moment import Moment
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
+from icofabric_sim.simulation.model.wrapped_paths import Segments, straight_segments, trace_scene
 import numpy as np
 
 # From the least to the largest value.
@@ -95,16 +96,24 @@ def connector_ends(scene: Scene, position: np.ndarray, orientation: np.ndarray) 
     return np.asarray(position[bodies] + arms)
 
 
-def strains(scene: Scene, ends: np.ndarray) -> np.ndarray:
-    """Strain (l - D) / D of straight connectors, (c,)."""
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+def connector_segments(
+    scene: Scene, position: np.ndarray, orientation: np.ndarray
+) -> Segments:
+    """Straight parts of all connectors, along their whole ways around shells."""
+    ends = connector_ends(scene, position, orientation)
+    if scene.parameters['connector.obstruction'] != 'wrap':
+        return straight_segments(ends)
+    return trace_scene(scene, ends, position, orientation)
+
+
+def strains(scene: Scene, length: np.ndarray) -> np.ndarray:
+    """Strain (l - D) / D of connectors of given lengths [m], (c,)."""
     return np.asarray(length / scene.connectors.natural_length - 1.0)
 
 
-def tensions(scene: Scene, ends: np.ndarray) -> np.ndarray:
-    """Tension [N] of straight connectors by their laws, without damping, (c,)."""
+def tensions(scene: Scene, length: np.ndarray) -> np.ndarray:
+    """Tension [N] of connectors of given lengths [m] by their laws, without damping, (c,)."""
     laws, tables = scene.connectors.laws, scene.connectors.tables
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     stretch = length - laws.natural_length
     tension = np.where(stretch > 0.0, laws.extension, laws.compression) * stretch
     for number, table in enumerate(tables.tables):
@@ -141,8 +150,9 @@ def values_of(name: str, moment: Moment) -> np.ndarray:
         return overlaps(scene, moment.position, moment.orientation)
     if not scene.connector_count:
         return np.zeros(0)
-    ends = connector_ends(scene, moment.position, moment.orientation)
-    values = strains(scene, ends) if name == 'strain' else tensions(scene, ends)
+    length = connector_segments(
+        scene, moment.position, moment.orientation).lengths(scene.connector_count)
+    values = strains(scene, length) if name == 'strain' else tensions(scene, length)
     if moment.broken is not None and len(moment.broken):
         values = values.copy()
         values[moment.broken] = 0.0

@@ -29,7 +29,7 @@ from icofabric_sim.pictures.figure_style import (
     paper_style,
     save_figure,
 )
-from icofabric_sim.pictures.measures import connector_ends, tensions
+from icofabric_sim.pictures.measures import connector_ends, connector_segments, tensions
 from icofabric_sim.pictures.render import recorded_bodies, spread_times
 from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
@@ -169,7 +169,7 @@ def forces(series: Series) -> dict[str, np.ndarray]:
         inside[name] = member[scene.connectors.bodies]
     for number in range(len(series.times)):
         ends = connector_ends(scene, series.position[number], series.orientation[number])
-        pull = tensions(scene, ends)
+        pull = tensions(scene, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
         pull[series.broken[number]] = 0.0
         along = ends[:, 1] - ends[:, 0]
         along *= (pull / np.linalg.norm(along, axis=1))[:, None]
@@ -245,8 +245,10 @@ def _tension(series: Series, axis: str, size: tuple[float, float]) -> Any:
     picked = spread_times(np.arange(len(series.times)), _MOMENTS)
     found = []
     for number in picked:
-        ends = connector_ends(series.scene, series.position[number], series.orientation[number])
-        found.append(np.delete(tensions(series.scene, ends), series.broken[number]))
+        length = connector_segments(
+            series.scene, series.position[number], series.orientation[number]).lengths(
+                series.scene.connector_count)
+        found.append(np.delete(tensions(series.scene, length), series.broken[number]))
     low, high = (limit(values.min(initial=0.0) if limit is min else values.max(initial=0.0)
                        for values in found) for limit in (min, max))
     # Rice's rule.

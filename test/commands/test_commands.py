@@ -14,6 +14,7 @@
 """The command line: what it does, what it says, and its exit status."""
 
 from collections.abc import Callable, Iterator
+import json
 import os
 from pathlib import Path
 import pty
@@ -800,7 +801,7 @@ def test_elasticity_prints_constants_and_curves(
     assert call('elasticity', 'free_slab', '--kinds', '--direction', '0', '0', '0').status == 2
     # None where a pull meets nothing.
     assert re.search(r'along xy +0 Pa\n', alone.out)
-    bad = call('elasticity', 'radial_arch')
+    bad = call('elasticity', 'radial_arch', '--kinds')
     assert bad.status == 2 and 'weave.kind' in bad.err
 
 
@@ -845,6 +846,10 @@ def test_elasticity_bends_twists_and_presses(
     written = {path.name for path in (tmp_path / 'own').iterdir()}
     assert 'curves.csv' in written and not written & {'stiffness.csv', 'moduli.csv'}
     assert (tmp_path / 'own.png').read_bytes().startswith(b'\x89PNG')
+    arch = call('elasticity', 'radial_arch', '-p', 'weave.size:=[5, 3, 2]', '--kinds', 'pull',
+                '--points', '1', '--json')
+    assert arch.status == 0, arch.err
+    assert json.loads(arch.out)['curves']['pull'][0]['stress'] > 10.0
     none = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds')
     assert none.status == 2 and 'connector_groups' in none.err
     for words, said in (

@@ -34,6 +34,7 @@ from icofabric_sim.pictures.fabric_polygons import (
 from icofabric_sim.pictures.light import light_on, Lighting
 from icofabric_sim.pictures.measures import (
     connector_ends,
+    connector_segments,
     fit_scale,
     QUANTITIES,
     Scale,
@@ -141,9 +142,11 @@ def test_connector_ends_and_tensions_are_those_of_the_simulation() -> None:
     ends = connector_ends(scene, state.position, state.orientation)
     np.testing.assert_allclose(ends, state.connector_ends, rtol=0, atol=1e-15)
     strain = state.connector_length / scene.connectors.natural_length - 1.0
-    np.testing.assert_allclose(strains(scene, ends), strain, atol=1e-14)
+    length = connector_segments(
+        scene, state.position, state.orientation).lengths(scene.connector_count)
+    np.testing.assert_allclose(strains(scene, length), strain, atol=1e-14)
     stretch = state.connector_length - scene.connectors.natural_length
-    pull = tensions(scene, ends)
+    pull = tensions(scene, length)
     assert np.abs(pull).max() > 0.01
     np.testing.assert_allclose(pull, scene.connectors.stiffness * stretch, atol=1e-10)
 
@@ -262,7 +265,8 @@ def test_scale_is_round_covers_the_values_and_keeps_signs_apart() -> None:
     scene = swing_scene()
     turned = at_rest(scene)._replace(position=1.013 * scene.position)
     scale = fit_scale('strain', [at_rest(scene), turned])
-    spread = np.abs(strains(scene, connector_ends(scene, turned.position, turned.orientation)))
+    spread = np.abs(strains(scene, connector_segments(
+        scene, turned.position, turned.orientation).lengths(scene.connector_count)))
     assert np.quantile(spread, 0.9) <= scale.largest <= 3.0 * spread.max()
     assert float(f'{100 * scale.largest:.2g}') == pytest.approx(100 * scale.largest)
     pushed, pulled = scale.colors(np.array([-1.0, 1.0]))

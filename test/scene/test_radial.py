@@ -148,3 +148,11 @@ def test_a_radius_with_no_room_is_refused():
     with pytest.raises(ParameterError, match=r'weave\.radius.*shells meet'):
         radial((3, 2, 2), {'weave.radius': 0.01})
     assert changed(radial((3, 2, 2)), {'weave.radius': 0.05}).weave.kind == 'radial'
+
+
+@pytest.mark.parametrize('name, value', [('weave.azimuth', 0.3), ('weave.boundary', 'fabric')])
+def test_a_turn_of_bias_is_refused(name, value):
+    assert make_scene((3, 2, 2), {'weave.kind': 'bias', name: value}).body_count
+    with pytest.raises(ParameterError, match=f'{name}.*is for weave.kind bias only') as caught:
+        radial((3, 2, 2), {name: value})
+    assert caught.value.name == name

@@ -226,10 +226,8 @@ def pack_scene(
     layout = make_layout(grid, scene.body_count, cosines=cosines)
     connector_list = links = supports = damping = maxwell = breakage = None
     if scene.connector_count:
-        laws, half_width, points = scene.connectors.laws, _half_width(scene), None
-        if are_given(scene.parameters):
-            points = scene.connectors.attachment
-        connector_list = ConnectorList(scene.connectors, half_width, points)
+        laws, connector_list = scene.connectors.laws, list_connectors(scene)
+        half_width, points = connector_list.half_width, connector_list.points
         layout, links = make_links(
             layout, grid, scene.weave.connections, laws=laws, half_width=half_width,
             attachment=points, tables=scene.connectors.tables)
@@ -325,6 +323,13 @@ def velocity_rate(model: Model) -> float:
         own = own + np.linalg.norm(magnet.moment, axis=0) * (mass * inertia) ** 0.5
         rate += float(own.max()) * float(np.linalg.norm(magnet.field))
     return rate
+
+
+def list_connectors(scene: Scene) -> ConnectorList:
+    """Connectors of a scene as kernels take them."""
+    given = are_given(scene.parameters)
+    return ConnectorList(
+        scene.connectors, _half_width(scene), scene.connectors.attachment if given else None)
 
 
 def _half_width(scene: Scene) -> float:

@@ -29,6 +29,7 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.wrapped_paths import Segments, straight_segments, trace_paths
 import numpy as np
 
 _COLUMNS = (
@@ -128,6 +129,21 @@ class Snapshot(AsTable):
         every = np.zeros(len(ends), np.uint8)
         fill_lines(connectors, *self._frozen(), every, 0, ends.reshape(-1, 3))
         return ends
+
+    @cached_property
+    def connector_segments(self) -> Segments:
+        """
+        Straight parts of every connector, along its whole way around shells.
+
+        One of each, between its ends, but with `connector.obstruction: wrap`: there a connector
+        that lies around a shell bends at each edge it crosses.
+        """
+        connectors, wrapping = self.packed.connectors, self.packed.model.wrapping
+        if connectors is None or wrapping is None:
+            return straight_segments(self.connector_ends)
+        return trace_paths(
+            wrapping, connectors, self.connector_ends, np.flatnonzero(self.obstructed),
+            self.position, self.orientation)
 
     @cached_property
     def anchor_ends(self) -> np.ndarray:

@@ -57,6 +57,15 @@ _Pair = tuple[int, int]
 _Cone = tuple[np.ndarray, np.ndarray]
 
 
+class Crossing(NamedTuple):
+    """An edge that a way crosses, and where it lies unfolded, the attachment point as origin."""
+
+    corner: int  # vertex where the edge begins
+    end: int  # and where it ends
+    begin: np.ndarray  # (2,) place of the first one
+    along: np.ndarray  # (2,) unit vector from there to the other one
+
+
 class Way(NamedTuple):
     """A row of edges, in units of a."""
 
@@ -67,6 +76,7 @@ class Way(NamedTuple):
     away: float  # distance of that from it, all unfolded
     low: float  # between these places along the last edge it crosses all
     high: float
+    crossed: tuple[Crossing, ...]  # the whole row, the last edge at its end
 
 
 class Ways(NamedTuple):
@@ -105,7 +115,7 @@ def ways_from(x: float, y: float, z: float) -> Ways:
             place = float((begin - point) @ along)
             beside = float(np.linalg.norm(begin - point - place * along))
             ends = np.array([place, beside]), np.array([place + 2.0, beside])
-            _go_on(on, following, edge, ends, _ordered(*ends), most - 1, found)
+            _go_on(on, following, edge, ends, _ordered(*ends), most - 1, (), found)
     return Ways(planes, tuple(start), tuple(found))
 
 
@@ -126,10 +136,12 @@ def _plane(*points: np.ndarray) -> np.ndarray:
 
 def _go_on(
     on: int, following: int, edge: _Pair, ends: tuple[np.ndarray, np.ndarray], cone: _Cone,
-    more: int, found: list[Way]
+    more: int, crossed: tuple[Crossing, ...], found: list[Way]
 ) -> None:
     """
     Leave the plane `on` over an edge with these ends, unfolded, and go on over `more` edges.
+
+    It has `crossed` others before.
 
     The attachment point is the origin, and `cone` two points that bound what it sees, the first
     of them to the right.
@@ -146,8 +158,10 @@ def _go_on(
     low, high = max(places[0], 0.0), min(places[1], 2.0)
     if high - low < _NARROW:
         return
+    crossed = (*crossed, Crossing(*edge, begin, along))
     found.append(Way(
-        *edge, (on, following), float(-begin @ along), abs(_cross(begin, along)), low, high))
+        *edge, (on, following), float(-begin @ along), abs(_cross(begin, along)), low, high,
+        crossed))
     if more:
         # The next face is an equilateral triangle, away from the origin.
         out = np.array([-along[1], along[0]])
@@ -156,7 +170,7 @@ def _go_on(
         for side, place in zip(edge, ends):
             _go_on(
                 following, _across(following, (side, corner)), (side, corner), (place, apex),
-                (right, left), more - 1, found)
+                (right, left), more - 1, crossed, found)
 
 
 def _ordered(begin: np.ndarray, end: np.ndarray) -> _Cone:
@@ -202,7 +216,7 @@ def pack_wrapping(parameters: Parameters, half_edge: float) -> Wrapping | None:
             begin, end = corners[way.corner], corners[way.end]
             ways[code, number, :3] = begin
             ways[code, number, 3:6] = (end - begin) / (2.0 * half_edge)
-            ways[code, number, 6:] = half_edge * np.array(way[3:])
+            ways[code, number, 6:] = half_edge * np.array(way[3:7])
             faces[code, number] = way.faces
     return Wrapping(
         normals=np.ascontiguousarray(planes[:, :, :3]), heights=half_edge * planes[:, :, 3],
