@@ -22,58 +22,34 @@ import math
 from pathlib import Path
 from typing import Any
 
-import icofabric_sim as ico
-from icofabric_sim.geometry.icosahedron import (
-    FACES,
-    NAMED_EDGE_VERTICES,
-    NAMED_EDGES,
-    vertices,
+from icofabric_sim.geometry.icosahedron import NAMED_EDGE_VERTICES, NAMED_EDGES, vertices
+from icofabric_sim.pictures.document_figures import (
+    Camera,
+    CONNECTOR_ANGLE,
+    CONNECTOR_COLOR,
+    corners_of,
+    draw_fabric,
+    EDGE_COLOR,
+    ends_of,
+    GAP_COLOR,
+    MARK_COLOR,
+    new_figure,
+    SHELL_COLOR,
+    woven,
 )
-from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.figure import Figure
+from matplotlib.collections import LineCollection
 import numpy as np
 from scipy.spatial import ConvexHull
 
-ANGLE = 0.25  # [rad]
-SHELL, EDGE = '#e8dcc0', '#7a6f58'
-CONNECTOR, MARK, GAP = '#0072b2', '#d55e00', '0.85'
 UP, DOWN = NAMED_EDGES.index('up'), NAMED_EDGES.index('down')
-
-
-def new_figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=90, facecolor='white')
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def woven(**changes: Any) -> ico.Scene:
-    """Return a fabric without loads; `kind`, `size`, `variant` of its weave."""
-    return ico.Scene.from_parameters({
-        'weave.connector_angle': ANGLE,
-        **{f'weave.{name}': value for name, value in changes.items()}})
-
-
-def corners_of(scene: ico.Scene, body: int) -> np.ndarray:
-    """World positions (12, 3) of the vertices of a shell [m]."""
-    axes = cosines_from_quaternions(scene.orientation[body:body + 1])[0]
-    return scene.position[body] + vertices(scene.shell.half_edge) @ axes
-
-
-def ends_of(scene: ico.Scene) -> np.ndarray:
-    """World positions (c, 2, 3) of the ends of the connectors [m]."""
-    axes = cosines_from_quaternions(scene.orientation)[scene.connectors.bodies]
-    points = scene.connectors.points_body
-    return scene.position[scene.connectors.bodies] + np.einsum('csi,csij->csj', points, axes)
 
 
 def arrow(axes: Any, start: tuple[float, float], end: tuple[float, float], text: str,
           shift: tuple[float, float]) -> None:
     """Draw a dimension line between two points, with its name beside the middle."""
-    axes.annotate('', start, end, arrowprops={'arrowstyle': '<->', 'color': MARK, 'lw': 1.3})
+    axes.annotate('', start, end, arrowprops={'arrowstyle': '<->', 'color': MARK_COLOR, 'lw': 1.3})
     axes.text((start[0] + end[0]) / 2 + shift[0], (start[1] + end[1]) / 2 + shift[1], text,
-              color=MARK, ha='center', va='center', fontsize=12)
+              color=MARK_COLOR, ha='center', va='center', fontsize=12)
 
 
 def draw_lengths(axes: Any) -> None:
@@ -86,34 +62,36 @@ def draw_lengths(axes: Any) -> None:
     for body in (first, second):
         seen = corners_of(scene, body)[:, [0, 2]] - scene.position[first][[0, 2]]
         outline = seen[ConvexHull(seen).vertices]
-        axes.fill(*outline.T, facecolor=SHELL, edgecolor=EDGE, lw=1.2)
+        axes.fill(*outline.T, facecolor=SHELL_COLOR, edgecolor=EDGE_COLOR, lw=1.2)
         centre = offset[body][[0, 2]]
-        axes.plot(*centre, '.', color=EDGE)
+        axes.plot(*centre, '.', color=EDGE_COLOR)
     a, b = np.array([0.0, width / 2]), np.array([pitch, pitch - width / 2])
-    axes.plot(*np.stack([a, b]).T, color=CONNECTOR, lw=3.0, solid_capstyle='round')
+    axes.plot(*np.stack([a, b]).T, color=CONNECTOR_COLOR, lw=3.0, solid_capstyle='round')
     length = float(np.hypot(*(b - a)))
     axes.text(a[0] + 0.4 * (b - a)[0], a[1] + 0.4 * (b - a)[1] + 0.003, 'connector, length L',
-              color=CONNECTOR, ha='center', rotation=math.degrees(ANGLE), fontsize=11)
-    axes.plot([a[0], pitch], [a[1], a[1]], ':', color=MARK, lw=1.0)
-    turn = np.linspace(0.0, ANGLE, 20)
+              color=CONNECTOR_COLOR, ha='center', fontsize=11,
+              rotation=math.degrees(CONNECTOR_ANGLE))
+    axes.plot([a[0], pitch], [a[1], a[1]], ':', color=MARK_COLOR, lw=1.0)
+    turn = np.linspace(0.0, CONNECTOR_ANGLE, 20)
     axes.plot(*(a[:, None] + 0.55 * length * np.array([np.cos(turn), np.sin(turn)])),
-              color=MARK, lw=1.3)
-    axes.text(a[0] + 0.72 * length, a[1] + 0.0025, r'angle $\theta$', color=MARK, fontsize=12)
+              color=MARK_COLOR, lw=1.3)
+    axes.text(a[0] + 0.72 * length, a[1] + 0.0025, r'angle $\theta$', color=MARK_COLOR,
+              fontsize=12)
     low = -0.66 * width
     arrow(axes, (0.0, low), (pitch, low), 'W = L cos(angle), the pitch', (0.0, -0.004))
     side = -0.72 * width
     arrow(axes, (side, -width / 2), (side, width / 2), 'w', (-0.004, 0.0))
     right = pitch + 0.72 * width
     arrow(axes, (right, 0.0), (right, pitch), 'W', (0.004, 0.0))
-    axes.plot([0.0, right], [0.0, 0.0], ':', color=MARK, lw=1.0)
-    axes.plot([pitch, right], [pitch, pitch], ':', color=MARK, lw=1.0)
+    axes.plot([0.0, right], [0.0, 0.0], ':', color=MARK_COLOR, lw=1.0)
+    axes.plot([pitch, right], [pitch, pitch], ':', color=MARK_COLOR, lw=1.0)
     for name, edge, centre, shift in (
             ('up', UP, np.zeros(2), -0.012), ('down', DOWN, np.array([pitch, pitch]), 0.014)):
         ends = vertices(scene.shell.half_edge)[NAMED_EDGE_VERTICES[edge]][:, [0, 2]]
         middle = centre + ends.mean(axis=0)
-        axes.plot(*middle, 'o', color=CONNECTOR, ms=7)
+        axes.plot(*middle, 'o', color=CONNECTOR_COLOR, ms=7)
         axes.text(middle[0] + shift, middle[1] - math.copysign(0.003, shift), f'edge {name}',
-                  color=CONNECTOR, ha='center', va='center', fontsize=11)
+                  color=CONNECTOR_COLOR, ha='center', va='center', fontsize=11)
     axes.text(0.0, -0.3 * width, 'w = 2 x 1.618 a, edge 2a', ha='center', fontsize=10)
     axes.set_xlim(-0.95 * width, right + 0.4 * width)
     axes.set_ylim(low - 0.25 * width, pitch + 0.6 * width)
@@ -130,19 +108,19 @@ def draw_variant(axes: Any, variant: int) -> None:
     grid = np.rint(places - places.min(axis=0)).astype(int)
     for i in range(5):
         for j in range(4):
-            axes.plot(i, j, 's', color=GAP, ms=4)
+            axes.plot(i, j, 's', color=GAP_COLOR, ms=4)
     for (i, j, k), body in zip(grid.tolist(), range(scene.body_count)):
         if k == 0:
             seen = corners_of(scene, body)[:, :2]
             outline = (seen[ConvexHull(seen).vertices] - scene.position.min(axis=0)[:2]) / pitch
-            axes.fill(*outline.T, facecolor=SHELL, edgecolor=EDGE, lw=1.0)
+            axes.fill(*outline.T, facecolor=SHELL_COLOR, edgecolor=EDGE_COLOR, lw=1.0)
             axes.text(i, j, str(body), ha='center', va='center', fontsize=9)
     ends = ends_of(scene)
     level = grid[scene.connectors.bodies][:, :, 2]
     shown = (level == 0).all(axis=1)
     first = scene.position.min(axis=0)[:2]
     axes.add_collection(LineCollection(
-        (ends[shown][:, :, :2] - first) / pitch, colors=CONNECTOR, lw=1.5, zorder=1))
+        (ends[shown][:, :, :2] - first) / pitch, colors=CONNECTOR_COLOR, lw=1.5, zorder=1))
     turned = '' if variant < 2 else ', shells turned by 90 degrees'
     corner = 'shell' if variant % 2 == 0 else 'gap'
     axes.set_title(f'variant {variant}: {corner} in the corner{turned}', fontsize=9)
@@ -150,37 +128,6 @@ def draw_variant(axes: Any, variant: int) -> None:
     axes.set_ylim(-0.7, 3.7)
     axes.set_aspect('equal')
     axes.set_axis_off()
-
-
-def draw_fabric(axes: Any, scene: ico.Scene, title: str) -> None:
-    """Draw shells and connectors in parallel projection, the far ones first."""
-    azimuth, elevation = math.radians(-68.0), math.radians(14.0)
-    toward = np.array([math.cos(elevation) * math.cos(azimuth),
-                       math.cos(elevation) * math.sin(azimuth), math.sin(elevation)])
-    right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    plane = np.stack([right, np.cross(toward, right)])
-    light = np.array([0.2, -0.5, 0.84])
-    things: list[tuple[float, Any]] = []
-    for pair in ends_of(scene):
-        things.append((float(pair.mean(axis=0) @ toward), LineCollection(
-            [pair @ plane.T], colors=CONNECTOR, lw=1.2)))
-    for body in range(scene.body_count):
-        corners = corners_of(scene, body)
-        faces = corners[FACES]
-        normals = faces.mean(axis=1) - scene.position[body]
-        normals /= np.linalg.norm(normals, axis=1)[:, None]
-        front = normals @ toward > 0.0
-        shade = 0.62 + 0.36 * np.clip(normals[front] @ light, 0.0, 1.0)
-        colors = shade[:, None] * np.array([0.95, 0.90, 0.78])
-        things.append((float(scene.position[body] @ toward), PolyCollection(
-            faces[front] @ plane.T, facecolors=colors, edgecolors=EDGE, lw=0.4)))
-    for order, (_, thing) in enumerate(sorted(things, key=lambda each: each[0])):
-        thing.set_zorder(order)
-        axes.add_collection(thing)
-    axes.autoscale_view()
-    axes.set_aspect('equal')
-    axes.set_axis_off()
-    axes.set_title(title, fontsize=11)
 
 
 def draw(folder: Path) -> list[Path]:
@@ -193,7 +140,9 @@ def draw(folder: Path) -> list[Path]:
     variants.subplots_adjust(0.02, 0.02, 0.98, 0.94, 0.06, 0.12)
     weaves = new_figure(8.6, 4.4)
     for place, kind in enumerate(('orthogonal', 'bias')):
-        draw_fabric(weaves.add_subplot(1, 2, place + 1), woven(kind=kind, size=[4, 3, 4]), kind)
+        draw_fabric(
+            weaves.add_subplot(1, 2, place + 1), woven(kind=kind, size=[4, 3, 4]),
+            Camera(-68.0, 14.0), kind)
     weaves.subplots_adjust(0.02, 0.02, 0.98, 0.92, 0.04, 0.1)
     paths = []
     for name, figure in (('lengths', lengths), ('variants', variants), ('weaves', weaves)):

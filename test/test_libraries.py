@@ -38,6 +38,7 @@ VERBS = {
     'animate': ['modes', 'free_slab', '--animate', 'mode.gif'],
     'elasticity': ['elasticity', 'free_slab', '--picture', 'elastic.png'],
     'tables': ['tables', '--figure', 'figure.png'],
+    'document': ['document', '--figure', '2', 'figure.png'],
     'sweep': ['sweep', 'fall.yaml', '--picture', 'sweep.png'],
     'stress': ['stress', '--map', '--picture', 'map.png'],
     'study': ['study', '--quick'],

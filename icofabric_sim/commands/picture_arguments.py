@@ -17,15 +17,18 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 import math
+from pathlib import Path
 import re
 from typing import TYPE_CHECKING
 
-from icofabric_sim.terminal import InputError
+from icofabric_sim.libraries import require_library
+from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
     from icofabric_sim.pictures.camera import View
 
 _SMALLEST, _LARGEST = 320, 16000  # pixels
+_FIGURE_SUFFIXES = ('.png', '.svg')
 COLORS = ('strain', 'force', 'speed', 'contact')
 
 
@@ -64,6 +67,17 @@ def chosen_bodies_errors() -> Iterator[None]:
         yield
     except ParameterError as error:
         raise InputError(f'--{error}') from error
+
+
+def figure_path(option: str, text: str) -> Path:
+    """Return where a plot goes; refuse a place that cannot be written, or another format."""
+    path = Path(text).expanduser()
+    if path.suffix.lower() not in _FIGURE_SUFFIXES:
+        raise InputError(
+            f'{option} {text}: give a file that ends in {" or ".join(_FIGURE_SUFFIXES)}')
+    require_place(option, path)
+    require_library('matplotlib', 'a picture')
+    return path
 
 
 def picture_size(text: str) -> tuple[int, int]:

@@ -20,7 +20,6 @@ functions and tables that weaves are built from.
 """
 
 import math
-from pathlib import Path
 from typing import Any
 
 from icofabric_sim.geometry.icosahedron import (
@@ -32,7 +31,6 @@ from icofabric_sim.geometry.icosahedron import (
     NAMED_EDGES,
     vertices,
 )
-from icofabric_sim.libraries import require_library
 from icofabric_sim.scene.weave_geometry import geometry_from_angle, LIMIT_ANGLE, MINIMUM_ANGLE
 from icofabric_sim.scene.weave_tables import TABLE_5
 import numpy as np
@@ -55,23 +53,16 @@ _VIEW = np.array([
 _LABEL_ENDS, _LABEL_REACH = (0, 1, 1, 0, 0, 1), 1.36
 
 
-def draw_figure_5(path: Path) -> None:
-    """Draw to a PNG or SVG file, as its name ends; no display needed."""
-    require_library('matplotlib', 'a picture')
-    from matplotlib import rc_context
+def length_figure(title: str) -> Any:
+    """Return Figure 5 beside a diagram of the edges, a figure of matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    # Text stays text, and the same figure gives the same file.
-    is_svg = path.suffix.lower() == '.svg'
-    with rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'icofabric_sim'}):
-        figure = Figure(figsize=(13.0, 6.2), dpi=100, facecolor='white')
-        FigureCanvasAgg(figure)
-        _draw_lengths(figure.add_subplot(1, 2, 1))
-        _draw_edges(figure.add_axes((0.5, 0.02, 0.48, 0.87), projection='3d'))
-        figure.savefig(
-            path, format='svg' if is_svg else 'png',
-            metadata={'Date': None, 'Creator': None} if is_svg else {'Software': None})
+    figure = Figure(figsize=(13.0, 6.2), dpi=100, facecolor='white')
+    FigureCanvasAgg(figure)
+    _draw_lengths(figure.add_subplot(1, 2, 1), title)
+    _draw_edges(figure.add_axes((0.5, 0.02, 0.48, 0.87), projection='3d'))
+    return figure
 
 
 def length_curve() -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +87,7 @@ def connector_stubs(half_edge: float, angle: float) -> np.ndarray:
         for edge, direction in TABLE_5])
 
 
-def _draw_lengths(axes: Any) -> None:
+def _draw_lengths(axes: Any, title: str) -> None:
     angles, lengths = length_curve()
     axes.plot(np.degrees(angles), lengths, color=_CURVE_COLOR, linewidth=2.0)
     for angle, color, dashes, label in (
@@ -118,7 +109,7 @@ def _draw_lengths(axes: Any) -> None:
     axes.set_ylim(0.0, _LONGEST)
     axes.set_xlabel(r'connector angle $\theta$ [degrees]')
     axes.set_ylabel('connector length L / w')
-    axes.set_title('Figure 5: connector length over connector angle')
+    axes.set_title(title)
     axes.grid(alpha=0.3)
 
 

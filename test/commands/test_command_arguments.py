@@ -20,7 +20,7 @@ import pytest
 SCENE_VERBS = ('run', 'statics', 'modes', 'elasticity', 'info')
 BAG_VERBS = ('verify', 'info', 'render', 'recover')
 # Verbs that need nothing beside their name.
-WITHOUT_WORDS = ('benchmark', 'stress', 'study', 'tables', 'warm')
+WITHOUT_WORDS = ('benchmark', 'document', 'stress', 'study', 'tables', 'warm')
 NO_SCENES = ('nothing', '', 'folder', 'mixed.yaml', 'garbage.yaml', 'unknown.yaml', 'x\ny')
 NO_BAGS = ('nothing', '', 'folder', 'garbage.yaml')
 OVERRIDES = (
@@ -72,6 +72,12 @@ CASES = [
     *(('tables', number) for number in ('0', '11', '-1', '1.5', 'x', '')),
     ('tables', '--size', '0', '1', '1'), ('tables', '--size', '3', '3'),
     *(('tables', f'--figure={file}') for file in ('', 'a.gif', 'small.yaml/a.png')),
+    *(('document', part) for part in ('0', '11', 'x', '')),
+    *(('document', 'appendix', f'{option}={value}')
+      for option in ('--edge', '--thickness', '--density') for value in (*NUMBERS, '0')),
+    *(('document', '--figure', name, file) for name, file in (
+        ('9', 'a.png'), ('2', 'a.gif'), ('2', 'small.yaml/a.png'))),
+    ('document', '--figures=small.yaml'),
 ]
 
 

@@ -22,12 +22,8 @@ import re
 
 from icofabric_sim.commands.main import main
 from icofabric_sim.geometry.icosahedron import midradius, NAMED_EDGES
-from icofabric_sim.pictures.weave_diagram import (
-    connector_stubs,
-    draw_figure_5,
-    length_curve,
-    PAIR_COLORS,
-)
+from icofabric_sim.pictures.document_figures import draw_figure
+from icofabric_sim.pictures.weave_diagram import connector_stubs, length_curve, PAIR_COLORS
 from icofabric_sim.scene.weave_geometry import geometry_from_angle
 from icofabric_sim.scene.weave_index import centre_rule
 import numpy as np
@@ -163,7 +159,7 @@ def test_figure_is_drawn(printed, tmp_path):
     text = (tmp_path / 'new' / 'a.svg').read_text('utf-8')
     assert all(f'{name} (' in text for name in NAMED_EDGES) and 'Figure 5' in text
     assert all(color in text for color in PAIR_COLORS)
-    draw_figure_5(tmp_path / 'b.svg')
+    draw_figure('5', tmp_path / 'b.svg')
     assert (tmp_path / 'b.svg').read_text('utf-8') == text
     with_table = json.loads(printed(5, '--json', '--figure', tmp_path / 'a.png'))
     assert [table['number'] for table in with_table['tables']] == [5]

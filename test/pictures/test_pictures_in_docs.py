@@ -20,6 +20,7 @@ import shlex
 
 from icofabric_sim.geometry.icosahedron import NAMED_EDGE_DIRECTIONS, NAMED_EDGES
 from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.pictures.document_figures import draw_figure
 from icofabric_sim.pictures.fabric_polygons import FREE_COLOR
 from icofabric_sim.pictures.measures import QUANTITIES, Scale
 from icofabric_sim.scene.weave_tables import TABLE_5
@@ -147,9 +148,7 @@ def test_the_figures_of_the_concepts_are_what_their_command_draws(tmp_path: Path
         assert drawn.shape == kept.shape and (np.abs(drawn - kept) > 0.1).mean() < 0.02
 
 
-def test_the_figures_of_the_weave_are_what_their_command_draws(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / 'docs')
+def test_the_figures_of_the_weave_are_what_their_command_draws(tmp_path: Path) -> None:
     draw = runpy.run_path(str(ROOT / 'docs' / 'draw_weave.py'))['draw']
     text = (ROOT / 'docs' / 'weave.md').read_text('utf-8')
     paths = draw(tmp_path)
@@ -160,6 +159,17 @@ def test_the_figures_of_the_weave_are_what_their_command_draws(
         assert kept.stat().st_size < LARGEST
         drawn, kept = imread(path)[:, :, :3], imread(kept)[:, :, :3]
         assert drawn.shape == kept.shape and (np.abs(drawn - kept) > 0.1).mean() < 0.02
+
+
+@pytest.mark.parametrize('name', ['2', '3a', '3b', '5'])
+def test_the_figures_of_the_document_are_what_the_verb_draws(name: str, tmp_path: Path) -> None:
+    pages = [(ROOT / 'docs' / f'{page}.md').read_text('utf-8') for page in ('document', 'weave')]
+    assert any(f'](figure_{name}.png)' in text for text in pages)
+    draw_figure(name, tmp_path / 'drawn.png')
+    kept = ROOT / 'docs' / f'figure_{name}.png'
+    assert kept.stat().st_size < LARGEST
+    drawn, shown = imread(tmp_path / 'drawn.png')[:, :, :3], imread(kept)[:, :, :3]
+    assert drawn.shape == shown.shape and (np.abs(drawn - shown) > 0.1).mean() < 0.02
 
 
 def test_the_twelve_ends_of_the_weave_are_those_of_table_5() -> None:
