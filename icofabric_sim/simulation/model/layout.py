@@ -432,8 +432,9 @@ def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
         bound = np.where(inside == 1, length[np.minimum(below, len(length) - 1)], np.inf)
         bins.append(np.column_stack([np.where(single, bound, -1.0), row_count + below]))
         row_count, bin_count = row_count + len(table.rows), bin_count + len(own)
-    rows = np.zeros((row_count, ROW_SIZE))
-    rows[:, :7] = np.vstack([table.rows for table in tables.tables])
+    # Lanes without a connector read one row more beyond the last table.
+    rows = np.zeros((row_count + 1, ROW_SIZE))
+    rows[:-1, :7] = np.vstack([table.rows for table in tables.tables])
     number = aligned_empty((LINK_COUNT, layout.slot_count))
     number[:] = -1.0
     return LawTables(
