@@ -368,17 +368,21 @@ def table(t):
             'strains': array([0.01, 0.02], (np.float32(0.01),), any_length=True, bad=[
                 [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
             'axis': integer(0, np.int64(0), bad=[-1, 3]),
+            'along': array([1.0, 0.0, 0.0], (2, 1, -1), None, optional=True, bad=[
+                [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0]]),
             'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
         'measure_growth': (ico.measure_growth, {
             'scene': scene, 'duration': positive(1e-4), 'progress': function(lambda time: None)}),
         'measure_cycles': (ico.measure_cycles, {
-            'scene': scene, 'kind': text('pull', 'shear', bad=['', 'pulls']),
+            'scene': scene, 'kind': text('pull', 'push', bad=['', 'pulls']),
             'amounts': array([0.01, 0.02], (np.float32(0.01),), any_length=True, bad=[
                 [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),
             'count': integer(1, np.int64(2), bad=[0, -1]),
             'axis': integer(0, np.int64(0), bad=[-1, 3]),
             'about': integer(None, bad=[-1, 1, 3], optional=True),
+            'along': array([1.0, 0.0, 0.0], (2, 1, -1), None, optional=True, bad=[
+                [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0]]),
             'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
         'measure_turning': (ico.measure_turning, {

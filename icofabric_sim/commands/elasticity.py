@@ -17,7 +17,7 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.commands import elastic_directions
-from icofabric_sim.commands.load_cases import LoadCases, STRAINED, TURNED
+from icofabric_sim.commands.load_cases import DIRECTED, LoadCases, STRAINED, TURNED
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.commands.rest_outputs import (
     add_output_arguments,
@@ -64,12 +64,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--about', choices=('x', 'y', 'z'),
         help='axis that a bend turns about, across --axis (default: the next one, y for x)')
     parser.add_argument(
+        '--along', nargs=3, type=float, metavar=('X', 'Y', 'Z'),
+        help='direction in which the moved end of a shear, an oblique pull or push is displaced, '
+             'against it for a push (default: --axis; for a shear the next axis, y for x)')
+    parser.add_argument(
         '--cycles', type=int, default=0, metavar='N',
         help='load and unload N times, and say what energy is lost (%(default)d: no way back)')
     parser.add_argument(
         '--kinds', nargs='*', choices=(*STRAINED, *TURNED), default=_BY_ITSELF, metavar='KIND',
-        help='curves of the slab: pull, push, shear, hydrostatic, bend, twist (default: pull '
-             'push shear; none: constants only)')
+        help='curves of the slab: pull, push, shear, hydrostatic (all faces inwards), inflation '
+             '(outwards), bend, twist (default: pull push shear; none: constants only)')
     parser.add_argument(
         '--direction', nargs=3, type=float, action='append', default=[],
         metavar=('X', 'Y', 'Z'),
@@ -109,6 +113,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     axis = 'xyz'.index(arguments.axis)
     about = None if arguments.about is None else 'xyz'.index(arguments.about)
     from icofabric_sim.scene.scene import Scene
+    from icofabric_sim.statics.held_motion import check_along
     from icofabric_sim.statics.periodic import homogenise
     from icofabric_sim.statics.turning import check_about
     import numpy as np
@@ -116,6 +121,9 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     with bad_input():
         scene = Scene.from_parameters(parameters)
         check_about('bend', axis, about)
+        directed = [kind for kind in arguments.kinds if kind in DIRECTED]
+        for kind in directed or arguments.kinds:
+            check_along(kind, axis, arguments.along)
         # Curves of the slab need no endless fabric.
         why = _without_constants(scene) if arguments.kinds else ''
         alone = bool(why)
@@ -132,7 +140,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     parts = np.arange(1, arguments.points + 1) / arguments.points
     cases = LoadCases(
         arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
-        axis, about, arguments.cycles)
+        axis, about, arguments.cycles, arguments.along)
     try:
         cases.search(scene)
     finally:

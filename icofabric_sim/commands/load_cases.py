@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.stretching import CurvePoint
     from icofabric_sim.statics.turning import TurnPoint
 
-STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic'), ('bend', 'twist')
+STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic', 'inflation'), ('bend', 'twist')
+# Those that `along` is for.
+DIRECTED = ('pull', 'push', 'shear')
 BREAK_COLUMNS = (
     'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_j')
 
@@ -41,6 +43,7 @@ class LoadCases:
     axis: int  # from end to end
     about: int | None  # of a bend
     count: int  # of cycles; 0: there, and not back
+    along: Sequence[float] | None = None  # direction of pull, push and shear; None: that of each
     curves: dict[str, list['CurvePoint']] = field(default_factory=dict)
     turns: dict[str, list['TurnPoint']] = field(default_factory=dict)
     cycles: dict[str, list['Cycle']] = field(default_factory=dict)
@@ -67,7 +70,8 @@ class LoadCases:
         with Progress(len(amounts), 'states') as progress, bad_input():
             if kind in STRAINED:
                 points.extend(curve_points(
-                    scene, kind, amounts, axis=self.axis, progress=progress.update))
+                    scene, kind, amounts, axis=self.axis, along=self._along(kind),
+                    progress=progress.update))
             else:
                 points.extend(turn_points(
                     scene, kind, amounts, axis=self.axis, about=self._about(kind),
@@ -81,7 +85,7 @@ class LoadCases:
         with bad_input():
             run = CycleRun(
                 scene, kind, self._amounts(kind), count=self.count, axis=self.axis,
-                about=self._about(kind))
+                about=self._about(kind), along=self._along(kind))
         try:
             with Progress(len(run.path), 'states') as progress, bad_input():
                 for point in run.points():
@@ -97,14 +101,17 @@ class LoadCases:
     def _about(self, kind: str) -> int | None:
         return self.about if kind == 'bend' else None
 
+    def _along(self, kind: str) -> Sequence[float] | None:
+        return self.along if kind in DIRECTED else None
+
     def text(self, name: str) -> list[str]:
         """Lines for the terminal."""
         lines, letter = [], 'xyz'[self.axis]
         curves, turns = _any(self.curves), _any(self.turns)
         if curves:
             lines.append(
-                f'{name}: its slab, held at both ends along {letter}, sides free (hydrostatic: '
-                'all faces held); strains across are those of its middle third')
+                f'{name}: its slab, held at both ends along {letter}, sides free (hydrostatic, '
+                'inflation: all faces held); strains across are those of its middle third')
             lines += curve_text(curves, self.axis)
         if turns:
             lines.append(

@@ -20,7 +20,7 @@ from icofabric_sim import checks
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
-from icofabric_sim.statics.held_motion import held_motion, STRAINED, TURNED
+from icofabric_sim.statics.held_motion import check_along, held_motion, STRAINED, TURNED
 from icofabric_sim.statics.slab_path import follow, Rest, Step
 from icofabric_sim.statics.stretching import check_strains, curve_point, CurvePoint
 from icofabric_sim.statics.turning import check_about, check_angles, turn_point, TurnPoint
@@ -56,15 +56,15 @@ CYCLE_COLUMNS = ('work_j', 'regained_j', 'lost_j', 'released_j', 'left_j', 'brok
 
 def measure_cycles(
     scene: Scene, kind: str, amounts: Sequence[float], *, count: int = 1, axis: int = 0,
-    about: int | None = None, body_force: BodyForce | Force | None = None,
-    progress: Callable[[int], None] | None = None
+    about: int | None = None, along: Sequence[float] | None = None,
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Results[Cycle]:
     """
     Load a slab through `amounts`, back through the same to 0, and so on `count` times.
 
-    `kind` and `amounts`: strains of a pull, push, shear or hydrostatic pressure as in
-    `measure_curve`, or angles [rad] of a bend or twist as in `measure_turning`. What breaks is
-    gone for all that follows. A `body_force` acts on the slab as it does in `measure_curve`.
+    `kind`, `amounts` and `along`: strains of a pull, push, shear, hydrostatic pressure or
+    inflation as in `measure_curve`, or angles [rad] of a bend or twist as in `measure_turning`.
+    What breaks is gone for all that follows. A `body_force` acts as it does in `measure_curve`.
 
     The work is the sum over the steps of mean force times path, each step from the state after
     the breaks of the last one to that before its own; so the area of a loop without breaks is 0 to
@@ -75,7 +75,8 @@ def measure_cycles(
     if progress is not None:
         checks.function('progress', progress)
     run = CycleRun(
-        scene, kind, amounts, count=count, axis=axis, about=about, body_force=body_force)
+        scene, kind, amounts, count=count, axis=axis, about=about, along=along,
+        body_force=body_force)
     for number, _ in enumerate(run.points()):
         if progress is not None:
             progress(number + 1)
@@ -87,7 +88,8 @@ class CycleRun:
 
     def __init__(
         self, scene: Scene, kind: str, amounts: Sequence[float], *, count: int = 1,
-        axis: int = 0, about: int | None = None, body_force: BodyForce | Force | None = None
+        axis: int = 0, about: int | None = None, along: Sequence[float] | None = None,
+        body_force: BodyForce | Force | None = None
     ) -> None:
         """Judge the arguments of `measure_cycles`."""
         require_scene(scene)
@@ -102,7 +104,8 @@ class CycleRun:
         self._once = [*there, *there[-2::-1], 0.0]
         self._turning = len(there)
         self.path = self._once * checks.count('count', count, 1)
-        self._motion = held_motion(scene, kind, axis, about, body_force)
+        self._motion = held_motion(
+            scene, kind, axis, about, body_force, check_along(kind, axis, along))
         self._rest = Rest(self._motion)
         self._found: list[tuple[Step, CurvePoint | TurnPoint]] = []
 

@@ -19,21 +19,28 @@ which rate they go on from there. What their supports bear times that rate is th
 energy by the amount.
 """
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
+from icofabric_sim import checks
 from icofabric_sim.scene.body_sizes import names_of_sizes
 from icofabric_sim.scene.initial import rotate_by_vector
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 import numpy as np
 
-PULL, PUSH, SHEAR, HYDROSTATIC = 'pull', 'push', 'shear', 'hydrostatic'
+PULL, PUSH, SHEAR = 'pull', 'push', 'shear'
+# All outer faces towards the centre, or away from it.
+HYDROSTATIC, INFLATION = 'hydrostatic', 'inflation'
 BEND, TWIST = 'bend', 'twist'
 # What the amount is: a strain, or an angle [rad].
-STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC), (BEND, TWIST)
+STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC, INFLATION), (BEND, TWIST)
+# Those whose moved end may go along a given direction.
+DIRECTED = (PULL, PUSH, SHEAR)
+# A displacement this close to across an axis, as a part of its length, is across it.
+_ACROSS_RATIO = 1e-9
 _SECTIONS = (
     'groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial', 'masses.')
 # Of a body within the weave.
@@ -93,30 +100,33 @@ class HeldMotion:
 
 def held_motion(
     scene: Scene, kind: str, axis: int, about: int | None = None,
-    body_force: BodyForce | Force | None = None
+    body_force: BodyForce | Force | None = None, along: np.ndarray | None = None
 ) -> HeldMotion:
     """
     The motion of a kind for the slab of a scene, without its loads, supports and drives.
 
     `axis`: from end to end. `about`: the axis across it that a bend turns about, None: the next.
-    `body_force`: what acts on the slab all the same. ValueError where the slab has no two ends.
+    `body_force`: what acts on the slab all the same. `along` (3,), of length 1: where the end of
+    a pull or shear goes, and a push comes from; None: the axis, or for a shear the next one.
+    ValueError where the slab has no two ends.
     """
     own = as_body_force(body_force)
     letter = 'xyz'[axis]
-    base, ends = _held(scene, {'fixed_end': f'{letter}_min', 'moved_end': f'{letter}_max'})
-    along = base.position[:, axis]
-    length = float(along[ends[1]].mean() - along[ends[0]].mean())
+    base, ends = _held(scene, _ends(scene, axis))
+    coordinate = base.position[:, axis]
+    length = float(coordinate[ends[1]].mean() - coordinate[ends[0]].mean())
     if not length > 0.0 or len(set(ends[0]) & set(ends[1])):
         raise ValueError(
             f'the fabric has no two ends along the axis {letter}: weave.size must be at '
             'least 3 there')
     end = ends[1]
     place, unit = base.position[end], np.eye(3)
-    if kind == HYDROSTATIC:
+    if kind in (HYDROSTATIC, INFLATION):
         base, moved = _within_faces(scene)
+        sign = 1.0 if kind == INFLATION else -1.0
         return HeldMotion(
-            base, axis, length, end, moved, lambda amount: _squeezed(base.position[moved], amount),
-            own)
+            base, axis, length, end, moved,
+            lambda amount: _scaled(base.position[moved], sign, amount), own)
     if kind == BEND:
         turn = unit[(axis + 1) % 3 if about is None else about]
 
@@ -126,8 +136,9 @@ def held_motion(
         def at(amount: float) -> Placement:
             return _turned(place, np.zeros(3), np.zeros(3), unit[axis], amount)
     else:
-        shift = length * unit[(axis + 1) % 3 if kind == SHEAR else axis]
-        shift = -shift if kind == PUSH else shift
+        if along is None:
+            along = unit[(axis + 1) % 3 if kind == SHEAR else axis]
+        shift = -length * along if kind == PUSH else length * along
 
         def at(amount: float) -> Placement:
             rate = np.zeros((len(place), 6))
@@ -136,11 +147,65 @@ def held_motion(
     return HeldMotion(base, axis, length, end, end, at, own)
 
 
-def _squeezed(place: np.ndarray, amount: float) -> Placement:
-    """All bodies nearer to their centre by a part of their distance from it."""
+def check_along(kind: str, axis: int, along: Sequence[float] | None) -> np.ndarray | None:
+    """
+    Check the direction of a displacement.
+
+    Parameters
+    ----------
+    kind : str
+        Load case.
+    axis : int
+        From end to end: 0, 1 or 2.
+    along : sequence of three floats or None
+        Direction, world frame, of any length; None: that of the load case.
+
+    Returns
+    -------
+    ndarray or None
+        The same (3,) of length 1.
+
+    Raises
+    ------
+    ValueError
+        Of a load case without such a direction, of a shear that is not across the axis, or of a
+        pull or push that does not part or approach the ends.
+    """
+    if along is None:
+        return None
+    letter = 'xyz'[axis]
+    if kind not in DIRECTED:
+        raise ValueError(f'along is of {", ".join(DIRECTED)} alone: leave it out for a {kind}')
+    given = checks.array('along', along, (3,))
+    size = float(np.abs(given).max())
+    if not size > 0.0:
+        raise ValueError('along must be a direction, got 0 0 0')
+    unit = given / size
+    unit = unit / np.linalg.norm(unit)
+    if kind == SHEAR and abs(unit[axis]) > _ACROSS_RATIO:
+        raise ValueError(
+            f'along {checks.shown(given.tolist())} of a shear must be across the axis {letter}: '
+            'an oblique displacement is that of a pull or push')
+    if kind != SHEAR and not unit[axis] > _ACROSS_RATIO:
+        raise ValueError(
+            f'along {checks.shown(given.tolist())} of a {kind} must lead from the fixed end to '
+            f'the moved one, with a part along {letter} above 0; across it is a shear')
+    return np.asarray(unit)
+
+
+def _ends(scene: Scene, axis: int) -> dict[str, str]:
+    """Selectors of the fixed end and the moved one: of a radial weave its first and last row."""
+    if scene.weave.kind != 'radial':
+        return {'fixed_end': f'{"xyz"[axis]}_min', 'moved_end': f'{"xyz"[axis]}_max'}
+    word, place = ('row', 'column', 'level')[axis], scene.weave.grid[:, axis]
+    return {'fixed_end': f'{word} {place.min()}', 'moved_end': f'{word} {place.max()}'}
+
+
+def _scaled(place: np.ndarray, sign: float, amount: float) -> Placement:
+    """All bodies farther from their centre, or nearer (-1), by a part of their distance."""
     arm = place - 0.5 * (place.min(axis=0) + place.max(axis=0))
     return Placement(
-        place - amount * arm, np.zeros(3), np.hstack([-arm, np.zeros_like(arm)]))
+        place + sign * amount * arm, np.zeros(3), np.hstack([sign * arm, np.zeros_like(arm)]))
 
 
 def _bent(

@@ -17,14 +17,17 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from icofabric_sim import checks
+from icofabric_sim.scene.radial import check_radius
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import (
+    check_along,
     held_motion,
     HeldMotion,
     HYDROSTATIC,
+    INFLATION,
     PUSH,
     STRAINED,
 )
@@ -41,7 +44,7 @@ class CurvePoint(NamedTuple):
     # the centre.
     strain: float
     # [Pa] force on the end along its displacement, over the woven cross section; of all faces:
-    # the pressure.
+    # the pressure, or of an inflation the tension.
     stress: float
     energy: float  # [J]
     verdict: str
@@ -87,32 +90,61 @@ CURVE_COLUMNS = (
 
 def measure_curve(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
-    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
+    along: Sequence[float] | None = None, body_force: BodyForce | Force | None = None,
+    progress: Callable[[int], None] | None = None
 ) -> Results[CurvePoint]:
     """
     Equilibria of a slab whose end is displaced by `strains`, rising from above 0.
 
     The bodies at either end along the world's `axis` are held as they are woven, one end displaced
     along the axis (pull, push) or across it (shear); all others are free. Or all bodies that lack
-    a neighbour are displaced towards the centre (hydrostatic). Loads, supports and drives of the
-    scene are left out; its planes and connector groups count, and so does a steady `body_force`
-    of the user (see `solve_equilibrium`), also before anything moves. Each search begins where the
-    last one ended. Of the connectors beyond their break lengths the one that is farthest beyond
-    breaks for good, and the search goes on, until none is (the quasi-static order of de
-    Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends early where no
-    equilibrium is found.
+    a neighbour are displaced towards the centre (hydrostatic) or away from it (inflation). Loads,
+    supports and drives of the scene are left out; its planes and connector groups count, and so
+    does a steady `body_force` of the user (see `solve_equilibrium`), also before anything moves.
+    Each search begins where the last one ended. Of the connectors beyond their break lengths the
+    one that is farthest beyond breaks for good, and the search goes on, until none is (the
+    quasi-static order of de Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends
+    early where no equilibrium is found.
 
+    Parameters
+    ----------
+    scene : Scene
+        The slab, flat or radial. Ends of a radial weave are its first and last row, column or
+        level.
+    kind : str
+        'pull', 'push', 'shear', 'hydrostatic' or 'inflation'.
+    strains : sequence of float
+        Displacements over the length between the ends, or over the distance from the centre.
+    axis : int
+        World axis from end to end.
+    along : sequence of three floats, optional
+        Direction of the displacement, world frame: of a shear any one across the axis (default:
+        the next axis; an opposite one is the other sign), of a pull any one with a part along
+        the axis above 0 (an oblique pull), of a push the same, displaced against it.
+    body_force : BodyForce or function, optional
+        Steady forces that act on the bodies.
+    progress : function, optional
+        Called with the number of states found.
+
+    Returns
+    -------
+    Results of CurvePoint
+        One for each strain.
+
+    Notes
+    -----
     Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
     angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
     across is in `middle_strain`.
     """
     return Results(CURVE_COLUMNS, curve_points(
-        scene, kind, strains, axis=axis, body_force=body_force, progress=progress))
+        scene, kind, strains, axis=axis, along=along, body_force=body_force, progress=progress))
 
 
 def curve_points(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
-    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
+    along: Sequence[float] | None = None, body_force: BodyForce | Force | None = None,
+    progress: Callable[[int], None] | None = None
 ) -> Iterator[CurvePoint]:
     """The same, each as soon as it is found."""
     require_scene(scene)
@@ -121,7 +153,8 @@ def curve_points(
     axis = checks.count('axis', axis, 0, 2)
     if progress is not None:
         checks.function('progress', progress)
-    motion = held_motion(scene, kind, axis, body_force=body_force)
+    motion = held_motion(
+        scene, kind, axis, body_force=body_force, along=check_along(kind, axis, along))
     rest = Rest(motion)
     for number, step in enumerate(follow(motion, steps, rest)):
         yield curve_point(motion, kind, rest, step)
@@ -158,22 +191,39 @@ def strained_volume(motion: HeldMotion, kind: str, strain: float) -> float:
     Derivative of the energy by the strain [J] over the stress [Pa]: a volume [m^3].
 
     Of the woven slab between its ends. Of all faces: three times that of the connectors of the
-    slab, of which six fill the place of a body in the endless fabric, as far as it is compressed:
-    the work of a pressure. So the bulk modulus at small strains is that of the endless fabric,
-    however small the slab.
+    slab, of which six fill the place of a body in the endless fabric, as far as it is compressed
+    or inflated: the work of a pressure. Places of a radial weave widen from level to
+    level. So the bulk modulus at small strains is that of the endless fabric, however small the
+    slab.
     """
     scene = motion.scene
-    if kind == HYDROSTATIC:
-        place = 2.0 * float(scene.geometry.pitch) ** 3
-        return 3.0 * (1.0 - strain) ** 2 * max(scene.connector_count, 1) / 6.0 * place
+    if kind in (HYDROSTATIC, INFLATION):
+        place = _place_volumes(scene)
+        volume = float(place[scene.connectors.bodies].sum()) / 12.0 or float(place[0]) / 6.0
+        return 3.0 * (1.0 + (strain if kind == INFLATION else -strain)) ** 2 * volume
     return motion.length * cross_section(scene, motion.axis)
 
 
 def cross_section(scene: Scene, axis: int) -> float:
     """Woven area [m^2] across an axis: the volume of the bodies over the length that they fill."""
     pitch = float(scene.geometry.pitch)
+    if scene.weave.kind == 'radial':
+        # Across the rows: a plane through the axis of the cylinder.
+        place = np.full(1, 2.0 * pitch**3 * scene.body_count) if axis == 0 else (
+            _place_volumes(scene))
+        return float(place.sum()) / ((float(np.ptp(scene.weave.grid[:, axis])) + 1.0) * pitch)
     length = float(np.ptp(scene.position[:, axis])) + pitch
     return scene.body_count * 2.0 * pitch**3 / length
+
+
+def _place_volumes(scene: Scene) -> np.ndarray:
+    """Volumes [m^3] of the places of bodies, (n,): wider on the outer levels of a radial weave."""
+    pitch = float(scene.geometry.pitch)
+    place = np.full(scene.body_count, 2.0 * pitch**3)
+    if scene.weave.kind == 'radial':
+        radius = check_radius(scene.parameters, scene.geometry)
+        place[:len(scene.weave.grid)] *= 1.0 + scene.weave.grid[:, 2] * pitch / radius
+    return place
 
 
 def _middle_strain(

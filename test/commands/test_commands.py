@@ -850,10 +850,16 @@ def test_elasticity_bends_twists_and_presses(
                 '--points', '1', '--json')
     assert arch.status == 0, arch.err
     assert json.loads(arch.out)['curves']['pull'][0]['stress'] > 10.0
+    aside = call('elasticity', 'stiff_cantilever', *size, '--kinds', 'shear', 'inflation',
+                 '--along', '0', '0', '-1', '--points', '1', '--json')
+    assert aside.status == 0, aside.err
+    curves = json.loads(aside.out)['curves']
+    assert curves['shear'][0]['end_force'][2] < 0.0 < curves['inflation'][0]['stress']
     none = call('elasticity', 'stiff_cantilever', *size, *groups, '--kinds')
     assert none.status == 2 and 'connector_groups' in none.err
     for words, said in (
             (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
+            (('--along', '1', '0', '0'), 'along is of pull, push, shear alone'),
             (('--angle', 'nan'), '--angle')):
         bad = call('elasticity', 'stiff_cantilever', *size, '--kinds', 'bend', *words)
         assert bad.status == 2 and said in bad.err

@@ -15,6 +15,7 @@
 
 from fabrics import make_scene
 import icofabric_sim as ico
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.stretching import cross_section
 import numpy as np
@@ -181,7 +182,8 @@ def test_energy_under_pressure_is_that_of_connectors_between_scaled_places():
     assert energy > 0.0 and point.energy == pytest.approx(energy, rel=1e-9)
 
 
-@pytest.mark.parametrize('kind', ['pull', 'shear', 'hydrostatic', 'bend', 'twist'])
+@pytest.mark.parametrize(
+    'kind', ['pull', 'shear', 'hydrostatic', 'inflation', 'bend', 'twist'])
 def test_connectors_of_their_own_count_in_curves(kind):
     """A group of all of them is the plain fabric; one of a part lies between the two."""
     def measure(**sections):
@@ -208,10 +210,112 @@ def test_connectors_of_their_own_count_in_curves(kind):
 
 @pytest.mark.parametrize('arguments, word', [
     (('pull', []), 'strains'), (('pull', [0.2, 0.1]), 'strains'), (('twist', [0.1]), 'kind'),
-    (('hydrostatic', [0.5, 1.0]), 'hydrostatic'),
+    (('hydrostatic', [0.5, 1.0]), 'hydrostatic'), (('inflation', [-0.1]), 'strains'),
     (('push', [0.5, 1.0]), 'push'), (('pull', [-0.1]), 'strains')])
 def test_arguments_are_judged(arguments, word):
     with pytest.raises(ValueError, match=word):
         ico.measure_curve(slab((5, 3, 3)), *arguments)
     with pytest.raises(ValueError, match='no two ends'):
         ico.measure_curve(slab((2, 2, 1)), 'pull', [0.1], axis=2)
+
+
+KINKED = {'stiffness_extension': 900.0, 'stiffness_compression': 300.0}
+
+
+def springs(scene, position):
+    """Energy [J] and forces (n, 3) [N] of connectors between bodies that have not turned."""
+    first, second = scene.connectors.bodies.T
+    axes = cosines_from_quaternions(scene.orientation)
+    arms = np.einsum('cei,ceij->cej', scene.connectors.points_body, axes[scene.connectors.bodies])
+    gap = position[second] - position[first] + arms[:, 1] - arms[:, 0]
+    length = np.linalg.norm(gap, axis=1)
+    stretch = length - scene.connectors.natural_length
+    slope = np.where(stretch > 0.0, KINKED['stiffness_extension'],
+                     KINKED['stiffness_compression'])
+    force = np.zeros((scene.body_count, 3))
+    pull = (slope * stretch / length)[:, None] * gap
+    np.add.at(force, first, pull)
+    np.add.at(force, second, -pull)
+    return float((0.5 * slope * stretch**2).sum()), force
+
+
+@pytest.mark.parametrize('kind', ['orthogonal', 'radial'])
+@pytest.mark.parametrize('load, along, direction', [
+    ('pull', None, [1.0, 0.0, 0.0]), ('pull', [2.0, 1.0, -2.0], [2 / 3, 1 / 3, -2 / 3]),
+    ('push', None, [-1.0, 0.0, 0.0]), ('push', [2.0, 1.0, -2.0], [-2 / 3, -1 / 3, 2 / 3]),
+    ('shear', None, [0.0, 1.0, 0.0]), ('shear', [0.0, -1.0, 0.0], [0.0, -1.0, 0.0]),
+    ('shear', [0.0, 0.0, 7.0], [0.0, 0.0, 1.0]), ('shear', [0, -3, 4], [0.0, -0.6, 0.8])])
+def test_an_end_moves_along_any_direction(kind, load, along, direction):
+    """Two rows, all of whose bodies are held: the answer is a sum of springs."""
+    scene = make_scene(
+        (2, 4, 3), weave={'size': [2, 4, 3], 'connector_angle': 0.3, 'kind': kind},
+        connector=KINKED, contact={'mode': 'never'})
+    [point] = ico.measure_curve(scene, load, [0.05], along=along)
+    moved = scene.weave.grid[:, 0] == 1
+    places = [scene.position[chosen].mean(axis=0) for chosen in (~moved, moved)]
+    shift = 0.05 * (places[1] - places[0])[0] * np.array(direction)
+    energy, force = springs(scene, scene.position + moved[:, None] * shift)
+    assert energy > 1e-4 and point.energy == pytest.approx(energy, rel=1e-10)
+    assert point.end_force == pytest.approx(-force[moved].sum(axis=0), rel=1e-9, abs=1e-9)
+    # Half of the places of a grid of pitch W are those of bodies.
+    area = 4.0 * 3.0 * scene.geometry.pitch**2
+    assert scene.body_count == 12
+    assert point.stress * area == pytest.approx(-force[moved].sum(axis=0) @ direction, rel=1e-9)
+
+
+@pytest.mark.parametrize('kind', ['orthogonal', 'radial'])
+@pytest.mark.parametrize('load, sign', [('hydrostatic', -1.0), ('inflation', 1.0)])
+def test_faces_move_inwards_and_outwards(kind, load, sign):
+    """All bodies lack a neighbour, so places are given: k_c bears the one and k_e the other."""
+    scene = make_scene(
+        (3, 3, 2), weave={'size': [3, 3, 2], 'connector_angle': 0.3, 'kind': kind},
+        connector=KINKED, contact={'mode': 'never'})
+    strain, step = 0.03, 1e-5
+    [point] = ico.measure_curve(scene, load, [strain])
+    centre = 0.5 * (scene.position.min(axis=0) + scene.position.max(axis=0))
+
+    def energy(amount):
+        return springs(scene, centre + (1.0 + sign * amount) * (scene.position - centre))[0]
+
+    assert point.energy == pytest.approx(energy(strain), rel=1e-10) and point.energy > 1e-4
+    slope = (energy(strain + step) - energy(strain - step)) / (2.0 * step)
+    # Places of a cylinder's level k are wider by its radius over that of the lowest one.
+    level, pitch = scene.weave.grid[:, 2], scene.geometry.pitch
+    wider = np.zeros(scene.body_count) if kind == 'orthogonal' else level / (4.0 / np.pi)
+    volume = (2.0 * pitch**3 * (1.0 + wider))[scene.connectors.bodies].sum() / 12.0
+    assert point.stress == pytest.approx(
+        slope / (3.0 * (1.0 + sign * strain)**2 * volume), rel=1e-7)
+
+
+def test_inflation_meets_the_stiffness_of_extension_and_pressure_that_of_compression():
+    """Within larger slabs too, where bodies are free: k_e and k_c over those of one law."""
+    [plain] = ico.measure_curve(slab((5, 4, 4)), 'inflation', [1e-4])
+    both = [ico.measure_curve(slab((5, 4, 4), connector=KINKED), kind, [1e-4])[0].stress
+            for kind in ('inflation', 'hydrostatic')]
+    # Stiffness 500 N/m; stresses of either sign differ in second order of the strain.
+    assert both == pytest.approx([9 / 5 * plain.stress, 3 / 5 * plain.stress], rel=1e-3)
+
+
+def test_slabs_shear_differently_along_y_and_z():
+    scene = slab((5, 3, 3), **STIFF)
+    y, z, back, aslant = (
+        ico.measure_curve(scene, 'shear', [1e-4], along=along)[0] for along in (
+            [0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 1, 1]))
+    assert abs(y.stress / z.stress - 1.0) > 0.05 and min(y.stress, z.stress) > 0.0
+    # The slab is its own image through the body in its middle.
+    assert back.stress == pytest.approx(y.stress, rel=1e-6)
+    # At small strains the energy is quadratic in the direction, and y and z are its axes.
+    assert aslant.energy == pytest.approx(0.5 * (y.energy + z.energy), rel=1e-3)
+    assert ico.measure_curve(scene, 'shear', [1e-4])[0].stress == y.stress
+    assert ico.measure_cycles(scene, 'shear', [1e-4], along=[0, 0, 1])[0].points[0].stress == (
+        pytest.approx(z.stress, rel=1e-9))
+
+
+@pytest.mark.parametrize('kind, along, word', [
+    ('hydrostatic', [1, 0, 0], 'leave it out for a hydrostatic'), ('inflation', [1, 0, 0], 'of'),
+    ('pull', [0, 0, 0], 'must be a direction'), ('pull', [0, 1, 0], 'with a part along x'),
+    ('push', [-1, 1, 0], 'with a part along x'), ('shear', [0.1, 1, 0], 'across the axis x'),
+    ('shear', [0, 1], 'along'), ('pull', [np.nan, 0, 0], 'along')])
+def test_directions_are_judged(kind, along, word):
+    with pytest.raises(ValueError, match=word):
+        ico.measure_curve(slab((3, 3, 3)), kind, [0.1], along=along)
