@@ -303,6 +303,21 @@ def test_strength_says_what_happens_first():
     assert kept[f'{cycle}.broken'] == kept[f'{name}.broken']
 
 
+def test_curves_are_kept_of_both_signs_and_of_any_shear():
+    scene = ico.Scene.from_parameters({
+        'weave.size': [5, 3, 3], 'weave.connector_angle': 0.3,
+        'connector.bending_stiffness': 0.02, 'connector.stiffness_compression': 200.0})
+    work = make_work('curve', ['curve inflation 0.02 1', 'cycle hydrostatic 0.02 1',
+                               'curve shear 0.02 1 xz', 'strength shear 0.02 1 xy'])
+    kept = {column.name: column.value for column in carry_out(work, scene, Path())}
+    for kind, name, along in (
+            ('inflation', 'inflation.x', None), ('shear', 'shear.xz', [0, 0, 1])):
+        [point] = ico.measure_curve(scene, kind, [0.02], along=along)
+        assert kept[f'curve.{name}.stress.0.02'] == pytest.approx(point.stress, rel=1e-6)
+    assert kept['curve.cycle.hydrostatic.x.work'] > 0.0
+    assert abs(kept['curve.shear.xy.most'] / kept['curve.shear.xz.strongest'] - 1.0) > 0.05
+
+
 # The page.
 
 def test_every_table_of_the_page_is_what_the_verb_wrote():

@@ -157,6 +157,8 @@ def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
     ({'verbs': 'modes', 'keep': 'frequencies 0'}, 'a count from 1 to 1000'),
     ({'verbs': 'curve', 'keep': 'curve pull -1'}, 'curve: STRAIN must be'),
     ({'verbs': 'curve', 'keep': 'curve bend 0.1'}, 'curve: KIND must be one of pull'),
+    ({'verbs': 'curve', 'keep': 'curve pull 0.1 2 xz'}, 'AXIS must be one of x, y, z, got'),
+    ({'verbs': 'curve', 'keep': 'curve shear 0.1 2 xx'}, 'AXIS must be one of x, y, z, xy, xz'),
     ({'verbs': 'curve', 'keep': 'curve pull 0.1 0'}, 'POINTS must be an integer'),
     ({'verbs': 'curve', 'keep': 'strength bend 0.1'}, 'strength: KIND must be one of pull'),
     ({'verbs': 'curve', 'keep': 'cycle push 1.5'}, 'cycle: STRAIN must be'),

@@ -32,7 +32,7 @@ from typing import Final, NamedTuple
 from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.statics.held_motion import held_motion
+from icofabric_sim.statics.held_motion import check_along, held_motion
 from icofabric_sim.statics.slab_path import follow
 import numpy as np
 from scipy.optimize import linprog, minimize
@@ -94,11 +94,12 @@ def require_plain(scene: Scene) -> None:
 
 
 def compare_energies(
-    scene: Scene, kind: str, strains: Sequence[float], axis: int
+    scene: Scene, kind: str, strains: Sequence[float], axis: int,
+    along: Sequence[float] | None = None
 ) -> list[Compared]:
     """Energies at rest for strains of a slab between two held ends, by both codes."""
     require_plain(scene)
-    motion = held_motion(scene, kind, axis)
+    motion = held_motion(scene, kind, axis, along=check_along(kind, axis, along))
     found: list[Compared] = []
     generator = np.random.default_rng(_SEED)
     for step in follow(motion, strains):

@@ -86,7 +86,8 @@ WORDS: Final[dict[str, Word]] = {
         'it; relaxed: as of moduli'),
     'curve': Word(
         (CURVE,), 'curve KIND STRAIN [POINTS [AXIS]]',
-        'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push or shear'),
+        'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push, shear, hydrostatic or '
+        'inflation; AXIS of a shear also with its direction, as xz'),
     'strength': Word(
         (CURVE,), 'strength KIND STRAIN [POINTS [AXIS]]',
         "modulus and Poisson's ratios at small strain; first touch, first fall of the stress "
@@ -396,9 +397,8 @@ def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
         if phrase.word in SLAB_WORDS:
             columns += SLAB_WORDS[phrase.word](phrase, scene)
             continue
-        kind, strains, axis = curve_arguments(phrase)
-        points = measure_curve(scene, kind, strains, axis=axis)
-        name = f'{kind}.{"xyz"[axis]}'
+        kind, strains, axis, along, name = curve_arguments(phrase)
+        points = measure_curve(scene, kind, strains, axis=axis, along=along)
         if not points or points[0].verdict.startswith('not'):
             raise Failed(f'{phrase}: no equilibrium at a strain of {strains[0]:g}')
         whole = [point for point in points if not point.verdict.startswith('not')]

@@ -18,7 +18,10 @@ from typing import NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.checks import shown
 
-_CURVES = ('pull', 'push', 'shear')
+_CURVES = ('pull', 'push', 'shear', 'hydrostatic', 'inflation')
+_AXES = ('x', 'y', 'z')
+# Ends along the first axis, displaced along the second one.
+_SHEARS = ('xy', 'xz', 'yx', 'yz', 'zx', 'zy')
 
 
 class Column(NamedTuple):
@@ -44,21 +47,34 @@ class Failed(Exception):
     """The physics of a run says no; the message is the reason."""
 
 
-def curve_arguments(phrase: Phrase) -> tuple[str, list[float], int]:
-    """Kind, strains and axis of a phrase such as `curve pull 0.1 10 x`."""
-    kind, largest, points, axis = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
+class SlabCurve(NamedTuple):
+    """A load case of a slab."""
+
+    kind: str
+    strains: list[float]
+    axis: int  # from end to end
+    along: list[float] | None  # direction of the displacement; None: that of the load case
+    name: str  # of its columns
+
+
+def curve_arguments(phrase: Phrase) -> SlabCurve:
+    """Load case of a phrase such as `curve pull 0.1 10 x` or `curve shear 0.1 10 xz`."""
+    kind, largest, points, axes = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
     name = f'keep: {phrase.word}'
     checks.choice(f'{name}: KIND', kind, _CURVES)
-    checks.choice(f'{name}: AXIS', axis, ('x', 'y', 'z'))
+    checks.choice(f'{name}: AXIS', axes, (*_AXES, *(_SHEARS if kind == 'shear' else ())))
     try:
         strain = float(largest)
     except ValueError:
         raise ValueError(f'{name}: STRAIN must be a number, got {shown(largest)}') from None
-    # A push leaves nothing at a strain of 1.
+    # A push or pressure leaves nothing at a strain of 1.
     checks.number(
-        f'{name}: STRAIN', strain, above=0.0, below=1.0 if kind == 'push' else 100.0)
+        f'{name}: STRAIN', strain, above=0.0,
+        below=1.0 if kind in ('push', 'hydrostatic') else 100.0)
     if not points.isdecimal() or not 1 <= int(points) <= 1000:
         raise ValueError(
             f'{name}: POINTS must be an integer from 1 to 1000, got {shown(points)}')
     count = int(points)
-    return kind, [strain * number / count for number in range(1, count + 1)], 'xyz'.index(axis)
+    strains = [strain * number / count for number in range(1, count + 1)]
+    along = [float(axis == axes[1]) for axis in _AXES] if len(axes) == 2 else None
+    return SlabCurve(kind, strains, _AXES.index(axes[0]), along, f'{kind}.{axes}')

@@ -37,12 +37,11 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     The stress falls for the first time where a state has less of it than the one before, and
     nothing broke on the way: the slab has buckled.
     """
-    kind, strains, axis = curve_arguments(phrase)
+    kind, strains, axis, direction, name = curve_arguments(phrase)
     small = [strain for strain in SMALL if strain < (1.0 - 1e-9) * strains[0]]
-    points = measure_curve(scene, kind, [*small, *strains], axis=axis)
+    points = measure_curve(scene, kind, [*small, *strains], axis=axis, along=direction)
     states = _at_rest(phrase, points)
     across = [number for number in range(3) if number != axis]
-    name = f'{kind}.{"xyz"[axis]}'
     first = states[0]
     along = first.middle_strain[axis]
     stress = np.array([state.stress for state in states])
@@ -118,12 +117,12 @@ def _first(states: Sequence[CurvePoint], holds: Callable[[CurvePoint], bool]) ->
 
 
 def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
-    kind, strains, axis = curve_arguments(phrase)
-    cycles = measure_cycles(scene, kind, strains, axis=axis)
+    kind, strains, axis, along, name = curve_arguments(phrase)
+    cycles = measure_cycles(scene, kind, strains, axis=axis, along=along)
     if not cycles or not math.isfinite(cycles[0].work):
         raise Failed(f'{phrase}: no equilibrium on the way')
     cycle = cycles[0]
-    name = f'cycle.{kind}.{"xyz"[axis]}'
+    name = f'cycle.{name}'
     return [
         Column(f'{name}.work', 'J', cycle.work), Column(f'{name}.regained', 'J', cycle.regained),
         Column(f'{name}.lost', 'J', cycle.lost), Column(f'{name}.released', 'J', cycle.released),
@@ -131,10 +130,10 @@ def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
 
 
 def _independent(phrase: Phrase, scene: Scene) -> list[Column]:
-    kind, strains, axis = curve_arguments(phrase)
+    kind, strains, axis, along, case = curve_arguments(phrase)
     columns = []
-    for found in compare_energies(scene, kind, strains, axis):
-        name = f'independent.{kind}.{"xyz"[axis]}.{found.strain:.6g}'
+    for found in compare_energies(scene, kind, strains, axis, along):
+        name = f'independent.{case}.{found.strain:.6g}'
         columns += [
             Column(f'{name}.engine', 'J', found.engine),
             Column(f'{name}.scipy', 'J', found.scipy),
