@@ -51,9 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--steps', type=int, default=2000, metavar='N',
         help='give up after so many steps (%(default)d)')
     parser.add_argument(
-        '--load-steps', type=int, default=1, metavar='N',
+        '--load-steps', type=int, metavar='N',
         help='bring weight, fields, loads and tractions up in N equal parts, each equilibrium '
-             'sought from the one before (%(default)d)')
+             'sought from the one before (1); with contact.friction: follow what sticks and '
+             'slides on this path, instead of seeking contact forces within the friction cones')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -75,7 +76,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     """What is there at rest, and whether it was reached."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
-    if not arguments.load_steps >= 1:
+    if arguments.load_steps is not None and not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
@@ -90,6 +91,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
               'it is followed step by step')
     if _rubs(scene):
         print(
+            'contact.friction: contact forces within the friction cones are sought that balance '
+            'all loads; --load-steps N follows a path' if arguments.load_steps is None else
             'contact.friction: what touches sticks and slides on a path of '
             f'{arguments.load_steps} load steps; more of them (--load-steps) follow it more '
             'exactly')
@@ -101,7 +104,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         # Those of an interrupted search too.
         if reached and (len(reached) > 1 or reached[0][0] < 1.0):
             print('\n'.join(_steps_text(scene, reached)))
-        if reached and outputs.folder is not None and arguments.load_steps > 1:
+        if reached and outputs.folder is not None and (arguments.load_steps or 1) > 1:
             outputs.table('load_steps.csv', _STEP_COLUMNS, (
                 _step_row(scene, *step) for step in reached))
     factor, result = reached[-1]
@@ -117,6 +120,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         'tension_n': result.tension, 'reaction': result.reaction,
         'reactions': _reaction_numbers(result),
         'contacts': None if result.contacts is None else result.contacts.table(),
+        'friction_needed': result.friction_needed,
         'position_m': result.snapshot.position, 'orientation': result.snapshot.orientation,
         'steps': steps}
     of_last = {key: steps[-1][key] for key in (
@@ -129,10 +133,10 @@ def _search(
 ) -> None:
     """Add equilibria under growing loads to `reached`, the last one under all, or none."""
     from icofabric_sim.statics.equilibrium import Progress as Search
-    from icofabric_sim.statics.equilibrium import step_loads
+    from icofabric_sim.statics.equilibrium import solve_equilibrium, step_loads
     import numpy as np
 
-    count = arguments.load_steps
+    count = arguments.load_steps or 1
     goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
     unit = 'decimal places of the residual' if count == 1 else 'load steps'
     # A residual falls by leaps: its pace does not predict the rest.
@@ -142,10 +146,13 @@ def _search(
             places = min(goal, max(0.0, -float(np.log10(max(search.residual, 1e-300)))))
             progress.update(places if count == 1 else len(reached) + places / goal)
 
+        given = {'time': arguments.time, 'tolerance': arguments.tolerance,
+                 'largest_step_count': arguments.steps, 'progress': show}
+        if arguments.load_steps is None:
+            reached.append((1.0, solve_equilibrium(scene, **given)))
+            return
         for step in step_loads(
-                scene, [number / count for number in range(1, count + 1)],
-                time=arguments.time, tolerance=arguments.tolerance,
-                largest_step_count=arguments.steps, progress=show):
+                scene, [number / count for number in range(1, count + 1)], **given):
             reached.append(step)
 
 
@@ -231,6 +238,12 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         lines.append(
             f'friction   {len(sizes) - slides:,} contacts stick, {slides:,} slide; up to '
             f'{float(sizes.max()):.4g} N')
+    if result.friction_needed < np.inf and result.contacts is not None:
+        lines.append(
+            f'friction   contacts hold with a smallest margin of '
+            f'{result.contacts.smallest_margin:.4g}; they need a contact.friction of '
+            f'{result.friction_needed:.4g}, the scene has '
+            f'{scene.parameters["contact.friction"]:g}')
     if result.first_touches:
         lines.append(f'touching   {touch_text(result.first_touches)}')
     return lines

@@ -20,6 +20,7 @@ searching.
 
 from collections.abc import Callable
 from concurrent.futures import Future
+import math
 import threading
 from typing import Any, TYPE_CHECKING
 
@@ -128,4 +129,6 @@ def _contacts_text(result: 'Equilibrium') -> str:
         contacts.resultants(len(result.snapshot.position))[:, :3], axis=1)
     return (f', {counted(len(forces), "contact")}, the largest force {forces.max():.3g} N, on '
             f'body {contacts.bodies[np.argmax(forces), 0]}, the largest resultant of them '
-            f'{sums.max():.3g} N, on body {np.argmax(sums)}')
+            f'{sums.max():.3g} N, on body {np.argmax(sums)}' + (
+                '' if math.isnan(result.friction_needed) else
+                f', the smallest margin of friction {contacts.smallest_margin:.3g}'))

@@ -60,6 +60,12 @@ class ContactForces(AsTable):
     # (m, 6) force [N] and torque about its centre [N m] on the first body, and on the second.
     first: np.ndarray
     second: np.ndarray
+    # (m,) push N and friction T [N], and margin 1 - T / (mu N) of the friction cone, 1 where none
+    # acts and 0 where the contact is about to slide (NaN: N is 0); None: not of an equilibrium
+    # with friction.
+    push: np.ndarray | None = None
+    friction: np.ndarray | None = None
+    margin: np.ndarray | None = None
 
     def __repr__(self) -> str:
         """Say how many there are, without the numbers."""
@@ -69,6 +75,7 @@ class ContactForces(AsTable):
 
     def table(self) -> dict[str, list[Any]]:
         """What touches as plain values: a list for each column, named with its unit."""
+        cones = {'push_n': self.push, 'friction_n': self.friction, 'margin': self.margin}
         return {
             'contact': list(range(len(self.bodies))),
             'first': self.bodies[:, 0].tolist(),
@@ -78,7 +85,15 @@ class ContactForces(AsTable):
             **_columns('point', 'm', self.point), **_columns('force', 'n', self.force),
             'overlap_m': self.overlap.tolist(),
             **_columns('torque', 'nm', self.first[:, 3:]),
-            **_columns('torque_on_second', 'nm', self.second[:, 3:])}
+            **_columns('torque_on_second', 'nm', self.second[:, 3:]),
+            **{name: [value if value == value else None for value in part.tolist()]
+               for name, part in cones.items() if part is not None}}
+
+    @property
+    def smallest_margin(self) -> float:
+        """Smallest margin of the contacts that push; NaN: none does, or no friction is known."""
+        known = np.zeros(0) if self.margin is None else self.margin[np.isfinite(self.margin)]
+        return float(known.min()) if len(known) else float('nan')
 
     def arrows(self) -> np.ndarray:
         """Return points [m] and forces [N] on shells (k, 2, 3), as `contact_arrows` says."""

@@ -40,8 +40,12 @@ class Contacts(NamedTuple):
     depth: float  # [m] the deepest overlap
     largest_force: float  # [N] of a contact
     stiffness: float  # [N/m] of all contacts
-    # Of each plane the forces [N] and torques about the centres [N m] on these bodies, (m, 6).
-    plane_wrenches: tuple[np.ndarray, ...]
+
+
+def margin_of(push: np.ndarray, friction: np.ndarray, coefficient: float) -> np.ndarray:
+    """Compute 1 - T / (mu N) of pushes N and friction T [N]; NaN where nothing pushes."""
+    limit = coefficient * push
+    return 1.0 - np.divide(friction, limit, out=np.full_like(push, np.nan), where=limit > 0.0)
 
 
 class StaticContacts:
@@ -63,6 +67,11 @@ class StaticContacts:
     @stiffness.setter
     def stiffness(self, value: float) -> None:
         self._forces.stiffness = value
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the planes."""
+        return self._setup.names
 
     def restrict(self, pairs: np.ndarray) -> None:
         """Have only these pairs of shells (p, 2) count from now on."""
@@ -99,7 +108,7 @@ class StaticContacts:
 
     def forces(
         self, position: np.ndarray, axes: np.ndarray,
-        friction: tuple[np.ndarray, np.ndarray] | None
+        friction: tuple[np.ndarray, np.ndarray, np.ndarray, float] | None
     ) -> ContactForces:
         """
         Find what the structure has to sustain: all that acts where shells and planes touch.
@@ -109,8 +118,8 @@ class StaticContacts:
         position, axes
             Centres (n, 3) [m] and body axes as rows (n, 3, 3), world frame.
         friction
-            Bodies (p, 2), the second one -1 - k for plane k, and wrenches (p, 12) on both; None
-            where nothing rubs.
+            Bodies (p, 2), the second one -1 - k for plane k, wrenches (p, 12) on both, sizes (p,)
+            [N], and the coefficient mu; None where nothing rubs.
 
         Returns
         -------
@@ -129,18 +138,29 @@ class StaticContacts:
         pairs, out = np.concatenate(bodies).astype(np.int32), np.concatenate(rows)
         first = self.stiffness * out[:, :6]
         second = np.hstack([-first[:, :3], self.stiffness * out[:, 6:9]])
+        cones: tuple[np.ndarray, ...] = ()
         if friction is not None:
+            rubbing, wrenches, sizes, coefficient = friction
+            push, rubbed = np.linalg.norm(first[:, :3], axis=1), np.zeros(len(pairs))
             place = {pair: row for row, pair in enumerate(map(tuple, pairs.tolist()))}
-            for pair, wrench in zip(map(tuple, friction[0].tolist()), friction[1]):
+            for pair, wrench, size in zip(map(tuple, rubbing.tolist()), wrenches, sizes):
                 if pair in place:
                     first[place[pair]] += wrench[:6]
                     second[place[pair]] += wrench[6:]
+                    rubbed[place[pair]] = size
+            cones = push, rubbed, margin_of(push, rubbed, coefficient)
         return ContactForces(
             pairs, np.concatenate(points), first[:, :3], out[:, 11], self._setup.names, first,
-            second)
+            second, *cones)
 
-    def meetings(self, position: np.ndarray, axes: np.ndarray) -> Meetings:
-        """What touches in a configuration, first touches included, and how; for friction."""
+    def meetings(
+        self, position: np.ndarray, axes: np.ndarray, reach: float = FIRST_TOUCH
+    ) -> Meetings:
+        """
+        Find what touches in a configuration, and how; for friction.
+
+        First touches are included: what would touch if it were nearer by `reach`, a ratio to a.
+        """
         pairs, pushes, rows, middles = [], [], [], []
         for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]
@@ -148,7 +168,7 @@ class StaticContacts:
             touching, out = self._forces.met(places, turns, number - 1, edges)
             push = self.stiffness * np.where(touching[:, None], out[:, :3], 0.0)
             # Where they are open by next to nothing, how they would meet.
-            places[:, 0] += FIRST_TOUCH * self._setup.half_edge * toward
+            places[:, 0] += reach * self._setup.half_edge * toward
             nearly, near = self._forces.met(places, turns, number - 1, edges)
             out = np.where(touching[:, None], out, near)
             there = touching | nearly
@@ -224,7 +244,7 @@ class StaticContacts:
         self, position: np.ndarray, axes: np.ndarray, pairs: np.ndarray,
         planes: tuple[np.ndarray, ...]
     ) -> Contacts:
-        wrench, found, pressed = np.zeros((self._count, 6)), [], []
+        wrench, found = np.zeros((self._count, 6)), []
         energies, depths, forces = 0.0, [np.zeros(0)], [np.zeros((0, 3))]
         groups = [pairs, *(np.repeat(bodies[:, None], 2, axis=1) for bodies in planes)]
         for number, group in enumerate(groups):
@@ -238,9 +258,8 @@ class StaticContacts:
             depths.append(depth)
             forces.append(pushes[:, :3])
             found.append(group)
-            pressed.append(pushes[:, :6])
         sizes = np.linalg.norm(np.concatenate(forces), axis=1)
         return Contacts(
             energies, wrench, found[0], tuple(group[:, 0] for group in found[1:]),
             float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)),
-            self.stiffness, tuple(pressed[1:]))
+            self.stiffness)

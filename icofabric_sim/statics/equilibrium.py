@@ -34,6 +34,7 @@ from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.statics.admissible import find_admissible
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
@@ -82,6 +83,8 @@ _ROUNDING = 1e-9
 _DIED_OUT, _SLACK_STEPS = 1e-7, 200
 # Rounds in which pushes and friction are to agree, to this part of the largest force.
 _ROUNDS, _SETTLED = 60, 1e-8
+# Rounds in which contacts that stick find where they touch; gap over a up to which they do first.
+_ROLLS, _NEARLY_RATIO = 12, 0.02
 # A body that has gone so many times as far as the fabric is large does not come back.
 _AWAY = 1e4
 
@@ -132,6 +135,9 @@ class Equilibrium(AsTable):
     rubbing: Rubbing | None = None
     # Force, torques and point of each contact, friction included; None where nothing can touch.
     contacts: ContactForces | None = None
+    # The least contact.friction with which contact forces balance the loads; infinite: none does.
+    # NaN: not a single equilibrium with friction.
+    friction_needed: float = math.nan
 
     def __repr__(self) -> str:
         """Say what was found, without the numbers."""
@@ -165,7 +171,7 @@ def solve_equilibrium(
     Parameters
     ----------
     scene
-        The fabric. Friction needs a path: see `step_loads`.
+        The fabric. With `contact.friction` the result is one that can be: see Notes.
     start
         Where the search begins, without what is broken there; None: the initial state.
     time
@@ -192,6 +198,15 @@ def solve_equilibrium(
     ValueError
         If nothing could ever be in equilibrium, or the body force acts between bodies.
 
+    Notes
+    -----
+    With friction a fabric rests in many ways, which depend on how it came there; `step_loads`
+    follows a path. Here all that touches sticks while the configuration is sought; where that
+    takes more friction than there is, nothing rubs, if a search so finds an equilibrium. Contact
+    forces within the friction cones are then sought that balance all loads in it, with the
+    largest smallest margin (`contacts.margin`, see admissible.py). Where none do, the verdict is
+    'not in equilibrium', the reason says that it slides, and `leftover` has what is left.
+
     References
     ----------
     Eqs 48 and 49 of the document; Steihaug (1983) for the trust-region step.
@@ -199,10 +214,12 @@ def solve_equilibrium(
     """
     force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     load_factor = checks.number('load_factor', load_factor, least=0.0)
+    friction = FrictionPath.of(scene)
     fabric = StaticFabric(
-        scene, held_time(scene, time), load_factor=load_factor, body_force=force,
+        scene, held_time(scene, time), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since,
-        anchors_broken_since=None if start is None else start.anchors_broken_since)
+        anchors_broken_since=None if start is None else start.anchors_broken_since,
+        friction=friction, body_force=force)
     fabric.require_steady(time)
     return seek(fabric, start, tolerance, largest_step_count, progress)
 
@@ -212,7 +229,60 @@ def seek(
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
     """Find where a `fabric` comes to rest; see `solve_equilibrium`."""
-    return _sought(fabric, start, tolerance, largest_step_count, progress).result()
+    friction, contacts = fabric.friction, fabric.contacts
+    if friction is None or contacts is None:
+        return _sought(fabric, start, tolerance, largest_step_count, progress).result()
+    here = fabric.start if start is None else fabric.configuration('start', start)
+    first = start
+    for turn in range(_ROLLS):
+        # What touches sticks, where it touches now: bodies roll and tip on their way. At first
+        # what nearly does, too: it would slide off before it touched.
+        fabric.friction = friction = friction.advanced(
+            contacts, here.position, here.axes, *([] if turn else [_NEARLY_RATIO]))
+        search = _sought(fabric, start, tolerance, largest_step_count, progress)
+        found = _held_by_friction(search, friction.coefficient)
+        here = search.here
+        start = here.snapshot
+        if found.converged or not search.steps or not search.is_at_rest:
+            break
+        if not turn:
+            # What rests without friction needs none.
+            fabric.friction = None
+            smooth = _sought(fabric, first, tolerance, largest_step_count, progress)
+            if smooth.is_at_rest:
+                return _held_by_friction(smooth, friction.coefficient)
+    return found
+
+
+def _held_by_friction(search: '_Search', coefficient: float) -> Equilibrium:
+    """Judge whether contact forces within their cones hold what was found with sticking ones."""
+    result = search.result()
+    if not result.converged:
+        return result
+    here = search.exact()
+    held = find_admissible(here, coefficient)
+    assert here.touching is not None
+    force = here.force - here.touching.wrench + held.contacts.resultants(len(here.position))
+    if here.rubbing is not None:
+        force -= here.rubbing.wrench
+    result = replace(
+        result, contacts=held.contacts, reactions=reactions_of(here, force, held.contacts),
+        reaction=np.where(here.fabric.free, 0.0, -force), rubbing=None,
+        friction_needed=held.friction_needed)
+    if held.is_balanced:
+        return result
+    left = float(np.linalg.norm(held.leftover[:, :3], axis=1).max())
+    needed = held.friction_needed
+    way_out = (
+        f'it would hold with contact.friction of at least {needed:.6g}' if needed < math.inf else
+        'more friction would not help: hold it by supports.NAME, anchors.NAME or planes.NAME')
+    return replace(
+        result, converged=False, verdict=NOT_AT_REST, mechanism_count=-1, unstable_count=-1,
+        leftover=held.leftover, branches={}, residual=float(np.abs(held.leftover[:, :3]).max(
+            initial=0.0) / here.force_scale), reason=(
+                f'slides: no contact forces within the friction cones (contact.friction '
+                f'{coefficient:g}) balance the loads, and up to {left:.4g} N is left on a body; '
+                f'{way_out}'))
 
 
 def _sought(
@@ -249,7 +319,7 @@ def seek_on_path(
     of the state found.
     """
     fabric = StaticFabric(
-        scene, held_time(scene, time, on_path=path is not None), load_factor=load_factor,
+        scene, held_time(scene, time), load_factor=load_factor,
         broken_since=None if start is None else start.broken_since,
         anchors_broken_since=None if start is None else start.anchors_broken_since,
         friction=None if path is None else replace(path), body_force=body_force)
@@ -619,10 +689,8 @@ class _Search:
     def result(self) -> Equilibrium:
         """Judge where the search stands."""
         residual, converged = self.residual(), self.is_at_rest
-        here = self.here
-        if here.fabric.contacts is not None:
-            here.fabric.contacts.smoothed = False
-            here = here.anew()
+        here = self.exact()
+        contacts = here.contact_forces
         beyond = ''
         if converged and here.fabric.packed.tables.tables:
             beyond, stops = here.fabric.packed.tables.describe_beyond(
@@ -648,8 +716,16 @@ class _Search:
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
-            first_touches=here.first_touches, reason=reason, reactions=reactions_of(here),
-            rubbing=here.rubbing, contacts=here.contact_forces)
+            first_touches=here.first_touches, reason=reason, reactions=reactions_of(
+                here, here.force, contacts), rubbing=here.rubbing, contacts=contacts)
+
+    def exact(self) -> Configuration:
+        """Return where the search stands, with exact second derivatives of contacts."""
+        contacts = self.fabric.contacts
+        if contacts is None:
+            return self.here
+        contacts.smoothed = False
+        return self.here.anew()
 
     def _reason(self) -> str:
         """Why the search has ended before it was at rest, and what to try."""

@@ -45,7 +45,6 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.friction import FrictionPath, Rubbing
-from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
 from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
@@ -74,9 +73,7 @@ class StaticFabric:
         `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
         `friction`: springs of friction on a path of states; None: nothing rubs.
         `body_force`: of the user, see own_force.py.
-        Raises ParameterError for what has no place in statics.
         """
-        refuse_in_statics(scene, contact=contact, on_path=friction is not None)
         self.friction = friction
         if not 0.0 <= time < math.inf:
             raise ValueError(f'time must be finite and not negative [s], got {time!r}')
@@ -375,10 +372,11 @@ class Configuration:
     @property
     def contact_forces(self) -> ContactForces | None:
         """Force, torques and point of each contact; None where the scene has no contact."""
-        contacts, rubbing = self.fabric.contacts, self.rubbing
+        contacts, rubbing, path = self.fabric.contacts, self.rubbing, self.fabric.friction
         return None if contacts is None else contacts.forces(
             self.position, self.axes,
-            None if rubbing is None else (rubbing.pairs, rubbing.wrenches))
+            None if rubbing is None or path is None else (
+                rubbing.pairs, rubbing.wrenches, path.sizes(rubbing), path.coefficient))
 
     @cached_property
     def rubbing(self) -> Rubbing | None:

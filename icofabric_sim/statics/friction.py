@@ -168,6 +168,11 @@ class FrictionPath:
         bodies = np.where(planes[:, None], self.pairs[:, :1], self.pairs)
         return bodies, 0.5 * (part + np.swapaxes(part, 1, 2))
 
+    def sizes(self, rubbing: Rubbing) -> np.ndarray:
+        """Compute how large friction is [N], that about the normal included, (p,)."""
+        stretch = np.linalg.norm(rubbing.stretch, axis=1)
+        return np.asarray(self.stiffness * np.minimum(stretch, self.limit))
+
     def allow(
         self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray,
         relaxation: Relaxation
@@ -195,12 +200,15 @@ class FrictionPath:
         return self.stiffness * change
 
     def advanced(
-        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
+        self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray,
+        reach: float = FIRST_TOUCH
     ) -> 'FrictionPath':
         """
         Where the next step begins: what touches in a configuration, with what its springs kept.
+
+        `reach`: see `StaticContacts.meetings`.
         """
-        met = contacts.meetings(position, axes)
+        met = contacts.meetings(position, axes, reach)
         there = self._begun(met, np.ones(len(met.pairs), bool), position, axes)
         if not len(self.pairs) or not len(there.pairs):
             return there
@@ -254,7 +262,8 @@ class FrictionPath:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Places (p, 2, 3) and axes (p, 2, 3, 3) of the bodies of pairs; planes are the world."""
         planes = self.pairs[:, 1] < 0
-        places, turns = position[self.pairs], axes[self.pairs]
+        bodies = np.maximum(self.pairs, 0)
+        places, turns = position[bodies], axes[bodies]
         places[planes, 1], turns[planes, 1] = 0.0, _EYE
         return places, turns
 

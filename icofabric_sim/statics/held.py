@@ -11,34 +11,11 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What of a scene has no place at rest, needs a time to be held at, or has no potential."""
+"""What of a scene needs a time to be held at, or has no potential."""
 
 from icofabric_sim import checks
-from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.profiles import STEADY
 from icofabric_sim.scene.scene import Scene
-
-_RUN = 'let a run with drag come to rest (drag.linear, drag.angular; icofabric run)'
-
-
-def refuse_in_statics(
-    scene: Scene, *, contact: bool = True, on_path: bool = False
-) -> None:
-    """
-    Refuse what statics leave out, with the reason; `contact`: whether it counts.
-
-    `on_path`: friction is followed on a path of states, or sticks. Raises ParameterError.
-    """
-    parameters = scene.parameters
-    friction = parameters['contact.friction']
-    # Without contact nothing rubs.
-    if contact and friction != 0.0 and parameters['contact.mode'] != 'never' and not on_path:
-        raise ParameterError(
-            'contact.friction', f'contact.friction {friction:g}: a search for rest goes by the '
-            'energy, and friction has none: with it a fabric rests in many ways, which depend on '
-            'how it came there; state a path (icofabric statics --load-steps N, ico.step_loads, '
-            'or curves of a slab: icofabric elasticity, ico.measure_curve), set it to 0.0 for '
-            f'what holds without friction, take contact.mode never, or {_RUN}')
 
 
 def check_time(time: float | None) -> None:
@@ -47,13 +24,12 @@ def check_time(time: float | None) -> None:
         checks.number('time', time, unit='s', least=0.0)
 
 
-def held_time(scene: Scene, time: float | None, *, on_path: bool = False) -> float:
+def held_time(scene: Scene, time: float | None) -> float:
     """
     The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
 
-    Raises ValueError naming what does, or what has no place at rest at all.
+    Raises ValueError naming what does.
     """
-    refuse_in_statics(scene, on_path=on_path)
     if time is not None:
         return float(time)
     moving = varying(scene)

@@ -27,6 +27,9 @@ class Meetings(NamedTuple):
     point: np.ndarray  # (p, 3) [m] world
     normal: np.ndarray  # (p, 3) of the push on the first body
     radius: np.ndarray  # (p,) [m] of the patch, at which friction acts about the normal
+    # (p, 12) force and torque about its centre on the first body, and on the second, of 1 N
+    wrenches: np.ndarray
+    overlap: np.ndarray  # (p,) [m]
 
 
 def meetings_of(
@@ -42,6 +45,9 @@ def meetings_of(
     there = size > 0.0
     pairs, pushes, out, middle, size = (
         part[there] for part in (pairs, pushes, out, middle, size))
+    push = np.linalg.norm(pushes, axis=1)
     return Meetings(
-        pairs, np.linalg.norm(pushes, axis=1), out[:, 15:18] + middle,
-        out[:, :3] / size[:, None], np.array([patch_radius(row) for row in out]))
+        pairs, push, out[:, 15:18] + middle, out[:, :3] / size[:, None],
+        np.array([patch_radius(row) for row in out]),
+        np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]]) / size[:, None],
+        np.where(push > 0.0, out[:, 11], 0.0))

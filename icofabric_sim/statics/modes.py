@@ -219,7 +219,7 @@ def solve_modes(
     check_branch(branch)
     friction = FrictionPath.of(scene)
     fabric = StaticFabric(
-        scene, held_time(scene, time, on_path=friction is not None),
+        scene, held_time(scene, time),
         broken_since=None if at is None else at.broken_since,
         anchors_broken_since=None if at is None else at.anchors_broken_since, friction=friction,
         body_force=force)

@@ -43,7 +43,6 @@ from icofabric_sim.statics.directional import (
 )
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
-from icofabric_sim.statics.held import refuse_in_statics
 from icofabric_sim.statics.kinks import length_changes
 from icofabric_sim.statics.lattice import form, Lattice, LatticeRest, placed, relax
 from icofabric_sim.statics.one_sided import CellEnergy, Response
@@ -121,7 +120,6 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
         raise ParameterError(
             sized[0], f'{sized[0]} {parameters[sized[0]]!r} m: shells of the endless fabric are '
             f'alike; take shell.edge_length {scene.shell.edge_length!r} m, or contact.mode never')
-    refuse_in_statics(scene, contact=touches, on_path=True)
     kept = {
         name: value for name, value in parameters.items()
         if name.startswith((*_KEPT, *(('contact.',) if touches else ())))

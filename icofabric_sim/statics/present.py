@@ -23,7 +23,7 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.statics.equilibrium import Equilibrium, Progress, seek
 from icofabric_sim.statics.fabric import StaticFabric
-from icofabric_sim.statics.held import refuse_in_statics
+from icofabric_sim.statics.friction import FrictionPath
 
 _TOLERANCE, _STEPS = 1e-10, 2_000
 
@@ -43,10 +43,8 @@ def present_of(simulation: Simulation) -> Present:
 
     Shells and planes push each other as stiffly as in the run, so that what is found is at rest
     there too, and a body force acts as it does at that time. Pulls by hand do not count: they end.
-    Raises ParameterError for what has no place in statics.
     """
     scene = simulation.scene
-    refuse_in_statics(scene)
     contact = simulation.packed.contact
     if contact is not None and not scene.parameters['contact.stiffness']:
         scene = scene.with_changes({'contact.stiffness': contact.stiffness})
@@ -67,5 +65,5 @@ def rest_of(
     snapshot = present.snapshot
     fabric = StaticFabric(
         present.scene, snapshot.time, broken_since=snapshot.broken_since, inputs=present.inputs,
-        body_force=present.body_force)
+        body_force=present.body_force, friction=FrictionPath.of(present.scene))
     return seek(fabric, snapshot, _TOLERANCE, _STEPS, progress)

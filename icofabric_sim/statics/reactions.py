@@ -14,17 +14,29 @@
 """What supports, drives, anchors and planes bear at rest, each by its name."""
 
 from icofabric_sim.scene.planes import make_planes
-from icofabric_sim.simulation.load_cells import held_by_name, names_of, Reactions, resultant
+from icofabric_sim.simulation.load_cells import (
+    ContactForces,
+    held_by_name,
+    names_of,
+    Reactions,
+    resultant,
+)
 from icofabric_sim.statics.fabric import Configuration
 import numpy as np
 
 
-def reactions_of(here: Configuration) -> Reactions:
-    """Forces [N] and torques [N m] that hold a configuration, as `simulation.reactions()` has."""
+def reactions_of(
+    here: Configuration, force: np.ndarray, contacts: ContactForces | None
+) -> Reactions:
+    """
+    Compute what holds a configuration, as `simulation.reactions()` has it.
+
+    Of the forces (n, 6) on all freedoms, of which those of the `contacts` are a part.
+    """
     fabric, scene, position = here.fabric, here.fabric.scene, here.position
     on_bodies, rows = np.zeros((scene.body_count, 6)), []
     for mine in held_by_name(scene).values():
-        part = np.where(mine, -here.force, 0.0)
+        part = np.where(mine, -force, 0.0)
         on_bodies += part
         rows.append(resultant(part, position, np.any(mine, axis=1)))
     directions = fabric.anchors.directions(position, here.axes)
@@ -33,16 +45,12 @@ def reactions_of(here: Configuration) -> Reactions:
         # One of no length has no direction.
         pull = np.where(np.isfinite(along), along, 0.0) * tension
         rows.append((end, pull, np.zeros(3)))
-    touching = here.touching
     for number, plane in enumerate(make_planes(scene.parameters)):
         foot = plane[3] * plane[:3]
         bodies, wrenches = np.zeros(0, np.int64), np.zeros((0, 6))
-        if touching is not None:
-            bodies, wrenches = touching.planes[number], touching.plane_wrenches[number]
-        if here.rubbing is not None:
-            mine = here.rubbing.pairs[:, 1] == -1 - number
-            bodies = np.concatenate([bodies, here.rubbing.pairs[mine, 0]])
-            wrenches = np.concatenate([wrenches, here.rubbing.wrenches[mine, :6]])
+        if contacts is not None:
+            mine = contacts.bodies[:, 1] == -1 - number
+            bodies, wrenches = contacts.bodies[mine, 0], contacts.first[mine]
         push = wrenches[:, :3]
         moment = np.cross(position[bodies] - foot, push) + wrenches[:, 3:]
         rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))

@@ -719,7 +719,10 @@ def test_statics_says_where_shells_overlap_too_deeply(call: Callable[..., Result
     assert depth is not None and 0.002 < float(depth[1]) < 0.01
 
 
-def test_statics_and_curves_follow_friction_along_a_path(call: Callable[..., Result]) -> None:
+def test_statics_and_curves_follow_friction_along_a_path(
+    call: Callable[..., Result], tmp_path: Path
+) -> None:
+    folder = tmp_path / 'held'
     dense = ['-p', 'weave.size:=[4, 3, 3]', '-p', 'weave.connector_angle:=-0.36', '-p',
              'connector.natural_length:=0.0127', '-p', 'connector.bending_stiffness:=0.005']
     rubs = ['-p', 'contact.stiffness:=2e4', '-p', 'contact.friction:=0.3']
@@ -729,7 +732,21 @@ def test_statics_and_curves_follow_friction_along_a_path(call: Callable[..., Res
         'loads.push.group:=high', '-p', 'loads.push.force:=[0.05, 0.0, -0.2]')
     assert done.status == 0, done.out + done.err
     assert 'on a path of 3 load steps' in done.out
-    assert re.search(r'friction   \d+ contacts stick, \d+ slide; up to [0-9.e-]+ N', done.out)
+    scene = tmp_path / 'shell.yaml'
+    scene.write_text(
+        '/**:\n  ros__parameters:\n    weave: {size: [1, 1, 1]}\n'
+        '    contact: {friction: 0.3, stiffness: 2.0e4}\n    groups: {it: all}\n'
+        '    supports: {it: {group: it, fix: rotation}}\n'
+        '    planes: {floor: {normal: [0.0, 0.0, 1.0], offset: -0.016181}}\n')
+    incline = ['statics', str(scene), '-p', 'gravity:=[1.0, 0.0, -9.81]']
+    held = call(*incline, '--output', str(folder), '--json')
+    assert held.status == 0, held.out + held.err
+    found = json.loads(held.out)
+    assert found['friction_needed'] == pytest.approx(1.0 / 9.81, rel=1e-6)
+    assert found['contacts']['margin'] == [pytest.approx(1.0 - 1.0 / 9.81 / 0.3, abs=1e-5)]
+    assert 'push_n,friction_n,margin' in (folder / 'contacts.csv').read_text()
+    slides = call(*incline, '-p', 'gravity:=[3.2, 0.0, -9.81]')
+    assert slides.status == 1 and 'slides' in slides.out
     curve = call(
         'elasticity', 'free_slab', *dense, *rubs, '--kinds', 'shear', '--strain', '0.012',
         '--cycles', '1')

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from fabrics import changed
 import icofabric_sim as ico
+from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
 from icofabric_sim.scene.weave_geometry import geometry_from_angle, MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
@@ -41,6 +42,9 @@ SLIDER = {
     'anchors.tie.edge': 'west', 'anchors.tie.position': [0.0, -1.0, 0.0],
     'anchors.tie.stiffness': 100.0, 'anchors.tie.natural_length': 1.0 + HALF,
     'loads.along.group': 'it', 'loads.along.force': [0.0, 3.0, 0.0]}
+GROOVE = {
+    'weave.size': [1, 1, 1], 'contact.stiffness': K, 'contact.friction': MU, 'groups.it': 'all',
+    'supports.it.group': 'it', 'supports.it.fix': 'rotation'}
 PUSH = 2.0  # [N] by the anchor below
 
 
@@ -207,10 +211,111 @@ def test_strong_friction_and_pushes_agree():
         point.strain for point in points if point.sliding)
 
 
-def test_friction_without_a_path_is_refused():
-    scene = ico.Scene.from_parameters(SLIDER)
-    with pytest.raises(ico.ParameterError, match='state a path'):
-        ico.solve_equilibrium(scene)
+@pytest.mark.parametrize('part', [0.3, 0.999, 1.001, 2.0])
+def test_contact_forces_hold_on_an_incline_up_to_the_angle_of_friction(part):
+    """Feasible iff tan(angle) <= mu, with the margin 1 - tan(angle) / mu."""
+    angle = math.atan(part * MU)
+    scene = ico.Scene.from_parameters({
+        **GROOVE, 'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -HALF,
+        'gravity': [9.81 * math.sin(angle), 0.0, -9.81 * math.cos(angle)]})
+    found, weight = ico.solve_equilibrium(scene), 9.81 * scene.shell.mass
+    assert found.friction_needed == pytest.approx(part * MU, rel=1e-6)
+    assert found.converged == (part <= 1.0) and found.reactions.names[-1] == 'planes.floor'
+    assert found.contacts.push == pytest.approx(weight * math.cos(angle), rel=1e-6)
+    if part <= 1.0:
+        assert found.contacts.margin == pytest.approx(1.0 - part, abs=1e-6)
+        assert found.reactions.force[-1] == pytest.approx(
+            weight * np.array([-math.sin(angle), 0.0, math.cos(angle)]), rel=1e-6, abs=1e-12)
+        assert np.abs(found.leftover).max() < 1e-9 * weight
+    else:
+        assert found.verdict == 'not in equilibrium' and 'slides' in found.reason
+        assert f'contact.friction of at least {part * MU:.4g}'[:-1] in found.reason
+        assert found.leftover[0, 0] == pytest.approx(
+            weight * (math.sin(angle) - MU * math.cos(angle)), rel=1e-6)
+
+
+@pytest.mark.parametrize('part, holds', [(0.98, True), (1.02, False)])
+def test_a_shell_that_may_tip_rests_on_a_face(part, holds):
+    angle = math.atan(0.4 * part)
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'contact.friction': 0.4, 'contact.stiffness': K,
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -HALF,
+        'gravity': [9.81 * math.sin(angle), 0.0, -9.81 * math.cos(angle)]})
+    found = ico.solve_equilibrium(scene)
+    assert found.converged == holds
+    # Friction acts at the centre of depth, and so turns the shell a little on its face.
+    assert found.friction_needed == pytest.approx(0.4 * part, rel=0.02)
+    height = found.snapshot.position[0, 2] + HALF
+    assert height == pytest.approx(0.01 * (3.0 + math.sqrt(5.0)) / 2.0 / math.sqrt(3.0), abs=1e-4)
+
+
+@pytest.mark.parametrize('size, losses', [
+    ([1, 1, 1], {'contact.damping': 0.1}),
+    pytest.param([2, 2, 1], {'contact.damping': 0.1, 'connector.damping': 0.5},
+                 marks=pytest.mark.long)])
+def test_shells_on_an_incline_below_the_angle_of_friction_come_to_rest(size, losses):
+    # tan 0.208, mu 0.4: they fall on a face, slide a little, rock, and stand still.
+    scene = ico.Scene.from_parameters({
+        'weave.size': size, 'contact.friction': 0.4, 'planes.floor.normal': [0.0, 0.0, 1.0],
+        'planes.floor.offset': -HALF, 'gravity': [1.755, 0.959, -9.6], **losses})
+    simulation = ico.compile_scene(scene)
+    simulation.advance_to(5.0)
+    found = simulation.snapshot()
+    assert np.abs(found.linear_velocity).max() < 1e-9
+    assert (found.position[:, 0] - scene.position[:, 0]).min() > 1e-3
+    held = simulation.contacts()
+    assert held.force.sum(axis=0) == pytest.approx(
+        -scene.body_count * scene.shell.mass * np.array([1.755, 0.959, -9.6]), abs=1e-5)
+
+
+@pytest.mark.parametrize('beyond', [-0.2, 0.1, 0.3])
+def test_a_shell_in_a_groove_needs_friction_where_the_load_leans_out(beyond):
+    """
+    Between walls at 45 degrees a load needs none up to 45 degrees from the vertical.
+
+    Beyond the shell would slide up one wall, and needs tan(beyond); the other one opens.
+    """
+    angle, root = math.pi / 4.0 + beyond, math.sqrt(0.5)
+    offset = -float((vertices(0.01) @ [root, 0.0, root]).max())
+    scene = ico.Scene.from_parameters({
+        **GROOVE, 'planes.left.normal': [root, 0.0, root], 'planes.left.offset': offset,
+        'planes.right.normal': [-root, 0.0, root], 'planes.right.offset': offset,
+        'loads.push.group': 'it',
+        'loads.push.force': [math.sin(angle), 0.0, -math.cos(angle)]})
+    found = ico.solve_equilibrium(scene)
+    assert found.converged
+    assert found.friction_needed == pytest.approx(max(0.0, math.tan(beyond)), abs=1e-6)
+    pushes = np.maximum([math.sin(-beyond), math.cos(beyond)], 0.0)
+    assert sorted(found.contacts.push) == pytest.approx(sorted(pushes[pushes > 0.0]), abs=1e-5)
+    assert found.contacts.smallest_margin == pytest.approx(
+        1.0 - max(0.0, math.tan(beyond)) / MU, abs=1e-5)
+
+
+def test_contact_forces_of_a_dense_slab_are_admissible_and_balance():
+    """Judged anew from points, forces and torques of the contacts."""
+    scene = dense(0.3)
+    found = ico.solve_equilibrium(scene)
+    contacts, a = found.contacts, scene.geometry.half_edge
+    assert found.converged and len(contacts.bodies) > 20
+    plain = ico.solve_equilibrium(changed(scene, {'contact.friction': 0.0}))
+    normal = plain.contacts.force / np.linalg.norm(plain.contacts.force, axis=1)[:, None]
+    here = {tuple(pair): row for row, pair in enumerate(plain.contacts.bodies.tolist())}
+    seen = 0
+    for pair, force, push, margin in zip(
+            contacts.bodies.tolist(), contacts.force, contacts.push, contacts.margin):
+        if tuple(pair) in here and push > 1e-3:
+            along = float(force @ normal[here[tuple(pair)]])
+            across = float(np.linalg.norm(force - along * normal[here[tuple(pair)]]))
+            assert along == pytest.approx(push, rel=1e-2)
+            assert across <= 0.3 * push * (1.01 - margin)
+            seen += 1
+    assert seen > 10 and contacts.smallest_margin >= 1.0 - found.friction_needed / 0.3 - 1e-6
+    # Connectors and bending apart from contacts: the same slab without them.
+    fabric = StaticFabric(scene, contact=False)
+    here = fabric.configuration('at', found.snapshot)
+    left = here.force + contacts.resultants(scene.body_count)
+    left[:, 3:] /= a
+    assert np.abs(left).max() < 1e-7 * found.force_scale
 
 
 def test_small_motions_stick():
