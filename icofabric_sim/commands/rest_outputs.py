@@ -35,6 +35,7 @@ _BODIES = (
 _TOUCHED = tuple(
     f'contact_{name}_{axis}_{unit}' for name, unit in (('force', 'n'), ('torque', 'nm'))
     for axis in 'xyz')
+_LEFT = tuple(name.replace('contact_', 'left_') for name in _TOUCHED)
 _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
 
 
@@ -61,12 +62,13 @@ class RestOutputs(NamedTuple):
     def write(
         self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
         reaction: 'np.ndarray', reactions: 'Reactions | None' = None,
-        contacts: 'ContactForces | None' = None
+        contacts: 'ContactForces | None' = None, leftover: 'np.ndarray | None' = None
     ) -> None:
         """
         Tables of bodies, connectors, reactions and contacts, and a picture of start and end.
 
-        Where shells can touch, `bodies.csv` has the resultants of the contacts of each.
+        Where shells can touch, `bodies.csv` has the resultants of the contacts of each, and what
+        is `leftover` (n, 6) where that is given.
         """
         if self.folder is not None:
             head: tuple[str, ...] = _BODIES
@@ -76,6 +78,9 @@ class RestOutputs(NamedTuple):
                 columns.append(contacts.resultants(scene.body_count))
                 touching = contacts.table()
                 self.table('contacts.csv', tuple(touching), zip(*touching.values()))
+            if leftover is not None:
+                head += _LEFT
+                columns.append(leftover)
             self.table('bodies.csv', head, (
                 [number, *(value for part in row for value in part)]
                 for number, row in enumerate(zip(*(part.tolist() for part in columns)))))

@@ -55,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='bring weight, fields, loads and tractions up in N equal parts, each equilibrium '
              'sought from the one before (1); with contact.friction: follow what sticks and '
              'slides on this path, instead of seeking contact forces within the friction cones')
+    parser.add_argument(
+        '--objective', choices=('energy', 'resultants'), default='energy',
+        help='what the search minimises: potential energy with contacts as springs, or force and '
+             'moment resultants without overlap, as the document says (%(default)s)')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -78,6 +82,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if arguments.load_steps is not None and not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
+    if arguments.objective != 'energy' and arguments.load_steps is not None:
+        raise InputError('--load-steps follows equilibria of the energy: leave out --objective')
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
 
@@ -111,13 +117,14 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(
         name, scene, result.snapshot, result.tension, result.reaction, result.reactions,
-        result.contacts)
+        result.contacts, None if arguments.objective == 'energy' else result.leftover)
     steps = [dict(zip(_STEP_COLUMNS, _step_row(scene, *step))) for step in reached]
     report = {
         'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
         'converged': result.converged, 'load': factor, 'unstable_count': result.unstable_count,
         'mechanism_count': result.mechanism_count, 'force_scale_n': result.force_scale,
         'tension_n': result.tension, 'reaction': result.reaction,
+        'leftover': result.leftover,
         'reactions': _reaction_numbers(result),
         'contacts': None if result.contacts is None else result.contacts.table(),
         'friction_needed': result.friction_needed,
@@ -149,7 +156,8 @@ def _search(
         given = {'time': arguments.time, 'tolerance': arguments.tolerance,
                  'largest_step_count': arguments.steps, 'progress': show}
         if arguments.load_steps is None:
-            reached.append((1.0, solve_equilibrium(scene, **given)))
+            reached.append(
+                (1.0, solve_equilibrium(scene, objective=arguments.objective, **given)))
             return
         for step in step_loads(
                 scene, [number / count for number in range(1, count + 1)], **given):
@@ -181,6 +189,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     """Lines for the terminal."""
     from icofabric_sim.checks import counted
     from icofabric_sim.statics.contacts import MEANT
+    from icofabric_sim.statics.resultants import LEAST
     import numpy as np
 
     lines = [
@@ -193,6 +202,12 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())
         lines.append(f'left over  up to {most:.4g} N, most on bodies {worst}')
         lines.append(f'reason     {result.reason}')
+    elif result.verdict == LEAST:
+        worst, left = ', '.join(map(str, result.worst_bodies)), result.leftover
+        lines.append(
+            f'left over  up to {float(np.linalg.norm(left[:, :3], axis=1).max()):.4g} N and '
+            f'{float(np.linalg.norm(left[:, 3:], axis=1).max()):.4g} N m, most on bodies {worst}: '
+            'what contacts would have to bear')
     elif result.mechanism_count >= 0:
         lines.append(
             f'motions    {result.mechanism_count:,} cost no energy, {result.unstable_count:,} '

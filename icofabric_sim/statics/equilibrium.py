@@ -41,6 +41,7 @@ from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFa
 from icofabric_sim.statics.friction import FrictionPath, Relaxation, Rubbing
 from icofabric_sim.statics.held import check_time, held_time, without_potential
 from icofabric_sim.statics.reactions import reactions_of
+from icofabric_sim.statics.resultants import find_least_resultants, LEAST
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
@@ -60,6 +61,8 @@ NOT_AT_REST = 'not in equilibrium'
 
 _AT_REST = ('body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')
 _STEPS = 2_000
+RESULTANTS = 'resultants'
+OBJECTIVES = ('energy', RESULTANTS)
 # Products with the Hessian in a step, for each freedom, and at most.
 _PRODUCTS = 2.0
 _MOST_PRODUCTS = 5_000
@@ -162,7 +165,7 @@ class Equilibrium(AsTable):
 def solve_equilibrium(
     scene: Scene, *, start: Snapshot | None = None, time: float | None = None,
     tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
-    body_force: BodyForce | Force | None = None,
+    body_force: BodyForce | Force | None = None, objective: str = 'energy',
     progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
@@ -185,6 +188,11 @@ def solve_equilibrium(
     body_force
         A function or `BodyForce` of the user, as `compile_scene` takes it (`ico.surface_force`
         makes one), at that time and at velocities 0. Its derivatives are differences of it.
+    objective
+        'energy': the potential energy, with contacts as springs. 'resultants': the sum of squares
+        of the force and moment resultants (torques over a) on free bodies, without contact forces
+        and without overlap, as the document says after eq 48. `leftover` then has the resultants
+        that contacts must bear; where they are not 0 the verdict is 'least resultants'.
     progress
         Called with the state of the search at each step.
 
@@ -196,7 +204,8 @@ def solve_equilibrium(
     Raises
     ------
     ValueError
-        If nothing could ever be in equilibrium, or the body force acts between bodies.
+        If nothing could ever be in equilibrium, the body force acts between bodies, or forces
+        without a potential act and the objective is 'resultants'.
 
     Notes
     -----
@@ -221,7 +230,38 @@ def solve_equilibrium(
         anchors_broken_since=None if start is None else start.anchors_broken_since,
         friction=friction, body_force=force)
     fabric.require_steady(time)
+    if checks.choice('objective', objective, OBJECTIVES) == RESULTANTS:
+        return _with_least_resultants(fabric, start, tolerance, largest_step_count, progress)
     return seek(fabric, start, tolerance, largest_step_count, progress)
+
+
+def _with_least_resultants(
+    fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
+    progress: Callable[[Progress], None] | None
+) -> Equilibrium:
+    """Minimise the resultants of a `fabric`, whose contacts are constraints."""
+    turning = without_potential(fabric.scene)
+    if turning:
+        raise ValueError(
+            f"objective 'resultants' needs forces that have a potential: {', '.join(turning)} "
+            "turns with its bodies or twists them; leave it out, or take the objective 'energy'")
+    bare = fabric.without_contacts()
+    fabric.friction = None
+
+    def report(steps: int, here: Configuration) -> None:
+        if progress is not None:
+            progress(Progress(steps, _Search(bare, here, tolerance, 0, None).residual(), math.nan))
+
+    found = find_least_resultants(
+        bare, fabric, _start(bare, start), largest_step_count, report)
+    result = replace(
+        _Search(bare, found.here, tolerance, found.step_count, None).result(),
+        touching=found.there.touching, step_count=found.step_count)
+    if result.converged:
+        return result
+    return replace(
+        result, converged=found.converged, reason=found.reason,
+        verdict=LEAST if found.converged else NOT_AT_REST)
 
 
 def seek(
@@ -290,13 +330,7 @@ def _sought(
     progress: Callable[[Progress], None] | None
 ) -> '_Search':
     """The same search where it has ended, not judged yet."""
-    here = fabric.start
-    if start is not None:
-        given = fabric.configuration('start', start)
-        # What is held stands where the scene says.
-        here = Configuration(
-            fabric, np.where(fabric.free[:, :3], given.position, here.position),
-            np.where(fabric.free[:, 3:4], given.orientation, here.orientation))
+    here = _start(fabric, start)
     refuse_free_fall(fabric)
     # Exact ones lead astray where an overlap gains or loses a corner next to where shells are.
     if fabric.contacts is not None:
@@ -305,6 +339,17 @@ def _sought(
     # From a start that was given little is left to go.
     search.run(gently=start is None)
     return search
+
+
+def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:
+    """Return where a search begins; what is held stands where the scene says."""
+    here = fabric.start
+    if start is None:
+        return here
+    given = fabric.configuration('start', start)
+    return Configuration(
+        fabric, np.where(fabric.free[:, :3], given.position, here.position),
+        np.where(fabric.free[:, 3:4], given.orientation, here.orientation))
 
 
 def seek_on_path(

@@ -19,6 +19,7 @@ forces [N] and torques about the centres [N m]. The configuration moves to x + d
 """
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 import math
@@ -148,6 +149,16 @@ class StaticFabric:
         # Forces on held freedoms are wanted too: the supports bear them.
         self.unheld = self.model if masses.alike else self.model._replace(
             supports=pack_supports(masses, None, self.layout))
+
+    def without_contacts(self) -> 'StaticFabric':
+        """Return the same fabric, whose shells and planes do not push each other."""
+        bare = copy(self)
+        bare.contacts = bare.friction = bare.placed = None
+        # Rooms of its own: what is placed in them is known to one of the two only.
+        bare.work = bare.layout.room(bare.model.links)
+        bare.room = np.zeros_like(bare.work.points), np.zeros_like(self.room[1])
+        bare.start = Configuration(bare, self.start.position, self.start.orientation)
+        return bare
 
     @property
     def relative_charge(self) -> np.ndarray:

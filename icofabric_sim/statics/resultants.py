@@ -1,0 +1,206 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Least resultants of forces and moments without overlap: the statics problem of the document.
+
+The objective is half of the sum of squares of the resultants on free bodies, torques over a, which
+the text after eq 48 minimises. Contact forces are no part of them: shells that must not overlap
+are a constraint, kept by a penalty on the energy of overlaps, which grows until these are below
+`_LARGEST_OVERLAP_RATIO` of a. Steps are those of Levenberg and Marquardt: the derivative of the
+resultants is minus the Hessian of the energy.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from icofabric_sim.statics.fabric import Configuration, StaticFabric
+from icofabric_sim.statics.spectrum import row_sum, scaled_hessian
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+LEAST = 'least resultants'
+_LARGEST_OVERLAP_RATIO = 1e-6
+# Factor between penalties, and how many of them are tried.
+_PENALTY_FACTOR, _PENALTY_COUNT = 10.0, 14
+# First penalty, as a ratio to the squared stiffness of the fabric over that of contacts.
+_FIRST_PENALTY_RATIO = 100.0
+# Gradient at which the search ends, as a ratio to the largest stiffness times the resultants; and
+# one at which a search ends in which rounding hides what further steps would gain.
+_GRADIENT_RATIO, _ROUNDED_GRADIENT_RATIO = 1e-10, 1e-6
+# Largest motion of a body in a step, as a ratio to a, and as an angle [rad].
+_LARGEST_STEP = 0.3
+_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-15, 1e15
+# A step is accepted if it brings this part of the expected decrease.
+_LEAST_GAIN_RATIO = 1e-4
+
+
+class LeastResultants(NamedTuple):
+    """Where the search ended."""
+
+    here: Configuration  # of the fabric without contacts
+    there: Configuration  # the same with contacts
+    converged: bool
+    step_count: int
+    reason: str
+
+
+class _Point(NamedTuple):
+    """A configuration, without and with contacts, and the objective in it."""
+
+    here: Configuration
+    there: Configuration
+    resultants: np.ndarray  # (f,) [N] on free freedoms, torques over a
+    value: float  # [N^2] with the penalty
+
+
+def find_least_resultants(
+    fabric: StaticFabric, touching: StaticFabric, start: Configuration,
+    largest_step_count: int, report: Callable[[int, Configuration], None]
+) -> LeastResultants:
+    """
+    Minimise the resultants of a `fabric` without contacts from a `start` on.
+
+    Parameters
+    ----------
+    fabric
+        The fabric without contacts.
+    touching
+        The same fabric with contacts, if it has any.
+    start
+        Configuration of `fabric`.
+    largest_step_count
+        Steps after which the search gives up.
+    report
+        Called with the number of steps and the configuration after each step.
+
+    Returns
+    -------
+    LeastResultants
+        The configuration in which no motion lowers the objective.
+
+    """
+    search = _Search(fabric, touching)
+    point, steps = search.point(start.position, start.orientation), 0
+    contacts = touching.contacts
+    if contacts is not None:
+        contacts.smoothed = True
+        stiffness = row_sum(search.hessian(point.here))
+        search.penalty = _FIRST_PENALTY_RATIO * (
+            stiffness**2 or contacts.stiffness**2) / contacts.stiffness
+    depth = 0.0
+    for _ in range(_PENALTY_COUNT):
+        point = search.point(point.here.position, point.here.orientation)
+        point, taken, converged = search.descend(point, largest_step_count - steps, report, steps)
+        steps += taken
+        if point.there.touching is not None:
+            depth = point.there.touching.depth
+        if not converged:
+            return LeastResultants(
+                point.here, point.there, False, steps,
+                f'the search took {steps:,} steps; give it more (--steps, largest_step_count)'
+                if steps >= largest_step_count else
+                'no step lowers the resultants any more, and they still change with the '
+                'configuration: take a larger tolerance or another start')
+        if depth <= _LARGEST_OVERLAP_RATIO * fabric.half_edge:
+            return LeastResultants(point.here, point.there, True, steps, '')
+        search.penalty *= _PENALTY_FACTOR
+    return LeastResultants(
+        point.here, point.there, False, steps,
+        f'shells still overlap by {depth / fabric.half_edge:.2g} a: there may be no '
+        'configuration without overlap; move what is held or driven')
+
+
+class _Search:
+    """Steps that lower the objective."""
+
+    def __init__(self, fabric: StaticFabric, touching: StaticFabric) -> None:
+        self._fabric, self._touching = fabric, touching
+        self._free = fabric.free
+        a = fabric.half_edge
+        # From coordinates scaled by a to motions, and from masses to these coordinates.
+        self._scale = np.broadcast_to(np.repeat([1.0, 1.0 / a], 3), self._free.shape)
+        self._root = (np.broadcast_to(fabric.root, self._free.shape) * self._scale)[self._free]
+        self.penalty = 0.0  # [N/m] of the energy of overlaps
+
+    def point(self, position: np.ndarray, orientation: np.ndarray) -> _Point:
+        """Evaluate the objective."""
+        here = Configuration(self._fabric, position, orientation)
+        there = Configuration(self._touching, position, orientation)
+        resultants = (here.force * self._scale)[self._free]
+        energy = 0.0 if there.touching is None else there.touching.energy
+        return _Point(
+            here, there, resultants,
+            0.5 * float(resultants @ resultants) + self.penalty * energy)
+
+    def hessian(self, here: Configuration) -> sparse.csr_matrix:
+        """Return second derivatives of the energy by the scaled coordinates (f, f) [N/m]."""
+        root = sparse.diags(self._root)
+        return sparse.csr_matrix(root @ scaled_hessian(here) @ root)
+
+    def descend(
+        self, point: _Point, largest: int, report: Callable[[int, Configuration], None],
+        before: int
+    ) -> tuple[_Point, int, bool]:
+        """Take up to `largest` steps; the point, the steps, and whether its gradient is zero."""
+        damping, steps = _FIRST_DAMPING, 0
+        while True:
+            hessian = self.hessian(point.here)
+            gradient = -(hessian @ point.resultants)
+            matrix = hessian @ hessian
+            touching = point.there.touching
+            pushed = touching is not None and len(touching.wrench) and touching.energy > 0.0
+            if pushed:
+                assert touching is not None
+                push = self.penalty * (touching.wrench * self._scale)[self._free]
+                gradient = gradient - push
+                matrix = matrix + self.penalty * (self.hessian(point.there) - hessian)
+            size = row_sum(hessian) * float(np.abs(point.resultants).max(initial=0.0))
+            if pushed:
+                size = max(size, float(np.abs(push).max()))
+            slope = float(np.abs(gradient).max(initial=0.0))
+            if slope <= _GRADIENT_RATIO * size:
+                return point, steps, True
+            if steps >= largest:
+                return point, steps, False
+            diagonal = np.abs(matrix.diagonal())
+            floor = sparse.diags(np.maximum(diagonal, 1e-6 * diagonal.max()))
+            taken = None
+            while taken is None and damping <= _LARGEST_DAMPING:
+                motion = -splu(sparse.csc_matrix(matrix + damping * floor)).solve(gradient)
+                taken = self._tried(point, motion, gradient, matrix)
+                damping *= 4.0 if taken is None else 0.1
+            if taken is None:
+                return point, steps, slope <= _ROUNDED_GRADIENT_RATIO * size
+            damping = max(damping, _LEAST_DAMPING)
+            point, steps = taken, steps + 1
+            report(before + steps, point.here)
+
+    def _tried(
+        self, point: _Point, motion: np.ndarray, gradient: np.ndarray, matrix: sparse.csr_matrix
+    ) -> _Point | None:
+        """Return the point after a motion (f,) in scaled coordinates [m], if that is lower."""
+        size = float(np.abs(motion).max(initial=0.0))
+        if not np.isfinite(size):
+            return None
+        motion = motion * min(1.0, _LARGEST_STEP * self._fabric.half_edge / max(size, 1e-300))
+        expected = -float(gradient @ motion + 0.5 * motion @ (matrix @ motion))
+        if expected <= 0.0:
+            return None
+        moved = np.zeros(self._free.shape)
+        moved[self._free] = motion
+        there = point.here.moved(moved * self._scale)
+        found = self.point(there.position, there.orientation)
+        gain = point.value - found.value
+        return found if gain >= _LEAST_GAIN_RATIO * expected else None
