@@ -223,6 +223,7 @@ def solve_equilibrium(
     """
     force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     load_factor = checks.number('load_factor', load_factor, least=0.0)
+    checks.choice('objective', objective, OBJECTIVES)
     friction = FrictionPath.of(scene)
     fabric = StaticFabric(
         scene, held_time(scene, time), load_factor=load_factor,
@@ -230,7 +231,7 @@ def solve_equilibrium(
         anchors_broken_since=None if start is None else start.anchors_broken_since,
         friction=friction, body_force=force)
     fabric.require_steady(time)
-    if checks.choice('objective', objective, OBJECTIVES) == RESULTANTS:
+    if objective == RESULTANTS:
         return _with_least_resultants(fabric, start, tolerance, largest_step_count, progress)
     return seek(fabric, start, tolerance, largest_step_count, progress)
 
