@@ -25,6 +25,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     LANES,
     load,
     load_at,
+    load_pair,
     maximum,
     rsqrt,
     splat,
@@ -90,6 +91,15 @@ def move(table, s):
     store(table, RESULT, s, load_at(table.reshape(-1), table.shape[1] + s - 3))
 
 
+def gather(table, s):
+    # Neighbours in a flat view, at places with fractions, another for each lane.
+    places = splat(0.75)
+    for i in range(LANES):
+        places = insert(places, i, 0.75 + 3 * i % 7)
+    first, second = load_pair(table.reshape(-1), places, 2, s)
+    store(table, RESULT, s, where(first < second, first, second))
+
+
 def move_back(table, s):
     # Through a flat view, to any place; only lanes of the last row are changed.
     store_at(table.reshape(-1), RESULT * table.shape[1] + s - 1, load(table, A, s))
@@ -121,7 +131,7 @@ def inverse_root(table, s):
 
 
 EXACT = (
-    add, subtract, multiply, divide, magnitude, root, larger, less, more, spread, move,
+    add, subtract, multiply, divide, magnitude, root, larger, less, more, spread, move, gather,
     move_back, exchange, any_of, masked)
 
 

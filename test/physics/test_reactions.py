@@ -210,7 +210,7 @@ def test_topics_say_what_was_measured():
     assert (sent[:, 0] == chosen).all()
     assert (sent[:, 1] == simulation.tensions()[chosen]).all() and sent[:, 1].any()
     sent = decode_float64_multi_array(outputs.contacts(simulation.contacts())).values
-    assert sent.shape == (0, 9)
+    assert sent.shape == (0, 15)
     with pytest.raises(ValueError, match='publish.connectors'):
         scene.with_changes({'publish.connectors': 'top nowhere'})
 

@@ -205,7 +205,7 @@ def lengths_over(point, targets):
     found = ways_from(*point.tolist())
     begin, end = vertices(1.0)[np.array([(way.corner, way.end) for way in found.rows]).T]
     along, (foot, away, low, high) = 0.5 * (end - begin), np.array([
-        way[3:] for way in found.rows]).T
+        (way.foot, way.away, way.low, way.high) for way in found.rows]).T
     on, following = found.planes[np.array([way.faces for way in found.rows]).T]
     lengths = np.full(len(targets), np.inf)
     for k, target in enumerate(targets):
