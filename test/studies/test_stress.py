@@ -133,6 +133,7 @@ def test_scenes_reach_all_of_the_physics():
         'connector_groups.NAME.break_length_extension',
         'connector_groups.NAME.break_length_compression', 'anchors.NAME.file',
         'bodies.NAME.orientation', 'contact.mode', 'solver.device', 'solver.error_estimate',
+        'solver.rotation', 'initial.NAME.file',
         'masses.NAME.principal_inertia', 'bodies.NAME.principal_inertia'}, never
     assert sum(int(count) for count in rows.values()) > 20_000
 
