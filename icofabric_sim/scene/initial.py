@@ -125,6 +125,8 @@ def _replace(
             raise ParameterError(
                 name, f'{name}: {parameters[name]} must have unit quaternions qx qy qz qw, got '
                 f'length {length[body]:.6g} for body {bodies[body]}')
+        # What a snapshot wrote keeps its bits.
+        length[np.abs(length - 1.0) <= 1e-14] = 1.0
         state.orientation[bodies] = values[_TURN] / length[:, None]
     if _VELOCITY in values:
         state.linear_velocity[bodies] = values[_VELOCITY]

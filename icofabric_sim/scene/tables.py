@@ -103,7 +103,9 @@ def read_named_table(
         raise ParameterError(name, f'{name}: {path} has no line of numbers')
     table = np.array(rows)
     bodies = table[:, names.index('body')]
-    if (bodies != np.rint(bodies)).any() or len(np.unique(bodies)) < len(bodies):
+    # Larger ones are not told apart by doubles.
+    if (bodies != np.rint(bodies)).any() or np.abs(bodies).max() > 2.0**53 or (
+            len(np.unique(bodies)) < len(bodies)):
         raise ParameterError(
             name, f'{name}: {path}: bodies must be whole numbers, each once')
     return bodies.astype(np.int64), {
