@@ -68,14 +68,14 @@ def test_drag_moves_the_fabric_of_the_node(page, graph):
 
 
 def test_slider_button_and_refusal(page, graph):
-    page.set('stiffness [N/m]', 350.0)
+    page.set('Stiffness [N/m]', 350.0)
     page.wait_for(lambda: page.shown('connector.stiffness is set'), 'no answer')
     assert graph.get('connector.stiffness') == [350.0]
     page.set('weave.size', [0.0, 1.0, 1.0])
     page.wait_for(lambda: page.shown('weave.size must be at least 1'), 'no refusal')
-    page.press('pause')
+    page.press('Pause')
     page.wait_for(lambda: page.shown('paused, t = '), 'no answer of the button')
-    page.press('record')
+    page.press('Start recording')
     page.wait_for(lambda: page.shown('record.path is empty'), 'no refusal of the button')
 
 
@@ -91,7 +91,7 @@ def test_replay_is_known_as_one(tmp_path):
         port = int(found[-1].split()[-1].rstrip('/').rpartition(':')[2])
         with PageClient(port) as page:
             page.wait_for(lambda: page.shells() is not None, 'no shells')
-            assert page.button('continue')
+            assert page.button('Simulate from here')
         assert process.stop() == 0
         assert replay.stop() == 0
 
