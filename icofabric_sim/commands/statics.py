@@ -95,7 +95,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     if turning:
         print(f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy; '
               'it is followed step by step')
-    if _rubs(scene):
+    if _rubs(scene) and arguments.objective == 'energy':
         print(
             'contact.friction: contact forces within the friction cones are sought that balance '
             'all loads; --load-steps N follows a path' if arguments.load_steps is None else

@@ -241,7 +241,7 @@ def _with_least_resultants(
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
     """Minimise the resultants of a `fabric`, whose contacts are constraints."""
-    turning = without_potential(fabric.scene)
+    turning = _without_potential(fabric, fabric.start)
     if turning:
         raise ValueError(
             f"objective 'resultants' needs forces that have a potential: {', '.join(turning)} "
@@ -340,6 +340,14 @@ def _sought(
     # From a start that was given little is left to go.
     search.run(gently=start is None)
     return search
+
+
+def _without_potential(fabric: StaticFabric, here: Configuration) -> list[str]:
+    """Return the names of loads, tractions and body forces that have no energy."""
+    own, blocks = fabric.own_force, here.own_force_blocks
+    curls = own is not None and blocks is not None and not own.is_symmetric(blocks)
+    return without_potential(fabric.scene) + (
+        [f'body_force {own.name}'] if own is not None and curls else [])
 
 
 def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:
@@ -782,10 +790,7 @@ class _Search:
                 'holds it back: in this direction the loads do work without end; hold it by '
                 'supports.NAME, anchors.NAME, planes.NAME or contact.friction, or take smaller '
                 'loads')
-        turning = without_potential(self.fabric.scene)
-        own, blocks = self.fabric.own_force, self.here.own_force_blocks
-        if own is not None and blocks is not None and not own.is_symmetric(blocks):
-            turning.append(f'body_force {own.name}')
+        turning = _without_potential(self.fabric, self.here)
         if turning:
             return (
                 f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy '

@@ -160,14 +160,11 @@ class _Search:
             gradient = -(hessian @ point.resultants)
             matrix = hessian @ hessian
             touching = point.there.touching
-            pushed = touching is not None and len(touching.wrench) and touching.energy > 0.0
-            if pushed:
-                assert touching is not None
+            size = row_sum(hessian) * float(np.abs(point.resultants).max(initial=0.0))
+            if touching is not None and touching.energy > 0.0:
                 push = self.penalty * (touching.wrench * self._scale)[self._free]
                 gradient = gradient - push
                 matrix = matrix + self.penalty * (self.hessian(point.there) - hessian)
-            size = row_sum(hessian) * float(np.abs(point.resultants).max(initial=0.0))
-            if pushed:
                 size = max(size, float(np.abs(push).max()))
             slope = float(np.abs(gradient).max(initial=0.0))
             if slope <= _GRADIENT_RATIO * size:

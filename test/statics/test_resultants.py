@@ -128,7 +128,16 @@ def test_weight_that_a_floor_bears_is_what_is_left():
     assert found.touching.depth < 1e-5 * A
 
 
+def whirl(time, position, orientation, linear_velocity, angular_velocity):
+    """Force without a potential."""
+    return np.cross([0.0, 0.0, 100.0], position), np.zeros_like(position)
+
+
 def test_what_it_cannot_do_is_refused():
+    with pytest.raises(ValueError, match="'resultants' needs forces .*body_force whirl turns"):
+        ico.solve_equilibrium(
+            held_off([0.6, 0.8, 0.0], 0.0), objective='resultants',
+            body_force=ico.BodyForce(whirl, compiled=False))
     scene = ico.load_scene('hanging_slab').with_changes({
         'loads.it.group': 'all', 'loads.it.frame': 'body', 'loads.it.force': [0.0, 0.0, 1.0]})
     with pytest.raises(ValueError, match=r"'resultants' needs forces .*loads\.it turns"):
