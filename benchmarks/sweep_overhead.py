@@ -29,7 +29,7 @@ import tempfile
 import time
 
 import icofabric_sim as ico
-from icofabric_sim.studies.sweep.sweep import How, Study
+from icofabric_sim.sweeps.sweep import How, Study
 import numpy as np
 
 SCENE = {

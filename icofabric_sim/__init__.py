@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
     from icofabric_sim.statics.stretching import measure_curve
     from icofabric_sim.statics.turning import measure_turning
-    from icofabric_sim.studies.sweep.sweep import sweep
+    from icofabric_sim.sweeps.sweep import sweep
 
 _HOMES = {
     'BodyForce': 'simulation.model.body_force',
@@ -73,7 +73,7 @@ _HOMES = {
     'solve_modes': 'statics.modes',
     'step_loads': 'statics.equilibrium',
     'surface_force': 'simulation.model.surface_force',
-    'sweep': 'studies.sweep.sweep',
+    'sweep': 'sweeps.sweep',
 }
 
 __all__ = [

@@ -95,7 +95,7 @@ LONG_FILES = (
     'physics/test_attachments', 'physics/test_body_force', 'physics/test_error_estimate',
     'physics/test_kernels', 'physics/test_electric', 'physics/test_moments',
     'physics/test_tractions', 'studies/test_stress', 'simulation/test_ranks', 'ros/test_soak',
-    'studies/test_sweep_workers', 'benchmarking/test_benchmark', 'commands/test_commands',
+    'sweeps/test_sweep_workers', 'benchmarking/test_benchmark', 'commands/test_commands',
     'ros/test_fabric_node_graph', 'ros/test_replay_node', 'simulation/test_gpu_contact',
     'kernels/test_kernel_cache', 'ros/test_fabric_node_subscribers', 'ros/test_examples',
     'studies/test_named', 'simulation/test_method_near_contact',

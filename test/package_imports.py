@@ -38,7 +38,7 @@ def _name(path: Path) -> str:
 # Ground floor first. A module imports from its own room and from those before it.
 ROOMS = (
     'version', 'checks', 'libraries', 'geometry', 'parameters', 'kernels', 'scene', 'simulation',
-    'statics', 'messages', 'bag', 'running', 'studies', 'pictures', 'terminal', 'viewer',
+    'statics', 'messages', 'bag', 'running', 'sweeps', 'studies', 'pictures', 'terminal', 'viewer',
     'benchmarking', 'commands', 'ros')
 # Documented names for users, above everything.
 ROOF = ('icofabric_sim', 'icofabric_sim.contact')

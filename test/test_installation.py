@@ -26,7 +26,7 @@ PARTS = ('.ci', 'LICENSE', 'MANIFEST.in', 'Makefile', 'config', 'icofabric_sim',
 # What `icofabric --version` does without: to build and copy it takes most of the time.
 LEFT_OUT = shutil.ignore_patterns(
     '__pycache__', 'bag', 'benchmarking', 'geometry', 'messages', 'pictures', 'ros', 'running',
-    'scene', 'simulation', 'statics', 'studies', 'viewer')
+    'scene', 'simulation', 'statics', 'studies', 'sweeps', 'viewer')
 MODULE = 'icofabric_sim.kernels.runtime.compile_notice'
 LIBRARIES = sysconfig.get_path('purelib')
 

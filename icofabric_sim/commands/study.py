@@ -36,8 +36,8 @@ from icofabric_sim.terminal import (
 
 if TYPE_CHECKING:
     from icofabric_sim.studies.material.part import Found, Part, Row, Stage, Table
-    from icofabric_sim.studies.sweep.single_run import Outcome
-    from icofabric_sim.studies.sweep.sweep import How, Study
+    from icofabric_sim.sweeps.single_run import Outcome
+    from icofabric_sim.sweeps.sweep import How, Study
 
 _NAME = 'icofabric study'
 _OUTPUT, _STORE = 'runs/study', 'runs/sweep'
@@ -78,7 +78,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Do what the store lacks, then write tables and figures; 1 where a run has failed."""
     from icofabric_sim.studies.material.catalogue import make_study, PARTS
     from icofabric_sim.studies.material.part import Level
-    from icofabric_sim.studies.sweep.sweep import how_to_run
+    from icofabric_sim.sweeps.sweep import how_to_run
     for name in arguments.part:
         if name not in PARTS:
             raise InputError(f'--part {name}: there is no such part; there are: '
@@ -194,8 +194,8 @@ def _carry_out(
 def _outcomes(
     work: _Work, stage: 'Stage', study: 'Study', how: 'How', progress: Progress, *, retry: bool
 ) -> list['Outcome']:
-    from icofabric_sim.studies.sweep.dask_runs import SchedulerLost
-    from icofabric_sim.studies.sweep.single_run import WorkersDiffer
+    from icofabric_sim.sweeps.dask_runs import SchedulerLost
+    from icofabric_sim.sweeps.single_run import WorkersDiffer
     found = []
     with bad_input():
         try:

@@ -36,8 +36,8 @@ from icofabric_sim.terminal import (
 )
 
 if TYPE_CHECKING:
-    from icofabric_sim.studies.sweep.single_run import Outcome
-    from icofabric_sim.studies.sweep.sweep import How, Study
+    from icofabric_sim.sweeps.single_run import Outcome
+    from icofabric_sim.sweeps.sweep import How, Study
 
 _NAME = 'icofabric sweep'
 _STORE = 'runs/sweep'
@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Do what is not in the store; 1 where a run has failed."""
-    from icofabric_sim.studies.sweep.sweep import how_to_run
+    from icofabric_sim.sweeps.sweep import how_to_run
     with bad_input():
         how = how_to_run(arguments.workers, arguments.scheduler)
     require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
@@ -133,8 +133,8 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
     from icofabric_sim.parameters.file import parse_parameter_override
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     from icofabric_sim.parameters.validation import make_parameters
-    from icofabric_sim.studies.sweep.study_file import is_study, read_study
-    from icofabric_sim.studies.sweep.sweep import Study
+    from icofabric_sim.sweeps.study_file import is_study, read_study
+    from icofabric_sim.sweeps.sweep import Study
 
     path = Path(arguments.scene).expanduser()
     vary: Any = {}
@@ -192,7 +192,7 @@ def _varied(rule: str) -> tuple[str, Any]:
         raise InputError(f'--vary {rule}: write NAME:=VALUES, such as connector.stiffness:=[1e3]')
     if not text.startswith(('[', '{')):
         return name, text
-    from icofabric_sim.studies.sweep.study_file import parse_yaml
+    from icofabric_sim.sweeps.study_file import parse_yaml
     try:
         return name, parse_yaml(text)
     except yaml.YAMLError as error:
@@ -211,7 +211,7 @@ def _sample(text: str) -> dict[str, Any]:
 def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None]:
     """Where the table and the picture go."""
     from icofabric_sim.pictures.figure_style import SUFFIXES
-    from icofabric_sim.studies.sweep.table import require_suffix
+    from icofabric_sim.sweeps.table import require_suffix
     output = Path(arguments.store).expanduser() / f'{name}.csv'
     if arguments.output is not None:
         output = require_place('--output', Path(arguments.output).expanduser())
@@ -245,8 +245,8 @@ def _gather(
     output: Path
 ) -> None:
     """Take outcomes as they come; the table on disk follows."""
-    from icofabric_sim.studies.sweep.dask_runs import SchedulerLost
-    from icofabric_sim.studies.sweep.single_run import State, WorkersDiffer
+    from icofabric_sim.sweeps.dask_runs import SchedulerLost
+    from icofabric_sim.sweeps.single_run import State, WorkersDiffer
     total = len(study.orders)
     written, pause = time.monotonic(), _WRITE_AFTER
     with Progress(total, 'runs') as progress, notes(progress, _NAME):

@@ -19,7 +19,7 @@ from typing import Any
 
 from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.figure_style import line_styles, paper_style, save_figure
-from icofabric_sim.studies.sweep.table import SweepTable
+from icofabric_sim.sweeps.table import SweepTable
 import numpy as np
 
 # Rows and columns of plots; curves that a plot can hold, and points of a line at least.

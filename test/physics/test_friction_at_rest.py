@@ -26,7 +26,7 @@ from icofabric_sim.scene.weave_geometry import geometry_from_angle, MINIMUM_ANGL
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath, Relaxation
 from icofabric_sim.statics.spectrum import scaled_hessian
-from icofabric_sim.studies.sweep.outcomes import carry_out, make_work
+from icofabric_sim.sweeps.outcomes import carry_out, make_work
 import numpy as np
 import pytest
 

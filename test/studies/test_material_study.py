@@ -35,13 +35,13 @@ from icofabric_sim.studies.material.catalogue import make_study, PARTS
 from icofabric_sim.studies.material.jamming import jams_below
 from icofabric_sim.studies.material.part import cell, closed_form, fixed, Level, woven
 from icofabric_sim.studies.material.surfaces import expected, of_surface
-from icofabric_sim.studies.sweep import single_run
-from icofabric_sim.studies.sweep.independent import (
+from icofabric_sim.sweeps import single_run
+from icofabric_sim.sweeps.independent import (
     compare_energies,
     PlainSlab,
     require_plain,
 )
-from icofabric_sim.studies.sweep.outcomes import carry_out, make_work
+from icofabric_sim.sweeps.outcomes import carry_out, make_work
 from matplotlib.image import imread
 import numpy as np
 import pytest

@@ -25,7 +25,7 @@ from icofabric_sim.studies.material.part import Part, Stage
 from icofabric_sim.studies.material.strength import FALL, STRENGTH
 from icofabric_sim.studies.material.surfaces import SURFACES
 from icofabric_sim.studies.material.waves import WAVES
-from icofabric_sim.studies.sweep.sweep import Study
+from icofabric_sim.sweeps.sweep import Study
 
 PARTS: Final[Mapping[str, Part]] = {
     part.name: part for part in (

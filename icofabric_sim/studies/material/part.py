@@ -23,7 +23,7 @@ from icofabric_sim.scene.weave_geometry import (
     MINIMUM_ANGLE,
     WeaveGeometry,
 )
-from icofabric_sim.studies.sweep.table import SweepTable
+from icofabric_sim.sweeps.table import SweepTable
 
 _T = TypeVar('_T')
 # Half an edge of a shell [m] and stiffness of a connector [N/m]; results are in units of them.

@@ -27,16 +27,17 @@ from icofabric_sim.commands import sweep as sweep_command
 from icofabric_sim.commands.main import main
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.scene import scene as scenes
-from icofabric_sim.studies.sweep import dask_runs, single_run
-from icofabric_sim.studies.sweep import sweep as sweeps
-from icofabric_sim.studies.sweep.dask_runs import Pool
-from icofabric_sim.studies.sweep.outcomes import carry_out, Column, Failed, make_work
-from icofabric_sim.studies.sweep.plan import make_plan
-from icofabric_sim.studies.sweep.run_key import key_of
-from icofabric_sim.studies.sweep.single_run import perform, State
-from icofabric_sim.studies.sweep.store import Finished, Store
-from icofabric_sim.studies.sweep.sweep import How, Study
+from icofabric_sim.sweeps import dask_runs, run_key, single_run
+from icofabric_sim.sweeps import sweep as sweeps
+from icofabric_sim.sweeps.dask_runs import Pool
+from icofabric_sim.sweeps.outcomes import carry_out, Column, Failed, make_work
+from icofabric_sim.sweeps.plan import make_plan
+from icofabric_sim.sweeps.run_key import key_of
+from icofabric_sim.sweeps.single_run import perform, State
+from icofabric_sim.sweeps.store import Finished, Store
+from icofabric_sim.sweeps.sweep import How, Study
 import numpy as np
+from package_imports import PACKAGE, ROOMS
 import pytest
 
 # Kinds of scenes that tests of verbs compile, too.
@@ -199,6 +200,14 @@ def test_a_key_depends_on_all_that_a_result_depends_on(tmp_path):
              key(files={'f': '2'}), key(work=make_work('bands')), key(source='t'),
              key(work=make_work(['elasticity', 'bands'])), key(libraries='m'), key(kernels='n')}
     assert len(other | same) == 9
+
+
+def test_a_key_covers_the_source_of_every_room_up_to_sweeps():
+    covered = {*run_key._ROOMS, *(name.removesuffix('.py') for name in run_key._MODULES)}
+    # Libraries are named by their versions.
+    assert covered == {*ROOMS[:ROOMS.index('sweeps') + 1]} - {'libraries'}
+    assert run_key._PACKAGE == PACKAGE
+    assert all((PACKAGE / name).exists() for name in (*run_key._ROOMS, *run_key._MODULES))
 
 
 def test_a_changed_file_is_another_run(tmp_path):

@@ -20,8 +20,8 @@ from typing import Final
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.cycles import measure_cycles
 from icofabric_sim.statics.stretching import CurvePoint, measure_curve
-from icofabric_sim.studies.sweep.independent import compare_energies
-from icofabric_sim.studies.sweep.phrases import Column, curve_arguments, Failed, Phrase
+from icofabric_sim.sweeps.independent import compare_energies
+from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
 import numpy as np
 
 # Strains between which moduli are measured.

@@ -33,7 +33,7 @@ import socket
 from typing import Any, NamedTuple
 import uuid
 
-from icofabric_sim.studies.sweep.outcomes import Column
+from icofabric_sim.sweeps.outcomes import Column
 
 _RESULT, _FAILURE = 'result.json', 'failure.json'
 _WORK, _LOCKS, _FILES, _IDENTITY = '.work', '.locks', '.files', '.identity'

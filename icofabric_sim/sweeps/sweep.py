@@ -22,13 +22,13 @@ from typing import Any, NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, require_scene, Scene
-from icofabric_sim.studies.sweep.dask_runs import pool
-from icofabric_sim.studies.sweep.outcomes import check_end, check_work, make_work, Work
-from icofabric_sim.studies.sweep.plan import make_plan, Plan
-from icofabric_sim.studies.sweep.run_key import key_of, surroundings
-from icofabric_sim.studies.sweep.single_run import Order, Outcome, outcome_of, perform, State
-from icofabric_sim.studies.sweep.store import Store
-from icofabric_sim.studies.sweep.table import SweepTable
+from icofabric_sim.sweeps.dask_runs import pool
+from icofabric_sim.sweeps.outcomes import check_end, check_work, make_work, Work
+from icofabric_sim.sweeps.plan import make_plan, Plan
+from icofabric_sim.sweeps.run_key import key_of, surroundings
+from icofabric_sim.sweeps.single_run import Order, Outcome, outcome_of, perform, State
+from icofabric_sim.sweeps.store import Store
+from icofabric_sim.sweeps.table import SweepTable
 
 # Fabrics up to this size are all built before anything starts, to be sure of them: some
 # milliseconds each. Of larger ones, and of more runs, parameters are judged alone.

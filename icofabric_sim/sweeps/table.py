@@ -24,9 +24,9 @@ from typing import Any, Final
 from icofabric_sim import checks
 from icofabric_sim.libraries import import_library
 from icofabric_sim.simulation.model.as_table import AsTable
-from icofabric_sim.studies.sweep.plan import Plan
-from icofabric_sim.studies.sweep.single_run import Outcome, State
-from icofabric_sim.studies.sweep.values import parse_name
+from icofabric_sim.sweeps.plan import Plan
+from icofabric_sim.sweeps.single_run import Outcome, State
+from icofabric_sim.sweeps.values import parse_name
 import numpy as np
 
 SUFFIXES: Final = ('.csv', '.parquet')

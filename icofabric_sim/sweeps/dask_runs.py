@@ -34,8 +34,8 @@ from typing import Any, Final
 import uuid
 
 from icofabric_sim.libraries import import_library
-from icofabric_sim.studies.sweep.run_key import surroundings
-from icofabric_sim.studies.sweep.single_run import (
+from icofabric_sim.sweeps.run_key import surroundings
+from icofabric_sim.sweeps.single_run import (
     lost,
     Order,
     Outcome,
@@ -45,7 +45,7 @@ from icofabric_sim.studies.sweep.single_run import (
     store_unseen,
     WorkersDiffer,
 )
-from icofabric_sim.studies.sweep.store import Store
+from icofabric_sim.sweeps.store import Store
 
 # Orders at the scheduler for each thread of a worker, and at least.
 _AHEAD, _LEAST_AHEAD = 8, 32

@@ -31,7 +31,7 @@ from icofabric_sim.parameters.validation import (
     ParameterError,
     Parameters,
 )
-from icofabric_sim.studies.sweep.values import (
+from icofabric_sim.sweeps.values import (
     judge_value,
     Name,
     parse_name,

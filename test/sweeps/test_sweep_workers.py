@@ -25,10 +25,10 @@ from types import SimpleNamespace
 
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
-from icofabric_sim.studies.sweep.dask_runs import Pool, pool, SchedulerLost
-from icofabric_sim.studies.sweep.single_run import Outcome, State, WorkersDiffer
-from icofabric_sim.studies.sweep.store import Store
-from icofabric_sim.studies.sweep.sweep import Study
+from icofabric_sim.sweeps.dask_runs import Pool, pool, SchedulerLost
+from icofabric_sim.sweeps.single_run import Outcome, State, WorkersDiffer
+from icofabric_sim.sweeps.store import Store
+from icofabric_sim.sweeps.sweep import Study
 import pytest
 from test_sweep import SWING, WOVEN
 

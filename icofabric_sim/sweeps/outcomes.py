@@ -26,7 +26,7 @@ from icofabric_sim import checks
 from icofabric_sim.checks import shown
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.studies.sweep.phrases import Column, curve_arguments, Failed, Phrase
+from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
 import numpy as np
 
 RUN, STATICS, MODES, ELASTICITY, BANDS, CURVE, MECHANISMS = VERBS = (
@@ -218,7 +218,7 @@ def check_work(work: Work, scene: Scene) -> None:
         from icofabric_sim.statics.floppy import require_dense
         require_dense(scene)
     if any(phrase.word == 'independent' for phrase in work.keep):
-        from icofabric_sim.studies.sweep.independent import require_plain
+        from icofabric_sim.sweeps.independent import require_plain
         require_plain(scene)
     for phrase in work.keep:
         if phrase.word in ('displacement', 'reaction') and phrase.arguments[0] not in scene.groups:
@@ -391,7 +391,7 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
 
 def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.stretching import measure_curve
-    from icofabric_sim.studies.sweep.slab_outcomes import SLAB_WORDS
+    from icofabric_sim.sweeps.slab_outcomes import SLAB_WORDS
     columns: list[Column] = []
     for phrase in phrases:
         if phrase.word in SLAB_WORDS:

@@ -30,9 +30,9 @@ from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.statics.one_thread import one_thread
-from icofabric_sim.studies.sweep.outcomes import carry_out, Column, Failed, Work
-from icofabric_sim.studies.sweep.run_key import surroundings
-from icofabric_sim.studies.sweep.store import Finished, Store
+from icofabric_sim.sweeps.outcomes import carry_out, Column, Failed, Work
+from icofabric_sim.sweeps.run_key import surroundings
+from icofabric_sim.sweeps.store import Finished, Store
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # Warnings of a run that are kept.

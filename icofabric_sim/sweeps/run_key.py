@@ -28,13 +28,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from icofabric_sim.parameters.validation import Parameters
-from icofabric_sim.studies.sweep.outcomes import Work
+from icofabric_sim.sweeps.outcomes import Work
 
 _ROOMS: Final = (
     'geometry', 'parameters', 'kernels', 'scene', 'simulation', 'statics', 'messages', 'bag',
-    'running', 'studies/sweep')
+    'running', 'sweeps')
 _MODULES: Final = ('version.py', 'checks.py')
-_PACKAGE = Path(__file__).resolve().parents[2]
+_PACKAGE = Path(__file__).resolve().parents[1]
 # Characters of a name: 2^128 names.
 _LENGTH = 32
 # Characters of the hash of features.
