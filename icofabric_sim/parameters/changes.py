@@ -12,10 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What a change from one set of parameters to another does to a run, as the column of the table says.
+Effect of a change from one parameter set to another on a run (the column `change` of the table).
 
-It follows from the two sets and from nothing else, so a record that holds them can be simulated
-again.
+The effect depends only on the two sets, so a recording that holds both can be simulated again.
 """
 
 from collections.abc import Iterable
@@ -27,20 +26,20 @@ _LEAST_FIRST = tuple(Change)
 
 
 def changed_names(before: Parameters, after: Parameters) -> set[str]:
-    """Names whose values differ, or that only one of the two has."""
+    """Return the names whose values differ or that only one of the sets has."""
     return {name for name in {*before, *after} if before.get(name) != after.get(name)}
 
 
 def concerns_motion(name: str) -> bool:
-    """Whether the motion depends on the parameter `name`; else only what is shown of it does."""
+    """Return True if the motion depends on the parameter, False if only its output does."""
     return find_specification(name).change in (Change.REBUILDS, Change.RESTARTS)
 
 
 def effect_of(before: Parameters, after: Parameters) -> Change:
-    """Return the most that any of the changed parameters does."""
+    """Return the most severe effect of the changed parameters."""
     names = changed_names(before, after)
     effects = [find_specification(name).change for name in names]
-    # A drive begins with the motion, so a drive of other bodies is another one.
+    # A drive starts with the motion, so a drive of other bodies needs a restart.
     driven = {f'groups.{after[f"drives.{name}.group"]}' for name in after.names('drives')}
     if names & driven:
         effects.append(Change.RESTARTS)
@@ -48,17 +47,17 @@ def effect_of(before: Parameters, after: Parameters) -> Change:
 
 
 def rebuilds(before: Parameters, after: Parameters) -> bool:
-    """Whether the change needs another simulation, with the motion kept or restarted."""
+    """Return True if the change needs a new simulation, whether the motion is kept or not."""
     return effect_of(before, after) in (Change.REBUILDS, Change.RESTARTS)
 
 
 def restarts_motion(before: Parameters, after: Parameters) -> bool:
-    """Whether the other simulation begins from its initial state."""
+    """Return True if the new simulation starts from its initial state."""
     return effect_of(before, after) is Change.RESTARTS
 
 
 def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
-    """Return the `current` set with those of the `wanted` values that act at once."""
+    """Return the `current` set with those of the `wanted` values that need no new simulation."""
     changes = {
         name: wanted[name] for name in changed_names(current, wanted)
         if not concerns_motion(name)}
@@ -66,7 +65,7 @@ def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
 
 
 def require_changeable(names: Iterable[str]) -> None:
-    """Raise ParameterError where one of the parameters cannot change in a run."""
+    """Raise ParameterError if one of the parameters cannot change during a run."""
     for name in names:
         change = find_specification(name).change
         if change is Change.FIXED:

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-ROS 2 parameter files and command lines, read without ROS to exactly what a ROS node gets.
+Read ROS 2 parameter files and command lines without ROS, with the result that a ROS node gets.
 
-`load_parameter_file` gives the names, values and types that the node /icofabric gets from
-`--ros-args --params-file F`; `check_ros_arguments` does the same for a whole command line, before
-rclpy sees it. What ROS refuses, and what it would silently change, is a ParameterFileError with
+`load_parameter_file` returns the names, values and types that the node /icofabric gets from
+`--ros-args --params-file F`. `check_ros_arguments` does the same for a whole command line before
+rclpy reads it. Input that ROS refuses or would silently change raises a ParameterFileError with
 the file, the line, the parameter and the remedy.
 """
 
@@ -40,7 +40,7 @@ __all__ = [
 _LOGGER = logging.getLogger('icofabric_sim')
 _LARGEST_FILE = 16 * 1024 * 1024  # bytes
 
-# rcl/src/rcl/lexer.c: what a name on the command line may consist of.
+# Grammar of names on the command line, from rcl/src/rcl/lexer.c.
 _WORD = ('(?:[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*_?'
          '|_(?!_)(?:[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*_?)?)')
 _LEXEMES = re.compile(
@@ -69,7 +69,7 @@ def load_parameter_file(
     """
     Return the dotted names and values that the node gets from a parameter file.
 
-    Warns if no section of the file is for the node.
+    Warn if no section of the file is for the node.
     """
     parameters = ParameterSet(full_node_name(node_name, namespace))
     parameters.add_file(_read(path), os.fspath(path))
@@ -80,11 +80,11 @@ def load_parameter_file(
 
 def parse_parameter_override(
         rule: str, *, node_name: str = 'icofabric') -> tuple[str, Value]:
-    """Name and value of one override `name:=value`, as after `--ros-args -p`."""
+    """Return the name and value of one override `name:=value`, as after `--ros-args -p`."""
     section, name, text, source = _split_rule('-p', rule)
     if not section_matches(section, '/' + node_name):
         raise ParameterFileError(
-            f'{source}: this is for the node {section!r}, not for {node_name!r}; write '
+            f'{source}: this override is for the node {section!r}, not for {node_name!r}; write '
             f'{name}:=value')
     parameters = ParameterSet('/' + node_name)
     parameters.add_override('/**', name, text, source)
@@ -95,11 +95,11 @@ def check_ros_arguments(
         argv: Sequence[str], *, node_name: str = 'icofabric', namespace: str = '/',
         notices: list[str] | None = None) -> dict[str, Value]:
     """
-    Dotted names and values that the node gets from its command line.
+    Return the dotted names and values that the node gets from its command line.
 
-    Follows parameter files, overrides, and renamings of the node (`-r __node:=x`, `-r __ns:=/y`)
-    in all `--ros-args` sections, in order; all else is left to rclpy. Sentences about files and
-    overrides without effect are appended to `notices`.
+    Applies parameter files, overrides and node remappings (`-r __node:=x`, `-r __ns:=/y`) of all
+    `--ros-args` sections in order; rclpy handles the other arguments. Appends a sentence to
+    `notices` for every file and every override without effect.
     """
     files_and_rules: list[str | _Rule] = []
     remaps: list[re.Match[str]] = []
@@ -109,7 +109,7 @@ def check_ros_arguments(
         if argument == '--ros-args':
             in_ros_section = True
         elif not in_ros_section:
-            _add_remap(remaps, argument)  # an old form that rcl still takes
+            _add_remap(remaps, argument)  # rcl also accepts remappings outside --ros-args
         elif argument == '--':
             in_ros_section = False
         elif argument in ('-p', '--param'):
@@ -120,7 +120,7 @@ def check_ros_arguments(
             _add_remap(remaps, _following(arguments, argument))
         elif argument in _OPTIONS_WITH_VALUE:
             _following(arguments, argument)
-    # The first rule that fits wins; a rule for the namespace looks at the new name of the node.
+    # The first matching rule wins; a namespace rule is matched against the remapped node name.
     node_name = next((
         remap['node'] for remap in remaps
         if remap['node'] and remap['prefix'] in (None, node_name)), node_name)
@@ -143,7 +143,7 @@ def _following(arguments: Iterator[str], flag: str) -> str:
     value = next(arguments, None)
     if value is None:
         raise ParameterFileError(
-            f'command line: nothing follows {flag}; write its value after it or remove it')
+            f'command line: {flag} has no value; write one after it or remove it')
     return value
 
 
@@ -163,8 +163,8 @@ def _split_rule(flag: str, rule: str) -> _Rule:
     name, text = rule[begin:end], rule[end + 2:]
     if not _is_name(name):
         raise ParameterFileError(
-            f'{source}: {name!r} is not a name that ROS takes here: words joined by single dots, '
-            'each beginning with a letter or underscore')
+            f'{source}: {name!r} is not a valid ROS parameter name: write words joined by single '
+            'dots, each beginning with a letter or underscore')
     if not text:
         raise ParameterFileError(
             f"{source}: parameter {name!r} has no value; write {name}:=value, or {name}:=\"''\" "
@@ -189,11 +189,11 @@ def _read(path: str | os.PathLike[str]) -> bytes:
     try:
         status = os.stat(name)
         if stat.S_ISDIR(status.st_mode):
-            raise ParameterFileError(f'{name}: this is a folder; give a parameter file (.yaml)')
+            raise ParameterFileError(f'{name} is a folder; give a parameter file (.yaml)')
         if not stat.S_ISREG(status.st_mode):
             raise ParameterFileError(
-                f'{name}: not an ordinary file; write the parameters into one, because they are '
-                'read twice')
+                f'{name} is not a regular file; write the parameters into one, because the file '
+                'is read twice')
         if status.st_size > _LARGEST_FILE:
             raise ParameterFileError(
                 f'{name}: {status.st_size} bytes, but a parameter file has at most '

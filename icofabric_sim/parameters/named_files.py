@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Files that a scene names (tables, laws, meshes): what was read of them goes with a recorded run.
+Contents of the files that a scene names (tables, laws, meshes), stored with a recorded run.
 
-A recorded scene is a parameter file; contents stand in comments behind it, which ROS skips. Where
-a scene is built from a record these are used, whatever is on disk under the name.
+A recorded scene is a parameter file followed by the file contents in comments, which ROS skips.
+A scene built from a recording uses these contents instead of the files on disk.
 """
 
 from base64 import b64decode, b64encode
@@ -30,16 +30,16 @@ import zlib
 
 from icofabric_sim.parameters.validation import Parameters
 
-# Of a file whose compressed contents are longer only the sum is recorded.
+# Larger compressed contents are not recorded, only their checksum.
 MOST_BYTES = 4 * 2**20
-# Contents that unpack to more are not ours.
+# Contents that unpack to more are damaged or hostile.
 _LARGEST = 2**30
 _MARK, _MORE = '# file: ', '# + '
 _LINE = 96
 
 
 class NamedFile(NamedTuple):
-    """A file as it was read."""
+    """Checksum and content of a file that a scene names."""
 
     total: str  # SHA-256
     content: bytes | None  # None: too large to be recorded
@@ -51,7 +51,7 @@ _noted: ContextVar[dict[str, NamedFile]] = ContextVar('noted')
 
 @contextmanager
 def reading(files: Mapping[str, NamedFile]) -> Iterator[dict[str, NamedFile]]:
-    """Use `files` by their names where they are read within; yields all that were."""
+    """Read from the recorded `files` inside the block; yield a dictionary of all files read."""
     noted: dict[str, NamedFile] = {}
     kept_before, noted_before = _kept.set(files), _noted.set(noted)
     try:
@@ -62,7 +62,7 @@ def reading(files: Mapping[str, NamedFile]) -> Iterator[dict[str, NamedFile]]:
 
 
 def recorded_content(name: str) -> bytes | None:
-    """What was recorded of the file that a scene calls `name`; None where it has to be read."""
+    """Return the recorded content of the file `name`, or None if it must be read from disk."""
     file = _kept.get({}).get(name)
     if file is None or file.content is None:
         return None
@@ -71,20 +71,20 @@ def recorded_content(name: str) -> bytes | None:
 
 
 def note_content(name: str, content: bytes) -> None:
-    """Keep what was read; ValueError where a record says that it was another."""
+    """Register the content read from a file; raise ValueError if the recorded one differs."""
     total = hashlib.sha256(content).hexdigest()
     wanted = _kept.get({}).get(name)
     if wanted is not None and wanted.total != total:
         raise ValueError(
-            f'the file {name!r} is not that of the recorded run: its SHA-256 is {total}, and was '
-            f'{wanted.total}; put the file of that time there')
+            f'the file {name!r} differs from that of the recorded run: its SHA-256 is {total}, '
+            f'recorded was {wanted.total}; restore the file of the recorded run')
     noted = _noted.get(None)
     if noted is not None:
         noted[name] = NamedFile(total, content)
 
 
 def with_files(text: str, files: Mapping[str, NamedFile]) -> str:
-    """A parameter file with the contents of files behind it, in comments."""
+    """Return the text of a parameter file followed by the contents of `files` in comments."""
     lines = []
     for name, file in sorted(files.items()):
         facts: dict[str, str | int] = {'name': name, 'sha256': file.total}
@@ -101,7 +101,7 @@ def with_files(text: str, files: Mapping[str, NamedFile]) -> str:
 
 
 def files_in(text: str) -> dict[str, NamedFile]:
-    """The files behind a parameter file; ValueError where they are damaged."""
+    """Return the files stored behind a parameter file; raise ValueError if they are damaged."""
     found: dict[str, NamedFile] = {}
     facts: dict[str, str | int] = {}
     letters: list[str] = []
@@ -118,7 +118,7 @@ def files_in(text: str) -> dict[str, NamedFile]:
                     b64decode(''.join(letters), validate=True), _LARGEST)
                 if len(content) != facts['bytes'] or (
                         hashlib.sha256(content).hexdigest() != total):
-                    raise ValueError('its contents do not fit their sum')
+                    raise ValueError('its content does not match its checksum')
         except (KeyError, ValueError, zlib.error) as error:
             raise ValueError(f'a file recorded with the scene is damaged: {error}') from None
         found[name] = NamedFile(total, content)
@@ -137,5 +137,5 @@ def files_in(text: str) -> dict[str, NamedFile]:
 
 
 def with_recorded(parameters: Parameters, text: str) -> Parameters:
-    """The parameters of a recorded scene with the files behind its text."""
+    """Return the parameters of a recorded scene together with the files behind its text."""
     return replace(parameters, files=files_in(text))

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Which parameters a node takes from parameter files, and what ROS 2 keeps of repeated ones.
+Rules by which a ROS 2 node selects sections of parameter files and resolves repeated parameters.
 
-Facts: rcl 9.2 (ROS 2 Jazzy), rcl_yaml_param_parser/src/parse.c and namespace.c; which sections a
-node takes: rclpy/src/rclpy/node.cpp.
+Sources: rcl 9.2 (ROS 2 Jazzy), rcl_yaml_param_parser/src/parse.c and namespace.c; for the
+selection of sections rclpy/src/rclpy/node.cpp.
 """
 
 from collections.abc import Collection
@@ -26,7 +26,7 @@ from icofabric_sim.parameters.rcl_scalars import Scalar
 
 Value = Scalar | list[bool] | list[int] | list[float] | list[str]
 
-# The order in which rclpy looks at the slots of a parameter.
+# The order in which rclpy reads the slots of a parameter.
 _SLOTS = [(is_list, kind) for is_list in (False, True) for kind in (bool, int, float, str)]
 # rmw/validate_namespace.h, rmw/validate_node_name.h
 _LONGEST_NAMESPACE, _LONGEST_NODE_NAME = 245, 255
@@ -34,7 +34,7 @@ _WORD = re.compile('[A-Za-z_][A-Za-z0-9_]*')
 
 
 class Origin(NamedTuple):
-    """Where a value was written: a file and its line, or an argument of the command line."""
+    """Source of a value: a file and a line, or an argument of the command line."""
 
     source: str
     line: int = 0
@@ -45,12 +45,12 @@ class Origin(NamedTuple):
 
 
 def origin(source: str, event: Any) -> Origin:
-    """Where a YAML event of a file was written."""
+    """Return the place of a YAML event in its file."""
     return Origin(source, event.start_mark.line + 1, event.start_mark.column + 1)
 
 
 class Setting(NamedTuple):
-    """A value and where it was written."""
+    """Value of a parameter and its origin."""
 
     value: Value
     origin: Origin
@@ -58,12 +58,12 @@ class Setting(NamedTuple):
 
 class Entries:
     """
-    The values that one section gives to one parameter, as rcl keeps them.
+    Values that one section gives to one parameter, as rcl stores them.
 
-    rcl makes an entry for each time that the name is reached through a map, and for the first
-    time that it is written otherwise, and takes the last entry; what is written otherwise goes
-    into the first. An entry has a slot for each type, and rclpy takes the first slot that is
-    filled. So a value can be hidden by an earlier one.
+    rcl adds an entry each time the name is reached through a map. A name written with dots adds
+    an entry only if there is none; otherwise its value goes into the first entry. The last entry
+    counts. An entry has a slot for each type, and rclpy takes the first filled slot, so an
+    earlier value can hide a later one.
     """
 
     def __init__(self) -> None:
@@ -77,12 +77,12 @@ class Entries:
         self._entries[-1 if in_map else 0][isinstance(value, list), type(first)] = setting
 
     def kept(self) -> Setting:
-        """What a node gets."""
+        """Return the value that a node gets."""
         return next(self._entries[-1][slot] for slot in _SLOTS if slot in self._entries[-1])
 
 
 def what_is_wrong_with_section(name: str) -> str:
-    """Why ROS refuses the name of a section; empty where it takes it."""
+    """Return the reason why ROS refuses a section name, or '' if the name is valid."""
     namespace, found, node_name = name.rpartition('/')
     if found and name not in ('/**', '/*'):
         for token in namespace.removeprefix('/').split('/') if namespace else []:
@@ -96,7 +96,7 @@ def what_is_wrong_with_section(name: str) -> str:
 
 
 def full_node_name(node_name: str, namespace: str) -> str:
-    """Name of a node with its namespace, as rclpy joins them."""
+    """Return the name of a node with its namespace, as rclpy joins them."""
     namespace = namespace.strip('/')
     return f'/{namespace}/{node_name}' if namespace else f'/{node_name}'
 
@@ -109,10 +109,10 @@ def unused_notice(source: str, sections: Collection[str], node: str) -> str:
 
 
 def section_matches(section: str, node: str) -> bool:
-    """Whether a node with this full name takes the parameters of a section of a parameter file."""
+    """Return True if the node with this full name uses a section of a parameter file."""
     words = section.removeprefix('/').split('/')
     if not all(re.fullmatch(r'\w+|\*\*?', word, re.ASCII) for word in words):
         return False
-    # `*` is one word, `**` any number of them.
+    # `*` matches one word, `**` any number of words.
     pattern = ''.join('/' + word for word in words).replace('/*', r'(/\w+)')
     return re.fullmatch(pattern, node, re.ASCII) is not None

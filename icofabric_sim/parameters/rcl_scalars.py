@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-One YAML scalar, read as ROS 2 reads it.
+Resolve one YAML scalar to a value and type as ROS 2 does.
 
-Facts: rcl 9.2 (ROS 2 Jazzy), rcl_yaml_param_parser/src/parse.c, get_value: eleven words for true
-and eleven for false, then C strtoll with base 0, then C strtod, else a string. Both C functions
-must use up the whole text, and a result out of their range (ERANGE) counts as no number. glibc
-reports ERANGE also for a subnormal result that is not exact, so `5e-324` is a string.
+Source: rcl 9.2 (ROS 2 Jazzy), rcl_yaml_param_parser/src/parse.c, get_value. It tries eleven words
+for true and eleven for false, then C strtoll with base 0, then C strtod; otherwise the scalar is
+a string. Both C functions must consume the whole text, and a result out of range (ERANGE) is no
+number. glibc also reports ERANGE for an inexact subnormal result, so `5e-324` is a string.
 """
 
 from decimal import Decimal
@@ -29,7 +29,7 @@ import sys
 Scalar = bool | int | float | str
 
 STRING_TAG = 'tag:yaml.org,2002:str'
-# Plain words that YAML means as "no value"; ROS makes text of them.
+# Plain words for "no value" in YAML, which ROS reads as text.
 NULL_WORDS = ('~', 'null', 'Null', 'NULL')
 
 _TRUE = {'Y', 'y', 'yes', 'Yes', 'YES', 'true', 'True', 'TRUE', 'on', 'On', 'ON'}
@@ -37,7 +37,7 @@ _FALSE = {'N', 'n', 'no', 'No', 'NO', 'false', 'False', 'FALSE', 'off', 'Off', '
 _NOT_A_NUMBER = {'.nan', '.NaN', '.NAN'}
 _INFINITE = {sign + word for sign in ('', '+', '-') for word in ('.inf', '.Inf', '.INF')}
 
-# What isspace() skips before a number, in the C locale.
+# Characters that isspace() skips before a number, in the C locale.
 _SPACE = r'[ \t\n\v\f\r]*'
 _INTEGER = re.compile(
     _SPACE + r'(?P<sign>[+-]?)'
@@ -51,18 +51,18 @@ _SPECIAL = re.compile(
     _SPACE + r'(?P<sign>[+-]?)(?:(?P<inf>inf|infinity)|nan(?:\([0-9a-z_]*\))?)',
     re.ASCII | re.IGNORECASE)
 
-# 2^-1022 is the smallest normal double; half a unit in its last place below it, rounding to 53
-# bits already reaches it and nothing has underflowed.
+# 2^-1022 is the smallest normal double. A number less than half a unit in the last place below it
+# rounds up to it, so there is no underflow.
 _SMALLEST_NORMAL = sys.float_info.min
 _UNDERFLOW = Fraction(1, 2**1022) - Fraction(1, 2**1076)
 
 
 def resolve_scalar(text: str, *, quoted: bool = False, tag: str | None = None) -> Scalar:
     """
-    Value and type that a ROS parameter gets from one YAML scalar.
+    Return the value that a ROS parameter gets from one YAML scalar, in its type.
 
-    `quoted` means single or double quotes; block scalars (`|`, `>`) count as not quoted. Of the
-    tags only `!!str` has a meaning, the others are ignored. A NUL ends the text, as in C.
+    `quoted` means single or double quotes; block scalars (`|`, `>`) count as not quoted. Only the
+    tag `!!str` has an effect. A NUL character ends the text, as in C.
     """
     text = text.partition('\0')[0]
     if quoted or tag == STRING_TAG:

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Where the ready scenes are: in a clone, or in the share folder of an installation."""
+"""Find the example scenes in a clone or in the share folder of an installation."""
 
 import difflib
 from pathlib import Path
@@ -20,7 +20,7 @@ _PACKAGE = 'icofabric_sim'
 
 
 def ready_scenes() -> dict[str, Path]:
-    """Name and parameter file of every ready scene, by name; empty where none is installed."""
+    """Return the parameter file of every example scene by name; empty if none is installed."""
     for folder in scene_folders():
         found = {path.stem: path for path in sorted(folder.glob('*.yaml'))}
         if found:
@@ -30,9 +30,9 @@ def ready_scenes() -> dict[str, Path]:
 
 def find_scene(scene: str) -> Path:
     """
-    Parameter file of a ready scene's name, or of a path; a name goes before a path.
+    Return the parameter file of an example scene or path; scene names take precedence.
 
-    Raises ValueError where there is neither.
+    Raises ValueError if there is no such scene or file.
     """
     ready = ready_scenes()
     if scene in ready:
@@ -43,23 +43,23 @@ def find_scene(scene: str) -> Path:
         names = ', '.join(ready) or 'none is installed'
         raise ValueError(
             f'{scene} {reason}: {meant(scene)}give the parameter file (.yaml) of a scene, '
-            f'or the name of a ready scene ({names})'
+            f'or the name of an example scene ({names})'
         )
     return path
 
 
 def meant(scene: str) -> str:
-    """Ask whether the ready scene with the nearest name was meant; empty where none is near."""
+    """Return a question that suggests the example scene with the nearest name, or ''."""
     near = difflib.get_close_matches(scene, ready_scenes(), 1)
     return f'did you mean {near[0]}? ' if near else ''
 
 
 def scene_folders() -> list[Path]:
     """
-    Places to look in, the source tree first.
+    Return the folders that may hold example scenes, the source tree first.
 
-    An installation has PREFIX/share/icofabric_sim/config beside some
-    PREFIX/.../site-packages/icofabric_sim, for colcon, pip and a virtual environment alike.
+    Installations by colcon, by pip and into a virtual environment have the folder
+    PREFIX/share/icofabric_sim/config and the package PREFIX/.../site-packages/icofabric_sim.
     """
     file = Path(__file__)
     here, real = file.absolute().parents[1], file.resolve().parents[1]

@@ -12,14 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Reads the sections of parameter files and overrides to what a node gets of them.
+Read the sections of parameter files and overrides to the parameters that a node gets.
 
-rcl builds no tree: it walks the events of the file with a few counters, and joins and cuts names
-as text. A few forms make it lose its place, or hand over something else than what is written.
-The text is read as a tree here, and these forms are refused, with the name of the parameter:
-lists and maps in lists, empty maps, a map below a dotted name or below a name that also has a
-value, more names behind `ros__parameters`, and a value that an earlier one hides. YAML tags
-build nothing, aliases are never expanded. A test compares random files with a real node.
+rcl builds no tree: it walks the YAML events with a few counters, and joins and cuts names as
+text. Some forms make it lose its position or deliver values other than those written. This reader
+builds a tree and refuses these forms with the name of the parameter:
+
+- lists and maps in lists, and empty maps;
+- a map below a dotted name, or below a name that also has a value;
+- further names after `ros__parameters`;
+- a value that an earlier value hides.
+
+YAML tags construct no objects, and aliases are never expanded. A test compares random files with
+a real node.
 """
 
 from dataclasses import dataclass, field
@@ -44,36 +49,36 @@ from icofabric_sim.parameters.yaml_events import (
     Tree,
 )
 
-# Parameters that every ROS node has: no part of a scene.
+# Parameters that every ROS node has; not part of a scene.
 _ROS_OWN = ('use_sim_time', 'start_type_description_service')
 _ROS_OWN_PREFIX = 'qos_overrides.'
 
 
 def is_own_parameter(name: str) -> bool:
-    """Whether a parameter belongs to the node itself, not to ROS."""
+    """Return True if a parameter belongs to the scene or the node, not to ROS."""
     return name not in _ROS_OWN and not name.startswith(_ROS_OWN_PREFIX)
 
 
 @dataclass
 class _Section:
-    """What was written for one node, or for all that a pattern fits."""
+    """Parameters written for one node, or for all nodes that match a pattern."""
 
     entries: dict[str, Entries] = field(default_factory=dict)
     maps: set[str] = field(default_factory=set)  # names with a map below
 
 
 class ParameterSet:
-    """Parameter files and overrides, taken in order, as one node sees them."""
+    """Parameter files and overrides, applied in order, as one node gets them."""
 
     def __init__(self, node: str) -> None:
         self.node = node
         self._sections: dict[str, _Section] = {}
-        # Names that the present document has given, by section, and where.
+        # Origins of the names in the current document, by section and name.
         self._written: dict[tuple[str, str], Origin] = {}
         self._unused_files: list[str] = []
 
     def add_file(self, data: bytes, source: str) -> None:
-        """Take the text of one parameter file; `source` is its name in messages."""
+        """Add the text of one parameter file; `source` is its name in messages."""
         trees = make_trees(read_events(data, source))
         sections: dict[str, None] = {}
         if not trees:
@@ -88,7 +93,7 @@ class ParameterSet:
             self._unused_files.append(unused_notice(source, sections, self.node))
 
     def add_override(self, section: str, name: str, text: str, source: str) -> None:
-        """Take one value of the command line, for the nodes of `section`."""
+        """Add one value from the command line, for the nodes of `section`."""
         trees = make_trees(read_events(text.encode('utf-8', 'surrogateescape'), source, name=name))
         if len(trees) != 1:
             raise ParameterFileError(
@@ -96,7 +101,7 @@ class ParameterSet:
         self._take_value(trees[0], name, section, Origin(source), in_map=False)
 
     def parameters(self, *, with_ros_own: bool = False) -> dict[str, Value]:
-        """Name to value of the node, as ROS hands them over, without those of ROS itself."""
+        """Return the names and values that ROS gives the node, without ROS's own by default."""
         kept = self._kept()
         for name in _ROS_OWN:
             if name in kept and not isinstance(kept[name].value, bool):
@@ -110,7 +115,8 @@ class ParameterSet:
         """
         Return one sentence for each file and each override without effect.
 
-        A file has none if its sections are for other nodes, an override if ROS prefers a section.
+        A file has no effect if its sections are for other nodes, an override if ROS prefers a
+        section.
         """
         kept = self._kept()
         return self._unused_files + [
@@ -125,7 +131,7 @@ class ParameterSet:
                 if section_matches(name, self.node)]
 
     def _kept(self) -> dict[str, Setting]:
-        """Later sections win; the place of a section is that of its first mention."""
+        """Return the effective settings: later sections win, ordered by first mention."""
         return {name: entries.kept() for section in self._own_sections()
                 for name, entries in section.entries.items()}
 
@@ -158,7 +164,7 @@ class ParameterSet:
                 if index + 1 < len(pairs):
                     raise ParameterFileError(
                         f'{source}:{pairs[index + 1][0].line}: ROS loses the name of the node '
-                        f'behind {SECTION_KEY} of {path!r}; begin a new section with the whole '
+                        f'after {SECTION_KEY} of {path!r}; begin a new section with the whole '
                         'name')
                 self._sections.setdefault(path, _Section())
                 sections[path] = None
@@ -168,7 +174,7 @@ class ParameterSet:
                     f'{where}: {key.text!r} stands outside {SECTION_KEY}; {FORM}')
             elif path and ('/' in key.text or path.endswith('/')):
                 raise ParameterFileError(
-                    f'{where}: {key.text!r} below {path!r}: ROS loses the name of the node where '
+                    f'{where}: {key.text!r} below {path!r}: ROS loses the name of the node if '
                     'a part of it has a slash; write the whole name as one key')
             else:
                 self._walk_names(
@@ -201,8 +207,8 @@ class ParameterSet:
                     f'{where} is an empty map; write parameters into it or delete it')
             if ours and '.' in key.text:
                 raise ParameterFileError(
-                    f'{where}: ROS confuses the names nearby where a name with a dot has a map '
-                    'below it; write one nested map per word')
+                    f'{where}: ROS confuses names near a dotted name with a map below it; write '
+                    'one nested map per word')
             if ours and name in self._sections[section].entries:
                 raise ParameterFileError(f'{where} {_BOTH}')
             self._sections[section].maps.add(name)
@@ -260,10 +266,10 @@ def _refuse_what_ros_spoils(items: list[Tree], where: str) -> None:
         if item.is_null:
             raise ParameterFileError(
                 f'{where} is {item.text}, but ROS has no null; delete the line, or quote the '
-                'word if a text is meant')
+                'word to give it as a string')
         if '\0' in item.text:
             raise ParameterFileError(
-                f'{where} holds a NUL character, at which ROS cuts a text; remove it')
+                f'{where} has a NUL character, which ends a string in ROS; remove it')
 
 
 def _mixed(values: list[Scalar]) -> str:
@@ -273,9 +279,9 @@ def _mixed(values: list[Scalar]) -> str:
         whole = next(value for value in values if isinstance(value, int))
         remedy = f'write {whole} as {float(whole)!r}'
     elif bool in kinds:
-        remedy = 'quote the words that ROS takes for true or false (y, n, on, off, yes, no)'
+        remedy = 'quote the words that ROS reads as true or false (y, n, on, off, yes, no)'
     else:
-        remedy = 'quote what is meant as a text, or write all as numbers'
+        remedy = 'quote the numbers to make them strings, or write numbers only'
     return f'mixes {names} in one list, which ROS refuses; {remedy}'
 
 

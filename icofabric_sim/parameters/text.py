@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Parameters as Python dictionaries: nested to flat, and flat to the text of a parameter file."""
+"""Convert parameters between nested dictionaries, flat ones and the text of parameter files."""
 
 from collections.abc import Iterator, Mapping
 import logging
@@ -37,7 +37,7 @@ _LOGGER = logging.getLogger('icofabric_sim')
 # A YAML key must end within 1024 characters; escapes take up to ten each.
 _LONGEST_NAME = 100
 _PLAIN_KEY = re.compile('[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
-# ROS takes any key as text, other readers of YAML make values of these.
+# ROS reads any key as text; other YAML readers turn these words into values.
 _QUOTED_KEYS = {'y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null'}
 
 
@@ -45,12 +45,12 @@ def flatten_parameters(
         nested: Mapping[str, Any], *, node_name: str = 'icofabric',
         namespace: str = '/') -> dict[str, Value]:
     """
-    Nested dictionaries to one dictionary of dotted names and plain values.
+    Convert nested dictionaries to one dictionary of dotted names and plain values.
 
-    Names may hold dots. Tuples, NumPy scalars, NumPy arrays and paths become plain values, and
-    integers in a list with floats become floats. The dictionary of a whole parameter file
-    (`{'/**': {'ros__parameters': ...}}`) is taken as this node takes it. What else a parameter
-    file cannot hold is refused.
+    Names may contain dots. Tuples, NumPy scalars, NumPy arrays and paths become plain values, and
+    integers in a list with floats become floats. From the dictionary of a whole parameter file
+    (`{'/**': {'ros__parameters': ...}}`) the sections of this node are used. Other values that a
+    parameter file cannot hold raise ParameterFileError.
     """
     if not isinstance(nested, Mapping):
         raise ParameterFileError(
@@ -75,9 +75,9 @@ def flatten_parameters(
 
 def dump_parameters(flat: Mapping[str, Any]) -> str:
     """
-    The text of a parameter file that ROS and this package read back to the same values and types.
+    Return the text of a parameter file that ROS and this package read to the same values.
 
-    Floats come back bit for bit.
+    Types are preserved, and floats are bit-identical.
     """
     tree: dict[str, Any] = {}
     single: dict[str, str] = {}
@@ -86,7 +86,7 @@ def dump_parameters(flat: Mapping[str, Any]) -> str:
         words = name.split('.')
         heads = {'.'.join(words[:count]) for count in range(1, len(words))}
         if heads & flat.keys() or not all(_PLAIN_KEY.fullmatch(word) for word in words):
-            single[name] = text  # one line of its own: ROS confuses it in a map
+            single[name] = text  # on a separate line, because ROS confuses it in a map
             continue
         branch = tree
         for word in words[:-1]:
@@ -112,7 +112,7 @@ def _flatten(nested: Mapping[str, Any], prefix: str, flat: dict[str, Value]) -> 
         if not isinstance(key, str) or not key or '\0' in key:
             raise ParameterFileError(
                 f'{shown(key)} below {prefix.rstrip(".") or "the top"!r} is not a parameter name; '
-                'use a text')
+                'use a string')
         name = prefix + key
         if isinstance(value, Mapping):
             if not value:
@@ -128,7 +128,7 @@ def _flatten(nested: Mapping[str, Any], prefix: str, flat: dict[str, Value]) -> 
 
 
 def _plain(name: str, value: Any, *, numbers_alike: bool = False) -> Value:
-    """Plain Python; `numbers_alike`: integers in a list with floats are floats."""
+    """Convert to plain Python; `numbers_alike` makes integers in a list with floats floats."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -154,8 +154,7 @@ def _plain_scalar(name: str, value: Any) -> Scalar:
     if isinstance(value, (int, np.integer)):
         if not -2**63 <= value < 2**63:
             raise ParameterFileError(
-                f'parameter {name!r}: {shown(value)} does not fit into 64 bits; use a '
-                'float')
+                f'parameter {name!r}: {shown(value)} does not fit in 64 bits; use a float')
         return int(value)
     if isinstance(value, (float, np.floating)):
         return float(value)
@@ -164,11 +163,11 @@ def _plain_scalar(name: str, value: Any) -> Scalar:
     if isinstance(value, str):
         if '\0' in value or not _is_text(value):
             raise ParameterFileError(
-                f'parameter {name!r}: {shown(value)} holds a character that ROS cannot pass '
-                'on (NUL or half of a pair); remove it')
+                f'parameter {name!r}: {shown(value)} has a character that ROS cannot hold (NUL '
+                'or half of a surrogate pair); remove it')
         return str(value)
     remedy = 'leave it out' if value is None else (
-        'give a bool, int, float, text, or a flat list of one of these')
+        'give a bool, int, float, string, or a flat list of one of these')
     raise ParameterFileError(
         f'parameter {name!r}: ROS cannot hold {shown(value)} of type {type(value).__name__}; '
         f'{remedy}')
@@ -193,7 +192,7 @@ def _key_text(name: str) -> str:
     if not isinstance(name, str) or not name or '\0' in name or len(name) > _LONGEST_NAME or (
             not _is_text(name)):
         raise ParameterFileError(
-            f'{name!r} is not a parameter name; use a text of 1 to {_LONGEST_NAME} characters')
+            f'{name!r} is not a parameter name; use a string of 1 to {_LONGEST_NAME} characters')
     return _quoted(name)
 
 
@@ -214,11 +213,11 @@ def _float_text(value: float) -> str:
         return '.nan'
     if math.isinf(value):
         return '.inf' if value > 0.0 else '-.inf'
-    # ROS reads a decimal subnormal as a text, unless it is exact.
+    # ROS reads an inexact decimal subnormal as a string.
     if 0.0 < abs(value) < sys.float_info.min:
         return value.hex()
     text = repr(value)
-    # Other readers of YAML want a point in every float.
+    # Other YAML readers require a point in every float.
     return text if '.' in text else text.replace('e', '.0e')
 
 

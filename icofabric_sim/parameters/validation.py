@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Validated choices: a flat dictionary becomes `Parameters`, or a `ParameterError` that says why not.
+Validate a flat dictionary to `Parameters`, or raise a `ParameterError` with the reason.
 
-Values are judged one by one here (name, type, range). What several values say
-together is judged where they meet, in `scene.py`.
+This module checks the name, type and range of each value. Combinations of values are checked
+where they are used, see `scene.py`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,9 +36,9 @@ from icofabric_sim.parameters.table import (
     Value,
 )
 
-# A letter, then letters, digits, single underscores. Such a name is also a valid ROS topic token.
+# A letter, then letters, digits, single underscores: also a valid ROS topic token.
 _NAME = re.compile(r'[A-Za-z](?:[A-Za-z0-9]|_(?!_))*')
-# The topic ~/loads/NAME of a node in some namespaces must stay within the 247 characters of ROS.
+# Leaves room for namespaces: ROS allows 247 characters in the full name of ~/loads/NAME.
 _LONGEST_NAME = 100
 _TYPE_WORDS = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
 _MODE_WORDS = {True: 'always', False: 'never'}
@@ -46,29 +46,29 @@ _MODE_WORDS = {True: 'always', False: 'never'}
 
 class ParameterError(ValueError):
     """
-    A parameter that cannot be taken.
+    Invalid name or value of a parameter.
 
-    The message names it, its value, its unit and what is allowed.
+    The message states the name, the value, the unit and the allowed values.
     """
 
     def __init__(self, name: str, message: str) -> None:
-        """Keep the parameter's `name` beside the `message` for callers that report it apart."""
+        """Store the parameter's `name` apart from the `message`, for callers that report both."""
         # Names and values may have line breaks.
         super().__init__(' '.join(message.splitlines()))
         self.name = name
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle and copy by the arguments."""
+        """Support pickling and copying: the base class keeps only the message."""
         return type(self), (self.name, *self.args), vars(self)
 
 
 @dataclass(frozen=True)
 class Parameters(Mapping[str, Value]):
     """
-    A complete, valid set.
+    Complete, valid set of parameters.
 
-    Every static parameter, and all fields of every named group, load, support, ...; `explicit`
-    holds the names that were given, as opposed to filled in with defaults.
+    Contains every static parameter, and all fields of every named group, load, support, ...;
+    `explicit` holds the names that were given rather than filled in with defaults.
     """
 
     table: Mapping[str, Value]
@@ -77,7 +77,7 @@ class Parameters(Mapping[str, Value]):
     files: Mapping[str, Any] = dataclasses.field(default_factory=dict, compare=False)
 
     def __getitem__(self, name: str) -> Any:
-        """Value of the parameter with the dotted `name`."""
+        """Return the value of the parameter with the dotted `name`."""
         return self.table[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -89,19 +89,19 @@ class Parameters(Mapping[str, Value]):
         return len(self.table)
 
     def names(self, family: str) -> list[str]:
-        """Names of one family (`groups`, `loads`, ...), sorted."""
+        """Return the names of one family (`groups`, `loads`, ...), sorted."""
         prefix = checks.text('family', family) + '.'
         return sorted({key.split('.')[1] for key in self.table if key.startswith(prefix)})
 
     def given(self) -> dict[str, Value]:
-        """The values that were given, without the defaults."""
+        """Return the values that were given, without the defaults."""
         return {name: value for name, value in self.table.items() if name in self.explicit}
 
     def complete(self) -> dict[str, Value]:
         """
-        All values, as a file can hold them: without defaults that others overrule.
+        Return all values that a parameter file can hold, without overruled defaults.
 
-        A thickness beside an inner edge would be refused when the file is read.
+        A file with both a thickness and an inner edge length would be refused when read.
         """
         overruled = set()
         if self.table['shell.inner_edge_length'] > 0.0:  # type: ignore[operator]
@@ -109,15 +109,13 @@ class Parameters(Mapping[str, Value]):
         return {name: value for name, value in self.table.items() if name not in overruled}
 
     def with_changes(self, changes: Mapping[str, Any]) -> 'Parameters':
-        """
-        Apply a set of `changes` at once; raises ParameterError and leaves this object as it is.
-        """
+        """Return a set with all `changes` applied together, or raise ParameterError."""
         checks.mapping('changes', changes)
         return replace(make_parameters({**self.given(), **changes}), files=self.files)
 
 
 def make_parameters(flat: Mapping[str, Any]) -> Parameters:
-    """Judge a flat dictionary (dotted names) and complete it with the defaults."""
+    """Validate a flat dictionary of dotted names and complete it with the defaults."""
     values: dict[str, Value] = {entry.name: _copy(entry.default) for entry in STATIC}
     for name, value in flat.items():
         values[name] = judge(name, value)
@@ -139,9 +137,7 @@ def make_parameters(flat: Mapping[str, Any]) -> Parameters:
 
 
 def find_specification(name: str) -> Specification:
-    """
-    Specification of a dotted `name`, static or of a family; an unknown name raises ParameterError.
-    """
+    """Return the specification of a dotted `name`, or raise ParameterError if it is unknown."""
     if name in BY_NAME:
         return BY_NAME[name]
     family, _, rest = name.partition('.')
@@ -166,9 +162,9 @@ def find_specification(name: str) -> Specification:
 
 def judge(name: str, value: Any) -> Value:
     """
-    Return `value` in the parameter's own type, or raise.
+    Return `value` in the type of the parameter, or raise ParameterError.
 
-    Integers become floats where a float is meant.
+    Integers become floats if the parameter is a float.
     """
     entry = find_specification(name)
     if name == 'contact.mode' and isinstance(value, bool):
@@ -233,7 +229,7 @@ def _check_range(name: str, element: Any, given: Any, entry: Specification) -> N
 
 
 def _plain(value: Any) -> Any:
-    """Turn NumPy scalars and arrays, array.array and tuples into plain Python."""
+    """Convert NumPy scalars and arrays, array.array and tuples to plain Python."""
     if hasattr(value, 'tolist'):
         value = value.tolist()
     if isinstance(value, (list, tuple)):

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-YAML text to YAML events, with errors that a user understands.
+Parse YAML text to YAML events, with error messages for users.
 
-The events come from libyaml, which ROS uses as well, through PyYAML (rclpy needs it, so it is
-there with every ROS). ROS installations carry libyaml 0.1.7 to 0.2.5; the few forms that only
-the newer ones read are refused, so that a file means the same everywhere.
+The events come from libyaml, which ROS also uses, through PyYAML, which rclpy requires. ROS
+installations have libyaml 0.1.7 to 0.2.5. The few forms that only newer versions read are refused,
+so that a file means the same in every installation.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from typing import Any
 from icofabric_sim.parameters.rcl_scalars import NULL_WORDS, resolve_scalar, Scalar, STRING_TAG
 import yaml
 
-# Only where PyYAML was built without libyaml is its own parser used, which refuses more tabs.
+# PyYAML built without libyaml falls back to its own parser, which refuses more tabs.
 _LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 SECTION_KEY = 'ros__parameters'
@@ -37,7 +37,7 @@ FORM = ('a parameter file has the form "/**:", below it "ros__parameters:", belo
 
 @dataclass
 class Tree:
-    """A YAML node; `children` holds the items of a list, or keys and values of a map in turn."""
+    """YAML node; `children` are the items of a list, or alternating keys and values of a map."""
 
     event: Any
     line: int
@@ -76,25 +76,23 @@ class Tree:
 
 
 class ParameterFileError(ValueError):
-    """
-    A parameter file, override or dictionary that cannot be used: where, which name, what to do.
-    """
+    """Invalid parameter file, override or dictionary; states the place, the name and a remedy."""
 
 
 def read_events(data: bytes, source: str, *, name: str | None = None) -> list[Any]:
     """
-    All events of a YAML text.
+    Return all events of a YAML text.
 
-    Errors name the `source` and the line, or, for a text that is the value of one parameter, the
-    `name` of that parameter.
+    Errors state the `source` and the line. If the text is the value of one parameter, they state
+    the `name` of the parameter instead of the line.
     """
     try:
         text = data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
         where = _where(source, data.count(b'\n', 0, error.start) + 1, name)
         raise ParameterFileError(
-            f'{where}not a text in UTF-8 (byte 0x{data[error.start]:02x}); give a YAML '
-            'file saved as UTF-8') from None
+            f'{where}not UTF-8 text (byte 0x{data[error.start]:02x}); give a YAML file saved as '
+            'UTF-8') from None
     events = []
     place = _Place()
     try:
@@ -104,7 +102,7 @@ def read_events(data: bytes, source: str, *, name: str | None = None) -> list[An
             where = _where(source, event.start_mark.line + 1, name) + str(place)
             if len(place.levels) > _DEEPEST:
                 raise ParameterFileError(
-                    f'{where}nested more than {_DEEPEST} deep; no parameter is')
+                    f'{where}nested more than {_DEEPEST} levels deep; write fewer levels')
             if isinstance(event, yaml.AliasEvent):
                 raise ParameterFileError(
                     f'{where}ROS refuses aliases (*{event.anchor}); write the value again')
@@ -125,7 +123,7 @@ class _Level:
 
 
 class _Place:
-    """Which parameter the events have reached; its text is empty or ends in a colon."""
+    """Current parameter in a stream of events; its text is empty or ends in a colon."""
 
     def __init__(self) -> None:
         self.levels = [_Level(False, False, False)]
@@ -151,7 +149,7 @@ class _Place:
 
 
 def make_trees(events: list[Any]) -> list[Tree]:
-    """One tree for each document."""
+    """Return one tree for each document."""
     root: list[Tree] = []
     open_trees: list[list[Tree]] = [root]
     for event in events:
