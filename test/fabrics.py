@@ -24,8 +24,11 @@ from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
+import pytest
 
 FORMS = ('quaternion', 'direction_cosines')
+# Both, of which `make test` leaves the second to `make test-long`.
+BOTH_FORMS = (FORMS[0], pytest.param(FORMS[1], marks=pytest.mark.long))
 STATE = ('position', 'orientation', 'linear_velocity', 'angular_velocity')
 
 

@@ -53,12 +53,14 @@ def test_a_slab_tears_where_stress_drops():
     assert len({*sum(broken, [])}) == points[-1].broken
 
 
+@pytest.mark.long
 def test_statics_and_motion_bend_a_beam_alike():
     verdict, (solved, ran), _, apart = load('bend')['bend']((3, 3, 3), 2.0)
     assert verdict == 'equilibrium, stable'
     assert solved > 1e-4 and ran == pytest.approx(solved, rel=1e-3) and apart < 1e-3 * solved
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('size', [1.0, 2.5])
 def test_an_indenter_feels_what_the_floor_bears_and_a_heavy_ball_bounces(size):
     example = load('indent')

@@ -403,7 +403,7 @@ def test_asymmetric_jumps_are_refused(density):
         Shell.from_density(EDGE, THICK, density)
 
 
-@pytest.mark.parametrize('flaw', [0.0, 1e-3, 1e-7])
+@pytest.mark.parametrize('flaw', [0.0, pytest.param(1e-3, marks=pytest.mark.long), 1e-7])
 def test_small_flaw_among_equal_balls_is_found(flaw):
     """One ball of six is a little smaller; images taken for equal at first must not hide it."""
     radii = np.full(6, 0.17 * A)

@@ -14,7 +14,7 @@
 """Connectors with two stiffnesses (eq 2), and groups of them with laws of their own."""
 
 import analytical
-from fabrics import changed, FORMS, LOADED, make_scene, pair_face_to_face, RANDOM, same_state
+from fabrics import BOTH_FORMS, changed, LOADED, make_scene, pair_face_to_face, RANDOM, same_state
 import icofabric_sim as ico
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.model.packing import pack_scene
@@ -45,7 +45,7 @@ def swinging_pair(changes, amplitude, form='quaternion'):
     return scene, simulation
 
 
-@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('form', BOTH_FORMS)
 @pytest.mark.parametrize('extension, compression', [(800.0, 100.0), (60.0, 900.0)])
 def test_period_is_half_of_each_stiffness(form, extension, compression):
     scene, simulation = swinging_pair({
@@ -105,7 +105,9 @@ def test_steps_are_short_enough_for_slack_connectors_that_pull_later(method):
     assert np.abs(end.linear_velocity - speed).max() > 1e-3
 
 
-@pytest.mark.parametrize('method', ico.METHODS)
+@pytest.mark.parametrize('method', [
+    pytest.param(name, marks=pytest.mark.long if name == 'dop8' else ())
+    for name in ico.METHODS])
 def test_energy_and_momenta_stay_on_a_kinked_fabric(method):
     # Kinks leave srkn8 steps of order 2, each of 16 evaluations: minutes at the default tolerance.
     tolerance = {'solver.tolerance': 1e-4} if method == 'srkn8' else {}
@@ -141,7 +143,8 @@ def test_frequency_counts_the_stiffer_side():
         assert rates[0] == pytest.approx(rates[1], rel=1e-6)
 
 
-@pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])
+@pytest.mark.parametrize('method', [
+    'leapfrog', 'srkn6', pytest.param('dop8', marks=pytest.mark.long)])
 def test_one_law_written_in_two_ways_is_the_same_motion(method):
     fixed = {'solver.method': method, 'solver.step': 2e-4}
     plain = make_scene((4, 3, 3), fixed, **RANDOM)

@@ -112,6 +112,7 @@ def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints()
     assert always.snapshot().energy['dissipated'] > 0.0
 
 
+@pytest.mark.long
 def test_a_damped_press_does_work_that_is_found_again():
     # Driven down onto a loose shell that lies on the floor, and up again.
     scene = loose(
@@ -406,7 +407,8 @@ def test_a_thread_knows_the_parts_it_took_and_no_other():
 @pytest.mark.parametrize('size, friction, damping, drag, calm', [
     ((3, 3, 4), 0.4, 5.0, 0.0, 0.0),
     # Without friction only the drag [1/s] ends that bodies slide along each other.
-    ((1, 1, 10), 0.0, 10.0, 20.0, 1e-3)], ids=['friction', 'walls'])
+    pytest.param((1, 1, 10), 0.0, 10.0, 20.0, 1e-3, marks=pytest.mark.long)],
+    ids=['friction', 'walls'])
 def test_a_pile_comes_to_rest(size, friction, damping, drag, calm):
     shell = pile.pile(size).shell
     simulation = ico.compile_scene(pile.pile(size, **{

@@ -90,7 +90,9 @@ def test_pairs_that_steps_look_at_do_not_depend_on_pieces_or_on_who_is_shown_wha
     assert whole.status.contact_tests == pieces.status.contact_tests > 10
 
 
-@pytest.mark.parametrize('method', ico.METHODS)
+@pytest.mark.parametrize('method', [
+    pytest.param(name, marks=pytest.mark.long if name in ('srkn4', 'srkn6') else ())
+    for name in ico.METHODS])
 def test_energy_errs_by_the_square_of_the_step_through_contacts(method):
     # The force has a kink at first touch, wherever in a step that is: a mean over eight places.
     # Given steps do not end there, also those of dop8.

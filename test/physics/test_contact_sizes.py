@@ -29,6 +29,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 SIZES = (0.3, 0.7, 1.6, 4.0)
+SIZES_TWO_LONG = (
+    0.3, 1.6, *(pytest.param(size, marks=pytest.mark.long) for size in (0.7, 4.0)))
 
 
 def first_touch(ra, rb, way, size):
@@ -49,7 +51,7 @@ def overlapping(kind, rng, size, depth):
     return np.zeros(3), ra, (first_touch(ra, rb, way, size) - depth) * way, rb
 
 
-@pytest.mark.parametrize('size', SIZES)
+@pytest.mark.parametrize('size', SIZES_TWO_LONG)
 @pytest.mark.parametrize('kind', KINDS)
 def test_the_depth_is_four_times_the_mean_depth_of_the_overlap(kind, size):
     rng = np.random.default_rng(5)
@@ -61,7 +63,7 @@ def test_the_depth_is_four_times_the_mean_depth_of_the_overlap(kind, size):
         assert out[9] == 0.5 * out[10]**2 and out[11] > 0.5 * depth
 
 
-@pytest.mark.parametrize('size', SIZES)
+@pytest.mark.parametrize('size', SIZES_TWO_LONG)
 @pytest.mark.parametrize('kind', KINDS)
 def test_forces_are_the_gradient_of_the_energy(kind, size):
     rng, step = np.random.default_rng(6), 1e-5
@@ -199,7 +201,9 @@ MET = ((2.5, (0.07, 0.01, 0.005), (-0.3, 0.0, 0.0), (1.0, 0.0, 2.0),
        (0.4, (-0.03, 0.004, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize('method', ['dop8', 'srkn6', 'leapfrog', 'sdirk4'])
+@pytest.mark.parametrize('method', [
+    'dop8',
+    *(pytest.param(name, marks=pytest.mark.long) for name in ('srkn6', 'leapfrog', 'sdirk4'))])
 def test_collisions_of_bodies_of_several_sizes_keep_what_is_conserved(method):
     scene = sized(*MET, solver__method=method, **(
         {} if method == 'dop8' else {'solver__tolerance': 1e-6}))
@@ -218,7 +222,8 @@ def test_collisions_of_bodies_of_several_sizes_keep_what_is_conserved(method):
     assert abs(end.energy['total'] / start.energy['total'] - 1.0) < 1e-4
 
 
-@pytest.mark.parametrize('losses', [{}, {'contact__damping': 1.0, 'contact__friction': 0.3}])
+@pytest.mark.parametrize('losses', [
+    {}, pytest.param({'contact__damping': 1.0, 'contact__friction': 0.3}, marks=pytest.mark.long)])
 def test_what_is_known_of_contacts_changes_no_bit(losses):
     rng = np.random.default_rng(11)
     places = 0.05 * np.array(

@@ -209,6 +209,7 @@ def test_dense_slabs_whose_faces_meet_and_part_rest(variant, size, pairs):
     assert moved < 1e-8 * woven.shell.half_edge
 
 
+@pytest.mark.long
 def test_a_bias_slab_of_point_springs_rests_however_far_it_is_pulled():
     scene = ico.Scene.from_parameters({
         'weave': {'kind': 'bias', 'size': [9, 5, 5], 'connector_angle': 0.3}})

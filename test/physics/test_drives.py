@@ -60,8 +60,8 @@ def compare(scene, snapshot, *wanted, rel=1e-12):
             values[bodies], wish, rtol=0, atol=rel * max(1.0, float(np.abs(wish).max())))
 
 
-@pytest.mark.parametrize('method, form', [('srkn4', FORMS[0]), ('srkn4', FORMS[1]), (
-    'dop8', FORMS[0])])
+@pytest.mark.parametrize('method, form', [
+    *(pytest.param('srkn4', form, marks=pytest.mark.long) for form in FORMS), ('dop8', FORMS[0])])
 def test_bodies_are_where_their_path_says(method, form):
     scene = driven('velocity', {'solver.method': method}, linear=LINEAR.tolist(),
                    angular=ANGULAR.tolist(), start=0.001, duration=0.01)

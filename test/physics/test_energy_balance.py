@@ -158,7 +158,10 @@ def test_balance_converges_at_the_order_of_the_method(name, method, form):
     assert slope > order - 0.6 and errors[-1] < errors[0] * 1.4 ** (-1.8 * order)
 
 
-@pytest.mark.parametrize('path', ready_scenes().values(), ids=ready_scenes())
+@pytest.mark.parametrize('path', [
+    pytest.param(path, id=name, marks=(
+        () if name in ('dropped_slab', 'hanging_slab') else pytest.mark.long))
+    for name, path in ready_scenes().items()])
 def test_balance_of_ready_scenes_holds_by_far(path):
     # At their own tolerance: test/scene/test_ready_scenes.py.
     simulation = ico.compile_scene(changed(ico.load_scene(path), {'solver.tolerance': 1e-3}))

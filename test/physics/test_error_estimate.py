@@ -46,8 +46,8 @@ def test_estimate_is_within_three_times_of_what_was_added(method):
         assert not judged.falls
 
 
-@pytest.mark.parametrize('method', ['dop8', 'srkn6'])
-@pytest.mark.parametrize('seed', [7, 9])
+@pytest.mark.parametrize('method, seed', [
+    pytest.param('dop8', 7, marks=pytest.mark.long), ('dop8', 9), ('srkn6', 7), ('srkn6', 9)])
 def test_estimate_counts_what_contacts_add(method, seed):
     changes, periods, _ = draw_scene('contact', seed)
     judged = judge(changes, method, 0.0, periods)

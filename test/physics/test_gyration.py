@@ -75,7 +75,7 @@ def test_a_symmetric_top_precesses():
         assert s.energy['kinetic'] == pytest.approx(first.energy['kinetic'], rel=1e-8)
 
 
-@pytest.mark.parametrize('cosines', [False, True])
+@pytest.mark.parametrize('cosines', [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_body_tumbles_by_jacobi_functions(cosines):
     # Landau and Lifshitz, Mechanics, section 37, for L^2 > 2 E I_2: about the middle axis it turns
     # over, again and again.
@@ -137,7 +137,7 @@ UNEQUAL = {
     'masses.some.principal_inertia': [2.5 * INERTIA, INERTIA, 2.0 * INERTIA]}
 
 
-@pytest.mark.parametrize('changes', [{}, UNEQUAL])
+@pytest.mark.parametrize('changes', [pytest.param({}, marks=pytest.mark.long), UNEQUAL])
 def test_a_fabric_moves_as_an_independent_right_hand_side_says(changes):
     scene = make_scene((3, 2, 2), {**TUMBLING, **changes, 'solver.tolerance': 1e-10}, **RANDOM)
     simulation = ico.compile_scene(scene)

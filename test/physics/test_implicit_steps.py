@@ -13,6 +13,7 @@
 # limitations under the License.
 """Implicit steps: their order, momenta, tolerance where damping is stiff, and the same bits."""
 
+from fabrics import BOTH_FORMS
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.kernels.flows import place_all
@@ -67,7 +68,7 @@ def bits(simulation):
         'position', 'orientation', 'linear_velocity', 'angular_velocity')]
 
 
-@pytest.mark.parametrize('form', ['quaternion', 'direction_cosines'])
+@pytest.mark.parametrize('form', BOTH_FORMS)
 def test_order_is_four(form):
     exact = run(FABRIC, 'dop8', 0.04, tolerance=1e-10).snapshot()
     errors = [
@@ -100,7 +101,7 @@ def angular(simulation, snapshot):
 
 
 @pytest.mark.parametrize('tolerance', [
-    1e-3, 1e-5, pytest.param(1e-7, marks=pytest.mark.long)])
+    1e-5, *(pytest.param(value, marks=pytest.mark.long) for value in (1e-3, 1e-7))])
 def test_the_tolerance_is_kept_where_damping_is_stiff(tolerance):
     duration = 0.02
     exact = run(STIFF, 'dop8', duration, tolerance=1e-10)

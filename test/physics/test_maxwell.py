@@ -92,6 +92,7 @@ def test_a_pair_vibrates_and_relaxes_as_a_standard_linear_solid(part):
     assert energy['dissipated'] > 0.02 * start.energy['total']
 
 
+@pytest.mark.long
 def test_a_pull_that_is_held_decays():
     time, amplitude = 3.0 / RATE, 1e-3 * PLAIN.geometry.pitch
     simulation, _ = pair({
@@ -190,7 +191,7 @@ def right_hand_side(scene):
     return rates
 
 
-@pytest.mark.parametrize('changes', [{}, GROUPED])
+@pytest.mark.parametrize('changes', [pytest.param({}, marks=pytest.mark.long), GROUPED])
 def test_the_motion_against_an_independent_right_hand_side(changes):
     scene = make_scene((3, 2, 2), {**ARMS, **changes, 'solver.tolerance': 1e-10}, **RANDOM)
     simulation = ico.compile_scene(scene)
@@ -347,6 +348,7 @@ def test_what_breaks_loses_its_arm():
     assert abs(s.energy['balance_error']) < 1e-7 * s.energy['dissipated']
 
 
+@pytest.mark.long
 def test_shells_that_touch_with_arms_between_them():
     scene = make_scene((3, 2, 2), {**ARMS, 'contact.mode': 'auto'}, **RANDOM)
     simulation = ico.compile_scene(scene)

@@ -235,6 +235,7 @@ def test_masses_that_no_body_has_are_refused(changes, words):
         assert word in str(caught.value)
 
 
+@pytest.mark.long
 def test_implicit_steps_move_each_body_by_its_own_mass():
     """As those of dop8 do, where connectors are damped and drag acts."""
     scene, duration = make_scene((3, 3, 2), {

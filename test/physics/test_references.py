@@ -16,7 +16,7 @@
 import math
 
 from analytical import amplification
-from fabrics import changed, FORMS, LOADED, make_scene, RANDOM, SUPPORTED
+from fabrics import BOTH_FORMS, changed, FORMS, LOADED, make_scene, RANDOM, SUPPORTED
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, quaternions_from_cosines
 import numpy as np
@@ -136,7 +136,7 @@ def test_stated_limit_is_where_an_oscillator_begins_to_grow(name):
     assert method.chosen < method.stability
 
 
-@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('form', BOTH_FORMS)
 @pytest.mark.parametrize('method', COUNTS)
 @pytest.mark.parametrize('name', SCENES)
 def test_splittings_of_higher_order_keep_it(name, method, form, reference):

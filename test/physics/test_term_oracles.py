@@ -175,7 +175,7 @@ DIMENSIONED = {
 
 @pytest.mark.parametrize(('length', 'mass', 'time'), [
     (4.0**-3, 1.0, 1.0), (1.0, 4.0**4, 1.0), (1.0, 1.0, 4.0**2), (4.0**5, 4.0**-7, 4.0**-3)])
-@pytest.mark.parametrize('tabled', [False, True])
+@pytest.mark.parametrize('tabled', [False, pytest.param(True, marks=pytest.mark.long)])
 def test_units_by_powers_of_four_give_the_same_bits(length, mass, time, tabled, tmp_path):
     results = []
     force = length * mass / time**2

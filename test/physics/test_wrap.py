@@ -501,7 +501,7 @@ def test_energy_and_momenta_stay():
     assert np.abs(free.snapshot().position - s.position).max() > 0.01 * scene.geometry.half_edge
 
 
-@pytest.mark.parametrize('mode', ['never', 'auto'])
+@pytest.mark.parametrize('mode', ['never', pytest.param('auto', marks=pytest.mark.long)])
 def test_a_stop_where_shells_may_pass_through_each_other_names_contact_mode(mode):
     simulation = ico.compile_scene(lively(**{'contact.mode': mode}))
     driver = simulation._event_loop.driver
@@ -608,6 +608,7 @@ DAMPED = {
     'solver.method': 'dop8', 'connector.damping': 0.02, 'connector.break_length_extension': 1.0}
 
 
+@pytest.mark.long
 def test_damping_follows_the_rate_of_the_whole_way():
     # The power that it takes is c (dl/dt)^2, and the wrench -c dl/dt times the gradient of l.
     # Steps of one length: no kernel that chooses them is compiled for this kind of scene.
@@ -655,6 +656,7 @@ def test_damping_follows_the_rate_of_the_whole_way():
 ARMS = {'connector.maxwell_stiffness': 600.0, 'connector.maxwell_time': 2e-3}
 
 
+@pytest.mark.long
 def test_quick_arms_around_shells_are_dampers_and_slow_ones_springs():
     # Springs and dampers around shells have oracles of their own above.
     ends = {}
@@ -729,7 +731,8 @@ def test_damped_connectors_around_shells_keep_the_balance():
         assert np.abs((after - before).sum(axis=0)).max() < 1e-10 * np.abs(before).sum()
 
 
-@pytest.mark.parametrize('seed, around', [(1, 2), (9, 3)])
+@pytest.mark.parametrize('seed, around', [
+    pytest.param(1, 2, marks=pytest.mark.long), (9, 3)])
 def test_they_break_at_the_length_of_the_whole_way(seed, around):
     # Around one shell, and around both, after a while in which the shortest way has changed.
     limit, moments = 0.093, []

@@ -231,7 +231,9 @@ def quick(tmp_path, monkeypatch):
     monkeypatch.setattr(GivenStep, '_measure', lambda self, fastest, *, jumped: None)
 
 
-@pytest.mark.parametrize('name', all_names())
+@pytest.mark.parametrize('name', [
+    pytest.param(name, marks=pytest.mark.long if name == 'masses.it.edge_length' else ())
+    for name in all_names()])
 def test_a_change_does_what_its_column_says(name):
     parameters = parameters_with(name)
     wanted = parameters.with_changes({name: other_value(name, parameters.get(name, 'x_max'))})

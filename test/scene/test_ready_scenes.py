@@ -28,6 +28,10 @@ import pytest
 SCENES = ready_scenes()
 # Those that take longer than a second until they have met, torn, or gone far.
 SLOW = {'dropped_slab', 'torn_slab', 'twisted_column'}
+# All; some of them, with kernels of their own, in `make test-long` only.
+WITH_LONG = [pytest.param(name, marks=pytest.mark.long if name in {
+    'auxetic_slab', 'charged_slab', 'draped_slab', 'hung_slab', 'pressed_slab', 'radial_arch',
+    'squeezed_slab', 'tightened_slab', 'twisted_column'} else ()) for name in SCENES]
 # How far each moves in its run, in pitches of its weave.
 MOTION = {
     'hanging_slab': 2.0, 'free_slab': 0.2, 'bias_column': 2.0, 'pressed_slab': 0.3,
@@ -68,7 +72,7 @@ def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):
         ico.load_scene('hanging_slob')
 
 
-@pytest.mark.parametrize('name', SCENES)
+@pytest.mark.parametrize('name', WITH_LONG)
 def test_scene_moves_and_keeps_its_energy(name):
     scene, end = ico.load_scene(SCENES[name]), 2.0 if name in SLOW else 1.0
     simulation = ico.compile_scene(scene)
@@ -118,7 +122,7 @@ def test_auto_and_always_give_the_same_bits(name):
     assert (auto.status.deepest_overlap > 0.0) == (name in TOUCHING)
 
 
-@pytest.mark.parametrize('name', SCENES)
+@pytest.mark.parametrize('name', WITH_LONG)
 def test_every_load_channel_of_a_scene_moves_its_bodies(name):
     scene = ico.load_scene(SCENES[name])
     assert scene.loads
@@ -160,6 +164,7 @@ def test_a_pulled_slab_grows_wider_where_its_connectors_are_short(angle, wider):
     assert simulation.status.deepest_overlap == 0.0 and not simulation.snapshot().obstructed.any()
 
 
+@pytest.mark.long
 def test_faces_and_pre_tension_bear_a_push_that_point_springs_do_not():
     """`tightened_slab`: docs/gallery.md has the displacements of its inner shells."""
     scene = ico.load_scene('tightened_slab')

@@ -87,8 +87,9 @@ def bits(snapshot):
 
 
 @pytest.mark.parametrize('name', [
-    *(name for name in SCENES if name not in FOR_RANKS_ALONE), 'damped, given', 'driven, dop8',
-    pytest.param('damped, anchored and bent', marks=pytest.mark.long)])
+    *(name for name in SCENES if name not in FOR_RANKS_ALONE), 'damped, given', *(
+        pytest.param(name, marks=pytest.mark.long)
+        for name in ('driven, dop8', 'damped, anchored and bent'))])
 def test_a_device_moves_as_the_processor_does(name):
     expected, simulation = compiled(name, 'cpu'), compiled(name)
     one, other = run(expected), run(simulation)
@@ -158,6 +159,7 @@ def test_what_broke_before_stays_broken_on_a_device():
     assert np.abs(whole.snapshot().position - ends[1].position).max() > 1e-6
 
 
+@pytest.mark.long
 def test_bodies_have_masses_of_their_own_on_a_device():
     changes = {
         'weave.size': [5, 7, 9],

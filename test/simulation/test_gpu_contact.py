@@ -142,9 +142,11 @@ BOX = {
     {'solver.method': 'leapfrog', 'solver.step': 2e-5},
     {'solver.method': 'leapfrog', 'solver.tolerance': 1e-2},
     {'solver.method': 'srkn6', 'solver.step': 4e-5},
-    {'solver.method': 'dop8', 'solver.step': 1e-4},
+    pytest.param({'solver.method': 'dop8', 'solver.step': 1e-4}, marks=pytest.mark.long),
     {'solver.method': 'dop8', 'solver.tolerance': 1e-2},
-    {'solver.method': 'auto', 'connector.damping': 0.02, 'solver.tolerance': 1e-2}],
+    pytest.param(
+        {'solver.method': 'auto', 'connector.damping': 0.02, 'solver.tolerance': 1e-2},
+        marks=pytest.mark.long)],
     ids=['given', 'chosen', 'srkn6', 'dop8, given', 'dop8, chosen', 'auto'])
 def test_a_crowd_moves_on_a_device_as_on_the_processor(solver):
     scene, ends = changed(crowd(**BOX), solver), []

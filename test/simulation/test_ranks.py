@@ -91,6 +91,7 @@ def test_any_number_of_ranks_gives_the_bits_of_one_process(count, name, alone, s
     require_motion(alone[name], touching='contact.mode' not in SCENES[name])
 
 
+@pytest.mark.long
 def test_other_scenes_have_the_bits_of_one_process():
     alone = {name: json.loads(json.dumps(run(name))) for name in LONG_SCENES}
     done = launch(MOST, Path(__file__).with_name('ranks_program.py'), 'long')
@@ -109,6 +110,7 @@ def test_other_scenes_have_the_bits_of_one_process():
     require_same_stops(STOPPING_LONG, found)
 
 
+@pytest.mark.long
 def test_ready_scenes_have_the_bits_of_one_process_or_are_refused():
     names = [str(path) for path in sorted((ROOT / 'config').glob('*.yaml'))]
     alone = {name: json.loads(json.dumps(run_ready(name))) for name in names}

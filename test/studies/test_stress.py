@@ -248,6 +248,7 @@ def test_charges_that_meet_are_a_right_reason(monkeypatch):
     assert judge(draw_scene(203984)).verdict is Verdict.WRONGLY_STOPPED
 
 
+@pytest.mark.long
 def test_steps_through_forces_of_bands_that_jump_are_within_the_promise():
     """As at kinks, their estimates are up to twice too small: 1.8 times the promise was added."""
     finding = judge(draw_scene(1))

@@ -215,6 +215,7 @@ def test_a_script_without_a_main_is_told_so(tmp_path):
     assert finished(tmp_path) == set()
 
 
+@pytest.mark.long
 def test_a_study_that_is_killed_goes_on_beside_another_one(folder, many):
     """Kill -9 of the command; its workers end with it. Then two at once share the rest."""
     client = start(*COMMAND, *MANY, '--workers', '2', folder=folder)
@@ -273,6 +274,7 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, many):
     assert same_bits(folder, many)
 
 
+@pytest.mark.long
 def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
     client = start(*COMMAND, *STUDY, '--workers', '2', folder=folder)
     wait_until(lambda: len(finished(folder)) >= 2, client)
