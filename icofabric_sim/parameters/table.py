@@ -529,3 +529,13 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
 }
 
 BY_NAME: dict[str, Specification] = {entry.name: entry for entry in STATIC}
+
+# Parameters that one kind of weave has.
+OF_KIND = {'weave.azimuth': 'bias', 'weave.boundary': 'bias', 'weave.radius': 'radial'}
+
+
+def with_kind(name: str, value: Value) -> dict[str, Value]:
+    """Return a change of a parameter; one of the kind of weave resets those of other kinds."""
+    return {name: value} | ({
+        other: BY_NAME[other].default for other, kind in OF_KIND.items() if kind != value
+    } if name == 'weave.kind' else {})

@@ -23,6 +23,7 @@ from typing import Any
 from icofabric_sim.messages import PointStampedBytes
 from icofabric_sim.messages.frames import body_frame
 from icofabric_sim.messages.topics import Topic, VIEWS
+from icofabric_sim.parameters.table import with_kind
 from icofabric_sim.ros.live_sink import message_class, quality
 from icofabric_sim.ros.process import Server, StopSignals
 from icofabric_sim.viewer.local import SightSink
@@ -89,8 +90,9 @@ class GraphHands:
 
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set a parameter, by the service that judges all of a request as one change."""
-        request = SetParametersAtomically.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        request = SetParametersAtomically.Request(parameters=[
+            Parameter(each, value=given).to_parameter_msg()
+            for each, given in with_kind(name, value).items()])
         return self._call(self._parameters, 'its parameter service', request, lambda answer: (
             answer.result.successful, answer.result.reason))
 

@@ -33,14 +33,8 @@ def check_radius(parameters: Parameters, geometry: WeaveGeometry) -> float:
     """
     Radius [m] of the lowest level; 0 means that the rows span a quarter of a circle.
 
-    Raises ParameterError where rows would meet behind the axis or inside it, and where the weave
-    is to be turned as one of bias is.
+    Raises ParameterError where rows would meet behind the axis or inside it.
     """
-    for name, flat in (('weave.azimuth', 0.0), ('weave.boundary', 'upright')):
-        if parameters[name] != flat:
-            raise ParameterError(
-                name, f'{name} {parameters[name]!r} is for weave.kind bias only: a radial weave '
-                f'is bent round its own y axis; leave it at {flat!r}, or choose bias')
     box = parameters['weave.box']
     rows = (size_for_box(box, geometry) if any(box) else parameters['weave.size'])[0]
     radius: float = parameters['weave.radius']

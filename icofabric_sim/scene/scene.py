@@ -29,6 +29,7 @@ from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.named_files import NamedFile, reading
 from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.table import BY_NAME, OF_KIND
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
 from icofabric_sim.scene import initial, selectors
@@ -367,6 +368,12 @@ def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
 
 
 def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
+    for name, kind in OF_KIND.items():
+        value, default = parameters[name], BY_NAME[name].default
+        if value != default and parameters['weave.kind'] != kind:
+            raise ParameterError(
+                name, f'{name} {value!r} is for weave.kind {kind} only, and weave.kind is '
+                f'{parameters["weave.kind"]}: leave it at {default!r}, or choose {kind}')
     shell = _shell(parameters)
     geometry = _geometry(parameters, shell.half_edge)
     bodies = _estimate(parameters, geometry)

@@ -25,6 +25,7 @@ from icofabric_sim.messages.frames import body_frame
 from icofabric_sim.messages.input_topics import PULL
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.messages.topics import Topic, VIEWS
+from icofabric_sim.parameters.table import with_kind
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.replay_parameters import judge_option
@@ -129,7 +130,7 @@ class RunHands:
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set a parameter; ValueError, or the future, says why not."""
         runner = self._runner
-        wanted = (runner.changes.wanted or runner.parameters).with_changes({name: value})
+        wanted = (runner.changes.wanted or runner.parameters).with_changes(with_kind(name, value))
         built: Future[str] = Future()
         answer: Future[str] = Future()
 

@@ -58,6 +58,8 @@ NEEDED = {
     'bodies.it.principal_inertia': _DISSIPATIVE,
     'connector_groups.it.break_length_extension': _DISSIPATIVE,
     'connector_groups.it.break_length_compression': _DISSIPATIVE,
+    'weave.azimuth': {'weave.kind': 'bias', 'weave.size': [3, 2, 2]},
+    'weave.boundary': {'weave.kind': 'bias', 'weave.size': [3, 2, 2]},
     'weave.radius': {'weave.kind': 'radial', 'weave.size': [4, 2, 2]},
     'connector_groups.': {'connector_groups.it.between': 'tip wall'},
     # With both from the start they share their kernels; the rules for all connectors begin with 0.

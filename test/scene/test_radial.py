@@ -17,6 +17,7 @@ from analytical import quaternion_product, rotation_quaternion
 from fabrics import changed, make_scene, RANDOM, snapshot_of, wrenches
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.parameters.table import with_kind
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -150,9 +151,16 @@ def test_a_radius_with_no_room_is_refused():
     assert changed(radial((3, 2, 2)), {'weave.radius': 0.05}).weave.kind == 'radial'
 
 
-@pytest.mark.parametrize('name, value', [('weave.azimuth', 0.3), ('weave.boundary', 'fabric')])
-def test_a_turn_of_bias_is_refused(name, value):
-    assert make_scene((3, 2, 2), {'weave.kind': 'bias', name: value}).body_count
-    with pytest.raises(ParameterError, match=f'{name}.*is for weave.kind bias only') as caught:
-        radial((3, 2, 2), {name: value})
-    assert caught.value.name == name
+@pytest.mark.parametrize('name, value, kind', [
+    ('weave.azimuth', 0.3, 'bias'), ('weave.boundary', 'fabric', 'bias'),
+    ('weave.radius', 0.3, 'radial')])
+def test_what_is_of_another_kind_of_weave_is_refused(name, value, kind):
+    scene = make_scene((3, 2, 2), {'weave.kind': kind, name: value})
+    for other in {'orthogonal', 'bias', 'radial'} - {kind}:
+        with pytest.raises(ParameterError, match=(
+                f'{name} {value!r} is for weave.kind {kind} only, and weave.kind is {other}'
+                )) as caught:
+            changed(scene, {'weave.kind': other})
+        assert caught.value.name == name
+        # As the page and its node change the kind.
+        assert changed(scene, with_kind('weave.kind', other)).weave.kind == other
