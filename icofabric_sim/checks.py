@@ -267,6 +267,14 @@ def decoded(content: bytes) -> str:
             'UTF-8') from None
 
 
+def number_in(word: str | bytes) -> float:
+    """Return the number that a word of a file states; Python alone reads 1_0 as 10."""
+    text = word.decode('ascii') if isinstance(word, bytes) else word
+    if '_' in text or not text.isascii():
+        raise ValueError(f'{text!r} is not a number')
+    return float(text)
+
+
 def counted(number: int, noun: str) -> str:
     """Return a count in words: 1 body, 1,000 bodies."""
     several = f'{noun[:-1]}ies' if noun.endswith('y') else f'{noun}s'

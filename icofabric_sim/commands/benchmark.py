@@ -25,6 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 import warnings
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, Progress, require_place
@@ -131,7 +132,7 @@ def read_tables(paths: list[Path]) -> dict[str, list[dict[str, Any]]]:
 
 def _number(text: str) -> Any:
     try:
-        value = float(text)
+        value = number_in(text)
     except ValueError:
         return text
     return int(text) if text.lstrip('-').isdigit() else value

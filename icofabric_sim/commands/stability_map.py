@@ -17,6 +17,7 @@ import argparse
 import math
 from pathlib import Path
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.commands.named_problems import is_given, OF_RANDOM_SCENES
 from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.commands.rest_outputs import picture_path
@@ -106,7 +107,7 @@ def _products(text: str | None) -> tuple[float, ...] | None:
     if text is None:
         return None
     try:
-        products = tuple(float(word) for word in text.split(','))
+        products = tuple(number_in(word) for word in text.split(','))
     except ValueError:
         products = ()
     if not products or not all(0.0 < product < math.inf for product in products):

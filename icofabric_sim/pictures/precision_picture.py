@@ -17,6 +17,7 @@ import csv
 from pathlib import Path
 from typing import NamedTuple
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.pictures.figure_style import (
     COLORS,
     line_styles,
@@ -54,7 +55,7 @@ def read_points(path: Path) -> list[PrecisionPoint]:
         with open(path, newline='', encoding='utf-8') as file:
             rows = list(csv.DictReader(file))
         points = [PrecisionPoint(
-            row['solver'], row['tool'], *(float(row[name]) for name in HEADER[4:8]))
+            row['solver'], row['tool'], *(number_in(row[name]) for name in HEADER[4:8]))
             for row in rows]
     except (KeyError, TypeError, UnicodeError, csv.Error, ValueError) as error:
         raise ValueError(

@@ -29,7 +29,7 @@ from icofabric_sim.scene.attachments import attachment_points
 from icofabric_sim.scene.breakage import NAMES
 from icofabric_sim.scene.connector_laws import spring_law
 from icofabric_sim.scene.drives import Drive
-from icofabric_sim.scene.paths import Path, PathPiece
+from icofabric_sim.scene.paths import Path, PathPiece, require_followed
 from icofabric_sim.scene.tables import read_time_table
 from icofabric_sim.scene.weave_geometry import WeaveGeometry
 import numpy as np
@@ -151,6 +151,7 @@ def make_anchor_path(parameters: Parameters, name: str) -> Path:
         spline = CubicSpline(table[:, 0], places, bc_type='clamped')
     if not np.isfinite(spline.c).all():
         raise ParameterError(key, f'{key}: {file} has displacements too large for a smooth path')
+    require_followed(key, file, spline, parameters)
     pieces = [
         PathPiece(time, tuple(_six(row) for row in spline.c[::-1, k].tolist()))
         for k, time in enumerate(table[:-1, 0].tolist())]

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.scene.paths import Path, PathPiece
+from icofabric_sim.scene.paths import Path, PathPiece, require_followed
 from icofabric_sim.scene.supports import FREEDOMS, named_freedoms, Supports
 from icofabric_sim.scene.tables import read_time_table
 import numpy as np
@@ -190,7 +190,7 @@ def make_path(parameters: Parameters, prefix: str) -> Path:
     if motion == 'hold':
         return Path((rest,))
     if motion == 'table':
-        pieces = _table(prefix, field('file'), start)
+        pieces = _table(prefix, field('file'), start, parameters)
     elif motion == 'velocity':
         pieces = [PathPiece(start, (_NONE, amounts, _NONE, _NONE))]
         if duration > 0.0:
@@ -247,7 +247,9 @@ def _stay(piece: PathPiece, end: float) -> PathPiece:
     return PathPiece(end, (tuple(piece.at(end).tolist()), _NONE, _NONE, _NONE))
 
 
-def _table(prefix: str, file: str, start: float) -> list[PathPiece]:
+def _table(
+    prefix: str, file: str, start: float, parameters: Parameters
+) -> list[PathPiece]:
     """
     A clamped cubic spline: position, velocity and acceleration are continuous within it.
 
@@ -274,6 +276,7 @@ def _table(prefix: str, file: str, start: float) -> list[PathPiece]:
         spline = CubicSpline(times, values, bc_type='clamped')
     if not np.isfinite(spline.c).all():
         raise ParameterError(name, f'{name}: {file} has displacements too large for a smooth path')
+    require_followed(name, file, spline, parameters)
     pieces = []
     for k, time in enumerate(times[:-1].tolist()):
         cubic = tuple(tuple(row) for row in spline.c[::-1, k].tolist())

@@ -14,12 +14,14 @@
 """Initial states: the woven rest state plus what the scene adds to it."""
 
 from collections.abc import Mapping
+import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.rates import LARGEST_RATE
 from icofabric_sim.scene.supports import Supports
-from icofabric_sim.scene.tables import read_named_table
+from icofabric_sim.scene.tables import BodyTable, read_named_table
 import numpy as np
 
 # Columns of `initial.NAME.file`, and the last set of them in body axes.
@@ -60,7 +62,7 @@ def rotate_by_vector(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarra
 
     exp(rotation / 2) is the quaternion of eq 21.
     """
-    angle = float(np.linalg.norm(rotation))
+    angle = math.hypot(*rotation)
     vector = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation
     scalar = np.cos(0.5 * angle)
     v, w = orientation[:, :3], orientation[:, 3:]
@@ -93,7 +95,7 @@ def make_initial_state(
     for name in parameters.names('initial'):
         bodies = groups[parameters[f'initial.{name}.group']]
         if parameters[f'initial.{name}.file']:
-            _replace(state, f'initial.{name}.file', parameters, bodies)
+            _replace(state, f'initial.{name}.file', parameters, bodies, supports)
         state.position[bodies] += parameters[f'initial.{name}.displacement']
         rotation = np.array(parameters[f'initial.{name}.rotation'])
         if rotation.any():
@@ -106,11 +108,13 @@ def make_initial_state(
 
 
 def _replace(
-    state: InitialState, name: str, parameters: Parameters, group: np.ndarray
+    state: InitialState, name: str, parameters: Parameters, group: np.ndarray,
+    supports: Supports | None
 ) -> None:
     """Set what the table of the parameter `name` gives of bodies of a `group`."""
-    bodies, values = read_named_table(
+    table = read_named_table(
         name, str(parameters[name]), (_PLACE, _TURN, _VELOCITY, _SPIN, _BODY_SPIN))
+    bodies, values = table.bodies, table.values
     outside = np.setdiff1d(bodies, group)
     if len(outside):
         raise ParameterError(
@@ -121,13 +125,14 @@ def _replace(
     if _TURN in values:
         length = np.linalg.norm(values[_TURN], axis=1)
         if (wrong := ~(np.abs(length - 1.0) <= 1e-3)).any():
-            body = np.flatnonzero(wrong)[0]
+            row = int(np.flatnonzero(wrong)[0])
             raise ParameterError(
-                name, f'{name}: {parameters[name]} must have unit quaternions qx qy qz qw, got '
-                f'length {length[body]:.6g} for body {bodies[body]}')
+                name, f'{name}: {table.place(row, "qx qy qz qw")}, must be a unit quaternion, got '
+                f'length {length[row]:.6g} for body {bodies[row]}')
         # What a snapshot wrote keeps its bits.
         length[np.abs(length - 1.0) <= 1e-14] = 1.0
         state.orientation[bodies] = values[_TURN] / length[:, None]
+    _check_motion(name, table, parameters, supports)
     if _VELOCITY in values:
         state.linear_velocity[bodies] = values[_VELOCITY]
     if _SPIN in values:
@@ -136,6 +141,30 @@ def _replace(
         # Eq 18: body axes are the rows.
         state.angular_velocity[bodies] = np.einsum(
             'bi,bij->bj', values[_BODY_SPIN], cosines_from_quaternions(state.orientation[bodies]))
+
+
+def _check_motion(
+    name: str, table: BodyTable, parameters: Parameters, supports: Supports | None
+) -> None:
+    """Refuse velocities and spins of held bodies, and those that no step can follow."""
+    largest = LARGEST_RATE * 0.5 * parameters['shell.edge_length']
+    for columns, unit, limit in (
+            (_VELOCITY, 'm/s', largest), (_SPIN, 'rad/s', LARGEST_RATE),
+            (_BODY_SPIN, 'rad/s', LARGEST_RATE)):
+        if columns not in table.values:
+            continue
+        moves, held = table.values[columns], np.zeros(1, bool)
+        if supports is not None:
+            held = (supports.translation if columns is _VELOCITY
+                    else supports.rotation[:, None])[table.bodies]
+        for wrong, why in (
+                (held & (moves != 0.0), 'a support holds the body in that freedom; set it to 0'),
+                (np.abs(moves) > limit, f'steps can follow {limit:g} {unit} at most')):
+            if wrong.any():
+                row, column = np.argwhere(wrong)[0]
+                raise ParameterError(
+                    name, f'{name}: {table.place(row, columns[column])}: '
+                    f'{moves[row, column]:.6g} {unit} of body {table.bodies[row]}: {why}')
 
 
 def hold_still(state: InitialState, supports: Supports | None) -> InitialState:

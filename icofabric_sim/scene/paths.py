@@ -13,10 +13,15 @@
 # limitations under the License.
 """Paths on which drives move their bodies: smooth pieces one after the other."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
+from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import rotate_by_vector
+from icofabric_sim.scene.rates import LARGEST_RATE
 import numpy as np
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 _NONE = (0.0,) * 6
 _UNTURNED = (0.0, 0.0, 0.0, 1.0)
@@ -86,6 +91,21 @@ class PathPiece(NamedTuple):
         return cls(
             start, (_NONE, rates, _NONE, _NONE), shift=tuple(pose[0].tolist()),
             turn=tuple(pose[1].tolist()))
+
+
+def require_followed(
+    name: str, file: str, spline: 'CubicSpline', parameters: Parameters
+) -> None:
+    """Refuse a table whose path of 3 or 6 coordinates is faster than steps can follow."""
+    times = spline.x
+    slopes = spline(np.append(times, 0.5 * (times[1:] + times[:-1])), 1)
+    a = 0.5 * parameters['shell.edge_length']
+    for first, size, unit in ((0, a, 'm/s'), (3, 1.0, 'rad/s')):
+        fastest = float(np.abs(slopes[:, first:first + 3]).max(initial=0.0))
+        if fastest > LARGEST_RATE * size:
+            raise ParameterError(
+                name, f'{name}: {file} moves with up to {fastest:.3g} {unit}: steps can follow '
+                f'{LARGEST_RATE * size:g} {unit} at most')
 
 
 class Path(NamedTuple):

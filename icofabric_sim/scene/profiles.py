@@ -22,6 +22,7 @@ from bisect import bisect_right
 import math
 from typing import NamedTuple
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.tables import read_time_table
 
@@ -153,7 +154,7 @@ def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
 
 def _number(word: str) -> float:
     try:
-        return float(word)
+        return number_in(word)
     except ValueError:
         return math.nan
 

@@ -15,7 +15,8 @@
 How fast a scene can move by its own parameters; what no step could follow is refused.
 
 One body alone tells it: a spring of stiffness k moves a mass m at the rate sqrt(k / m), a damper c
-at c / m. What connectors, masses and geometry make of it together is at most a few times as much.
+at c / m, a speed v at v / a. What connectors, masses and geometry make of it together is at most a
+few times as much.
 """
 
 from collections.abc import Iterator
@@ -33,6 +34,13 @@ _OF_CONNECTORS = (*_SPRINGS, 'maxwell_stiffness')
 
 def check_rates(parameters: Parameters, shell: Shell) -> None:
     """Raise ParameterError for what would move a single body faster than can be followed."""
+    for name, size, unit in _motions(parameters, shell):
+        value = parameters[name]
+        limit, single = LARGEST_RATE * size, not isinstance(value, list)
+        if not max(map(abs, [value] if single else value)) <= limit:
+            raise ParameterError(
+                name, f'{name} {value!r} {unit}: steps can follow {limit:g} {unit} at most; '
+                'choose a smaller one')
     mass, _ = lightest(parameters, shell)
     for name, rate in _rates(parameters, shell):
         if not rate <= LARGEST_RATE:
@@ -42,6 +50,26 @@ def check_rates(parameters: Parameters, shell: Shell) -> None:
                 f'of {rate:.3g} 1/s, and steps can follow {LARGEST_RATE:g} 1/s at most; choose a '
                 'smaller one, or heavier shells',
             )
+
+
+def _motions(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float, str]]:
+    """Name what moves, with the speed, spin or amplitude that has the rate 1/s, and its unit."""
+    a = shell.half_edge
+    for family in ('bodies', 'initial'):
+        for name in parameters.names(family):
+            yield f'{family}.{name}.linear_velocity', a, 'm/s'
+            yield f'{family}.{name}.angular_velocity', 1.0, 'rad/s'
+    yield 'initial_random.velocity_sigma', a, 'm/s'
+    yield 'initial_random.spin_sigma', 1.0, 'rad/s'
+    for name in parameters.names('anchors'):
+        yield f'anchors.{name}.velocity', a, 'm/s'
+    for name in parameters.names('drives'):
+        prefix, rate, per = f'drives.{name}', 1.0, '/s'
+        if parameters[f'{prefix}.motion'] == 'sine':
+            yield f'{prefix}.frequency', 0.5 / math.pi, 'Hz'
+            rate, per = 2.0 * math.pi * parameters[f'{prefix}.frequency'] or 1.0, ''
+        yield f'{prefix}.linear', a / rate, f'm{per}'
+        yield f'{prefix}.angular', 1.0 / rate, f'rad{per}'
 
 
 def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:

@@ -24,6 +24,7 @@ import math
 from pathlib import Path
 from typing import Final, Protocol
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.parameters.named_files import note_content, recorded_content
 from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
@@ -141,7 +142,7 @@ def _found(name: str) -> Path:
 def _lengths(text: str, words: list[str]) -> list[float]:
     names = _SHAPES[words[0]].split()
     try:
-        lengths = [float(word) for word in words[1:]]
+        lengths = [number_in(word) for word in words[1:]]
     except ValueError:
         lengths = []
     if len(lengths) != len(names) or not all(0.0 < length < math.inf for length in lengths):

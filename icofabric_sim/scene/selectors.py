@@ -16,6 +16,7 @@
 import re
 from typing import NamedTuple, NoReturn
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.parameters.validation import ParameterError
 import numpy as np
 
@@ -181,7 +182,7 @@ class Parser:
         values: list[float] = []
         for word in self.words[self.at:self.at + count]:
             try:
-                values.append(float(word))
+                values.append(number_in(word))
             except ValueError:
                 self.fail(f'{word!r} is not a number')
         if len(values) < count or not np.isfinite(values).all():

@@ -16,8 +16,9 @@
 from collections.abc import Sequence
 import math
 from pathlib import Path
+from typing import NamedTuple
 
-from icofabric_sim.checks import decoded
+from icofabric_sim.checks import decoded, number_in
 from icofabric_sim.parameters.named_files import note_content, recorded_content
 from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
@@ -67,11 +68,22 @@ def read_time_table(
     return np.array(rows)
 
 
-def read_named_table(
-    name: str, file: str, sets: Sequence[Sequence[str]]
-) -> tuple[np.ndarray, dict[Sequence[str], np.ndarray]]:
+class BodyTable(NamedTuple):
+    """Rows of a table by the number of a body."""
+
+    path: Path
+    bodies: np.ndarray  # (r,)
+    values: dict[Sequence[str], np.ndarray]  # (r, c) of each set of columns that is there
+    lines: list[int]  # numbers of the lines, from 1 on
+
+    def place(self, row: int, column: str) -> str:
+        """Say where a number stands."""
+        return f'{self.path}, line {self.lines[row]}, column {column}'
+
+
+def read_named_table(name: str, file: str, sets: Sequence[Sequence[str]]) -> BodyTable:
     """
-    Body numbers (r,) and, of the `sets` of columns that are there, their values (r, c).
+    Read a table of bodies with some of the `sets` of columns.
 
     The first line names the columns, `body` among them; each set is there as a whole or not at
     all. Empty lines and those that begin with # are skipped. Places of the file are those of
@@ -81,6 +93,7 @@ def read_named_table(
     known = ['body', *(column for columns in sets for column in columns)]
     names: list[str] = []
     rows: list[list[float]] = []
+    numbers: list[int] = []
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if not text or text.startswith('#'):
@@ -99,6 +112,7 @@ def read_named_table(
                 name, f'{name}: {path}, line {number}, must be {len(names)} finite numbers, as '
                 f'its first line says, and one of {_LARGEST} lines at most, got {text!r:.80}')
         rows.append(values)
+        numbers.append(number)
     if not rows:
         raise ParameterError(name, f'{name}: {path} has no line of numbers')
     table = np.array(rows)
@@ -108,9 +122,9 @@ def read_named_table(
             len(np.unique(bodies)) < len(bodies)):
         raise ParameterError(
             name, f'{name}: {path}: bodies must be whole numbers, each once')
-    return bodies.astype(np.int64), {
+    return BodyTable(path, bodies.astype(np.int64), {
         columns: table[:, [names.index(column) for column in columns]]
-        for columns in sets if columns[0] in names}
+        for columns in sets if columns[0] in names}, numbers)
 
 
 def _read_lines(name: str, file: str) -> tuple[Path, list[str]]:
@@ -146,7 +160,7 @@ def find_table(name: str, file: str) -> Path:
 
 def _numbers(text: str) -> list[float] | None:
     try:
-        values = [float(part) for part in text.split(',')]
+        values = [number_in(part) for part in text.split(',')]
     except ValueError:
         return None
     return values if all(map(math.isfinite, values)) else None

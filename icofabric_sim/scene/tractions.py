@@ -29,6 +29,7 @@ from collections.abc import Mapping
 import math
 from typing import NamedTuple
 
+from icofabric_sim.checks import number_in
 from icofabric_sim.geometry.icosahedron import face_geometry, face_quadrature, triangle_rule
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
@@ -66,7 +67,7 @@ def polynomial(name: str, text: str) -> np.ndarray:
     if not text.strip():
         return np.ones(1)
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array([number_in(word) for word in text.split()])
     except ValueError:
         values = np.full(1, np.nan)
     degree = _degree(len(values))

@@ -20,6 +20,7 @@ from pathlib import Path
 import struct
 from typing import NamedTuple
 
+from icofabric_sim.checks import number_in
 import numpy as np
 
 SUFFIXES = ('.stl', '.obj')
@@ -146,7 +147,8 @@ def _read_obj(path: Path, data: bytes) -> np.ndarray:
             points.append(_three(path, number, words[1:4]))
         elif words[:1] == [b'f']:
             try:
-                corners = [int(word.split(b'/')[0]) for word in words[1:]]
+                corners = [] if b'_' in line else [
+                    int(word.split(b'/')[0]) for word in words[1:]]
             except ValueError:
                 corners = []
             # From 1 on, or back from the last point so far.
@@ -161,7 +163,7 @@ def _read_obj(path: Path, data: bytes) -> np.ndarray:
 
 def _three(path: Path, number: int, words: list[bytes]) -> tuple[float, ...]:
     try:
-        values = tuple(float(word) for word in words)
+        values = tuple(number_in(word) for word in words)
     except ValueError:
         values = ()
     if len(values) != 3:

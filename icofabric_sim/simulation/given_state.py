@@ -16,17 +16,21 @@
 from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import unit_quaternions
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.rates import LARGEST_RATE
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 _WIDTHS = {'position': 3, 'orientation': 4, 'linear_velocity': 3, 'angular_velocity': 3}
 
 
-def complete_state(now: Snapshot, given: dict[str, np.ndarray | None]) -> InitialState:
+def complete_state(
+    now: Snapshot, given: dict[str, np.ndarray | None], half_edge: float
+) -> InitialState:
     """
     Return the `given` parts, and those of `now` where None is given; quaternions of unit length.
 
-    Raises TypeError or ValueError that names the part and the body.
+    Raises TypeError or ValueError that names the part and the body, also where it moves faster
+    than steps can follow shells of a `half_edge` [m].
     """
     count = len(now.position)
     values = {}
@@ -37,5 +41,13 @@ def complete_state(now: Snapshot, given: dict[str, np.ndarray | None]) -> Initia
             continue
         convert = checks.quaternions if name == 'orientation' else checks.array
         values[name] = convert(name, part, (count, width), row='body')
+    for name, size, unit in (
+            ('linear_velocity', half_edge, 'm/s'), ('angular_velocity', 1.0, 'rad/s')):
+        fast = np.abs(values[name]).max(axis=1, initial=0.0) > LARGEST_RATE * size
+        if given[name] is not None and fast.any():
+            body = int(np.argmax(fast))
+            raise ValueError(
+                f'{name} of body {body} is {checks.shown(values[name][body])} {unit}: steps can '
+                f'follow {LARGEST_RATE * size:g} {unit} at most')
     values['orientation'] = unit_quaternions(values['orientation'])
     return InitialState(**values)

@@ -353,7 +353,7 @@ class Simulation:
         snapshot, relaxed = self.snapshot(), checks.flag('relaxed', relaxed)
         state = complete_state(snapshot, {
             'position': position, 'orientation': orientation, 'linear_velocity': linear_velocity,
-            'angular_velocity': angular_velocity})
+            'angular_velocity': angular_velocity}, self.scene.geometry.half_edge)
         self._jump(
             hold_still(state, self.scene.supports), None if relaxed else snapshot.rest_length)
 

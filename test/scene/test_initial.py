@@ -240,11 +240,76 @@ def test_state_of_one_run_is_the_start_of_another(tmp_path):
     ('body,x_m,y_m,z_m\n6,0,0,0\n', 'has body 6, which is not in the group all'),
     ('body,x_m,y_m,z_m\n-1,0,0,0\n', 'has body -1, which is not in the group all'),
     ('body,qx,qy,qz,qw\n1,0,0,0,2\n', 'got length 2 for body 1'),
-    ('body,vx_m_s,vy_m_s,vz_m_s\n0,1,0,0\n', 'moves body 0, which a support holds'),
+    ('body,vx_m_s,vy_m_s,vz_m_s\n1,2,0,0\n\n0,0,0.5,0\n',
+     'state.csv, line 4, column vy_m_s: 0.5 m/s of body 0: a support holds'),
+    ('body,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,2\n',
+     'line 2, column wz_body_rad_s: 2 rad/s of body 0: a support holds'),
+    ('body,wx_rad_s,wy_rad_s,wz_rad_s\n1,-1e300,0,0\n',
+     r'column wx_rad_s: -1e\+300 rad/s of body 1: steps can follow 1e\+09 rad/s at most'),
+    # Python's float takes these for 10 and for 1.
+    ('body,x_m,y_m,z_m\n1,1_0,0,0\n', 'line 2, must be 4 finite numbers'),
+    ('body,x_m,y_m,z_m\n1,\u0661,0,0\n', 'line 2, must be 4 finite numbers'),
 ])
 def test_tables_that_give_no_state_are_refused(tmp_path, text, message):
-    (tmp_path / 'state.csv').write_text(text)
-    with pytest.raises(ico.ParameterError, match=r'initial\.it\..*' + message):
+    (tmp_path / 'state.csv').write_text(text, encoding='utf-8')
+    with pytest.raises(ico.ParameterError, match=r'initial\.it\.file: .*' + message):
         make_scene((3, 2, 2), {
             'supports.wall.group': 'wall', 'groups.wall': 'ids 0',
             'initial.it.group': 'all', 'initial.it.file': str(tmp_path / 'state.csv')})
+
+
+_SINE = {'drives.d.group': 'g', 'drives.d.motion': 'sine', 'drives.d.frequency': 2.0}
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('name, value, limit', [
+    ('initial.it.linear_velocity', [0.0, 1e300, 0.0], '1e[+]07 m/s'),
+    ('initial.it.angular_velocity', [-1e300, 0.0, 0.0], '1e[+]09 rad/s'),
+    ('bodies.b.linear_velocity', [1e8, 0.0, 0.0], '1e[+]07 m/s'),
+    ('bodies.b.angular_velocity', [1e10, 0.0, 0.0], '1e[+]09 rad/s'),
+    ('initial_random.velocity_sigma', 1e300, '1e[+]07 m/s'),
+    ('initial_random.spin_sigma', 1e308, '1e[+]09 rad/s'),
+    ('anchors.tie.velocity', [0.0, 0.0, 1e300], '1e[+]07 m/s'),
+    ('drives.d.linear', [1e6, 0.0, 0.0], '795775 m'),
+    ('drives.d.frequency', 1e300, '1.59155e[+]08 Hz'),
+])
+def test_what_moves_faster_than_steps_can_follow_is_refused(name, value, limit):
+    scene = make_scene((3, 2, 2), {
+        'groups.g': 'x_max', 'initial.it.group': 'all', 'bodies.b.position': [0.0, 0.0, 0.5],
+        'anchors.tie.position': [0.0, 0.0, 0.1], **(_SINE if 'drives' in name else {})})
+    with pytest.raises(ico.ParameterError, match=(
+            f'{name} .*: steps can follow {limit} at most; choose')) as caught:
+        changed(scene, {name: value})
+    assert caught.value.name == name
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_state_or_a_table_faster_than_steps_can_follow_is_refused(tmp_path):
+    (tmp_path / 'way.csv').write_text('0,0,0,0\n1,1e9,0,0\n2,0,0,0\n')
+    way = {'motion': 'table', 'file': str(tmp_path / 'way.csv')}
+    for sections in (
+            {'drives': {'d': {'group': 'all', **way}}},
+            {'anchors': {'d': {'position': [0.0, 0.0, 0.1], 'file': way['file']}}}):
+        with pytest.raises(ico.ParameterError, match=(
+                r'\.d\.file: .* moves with up to .* m/s: steps can follow 1e[+]07 m/s at most')):
+            make_scene((2, 2, 2), **sections)
+    run = ico.compile_scene(make_scene((2, 2, 2)))
+    spin = np.zeros((run.scene.body_count, 3))
+    spin[2, 1] = 1e300
+    with pytest.raises(ValueError, match=(
+            r'angular_velocity of body 2 is .* rad/s: steps can follow 1e[+]09 rad/s at most')):
+        run.set_state(angular_velocity=spin)
+    assert not run.snapshot().angular_velocity.any()
+
+
+@pytest.mark.parametrize('changes', [
+    {'connector.law': 'law.csv'}, {'loads.it.profile': 'table law.csv'},
+    {'loads.it.profile': 'sine 1_0'}, {'groups.g': 'box -1_0 -1 -1 1 1 1'},
+    {'tractions.it.group': 'all', 'tractions.it.variation': '1 1_0 0'},
+    {'drives.it.group': 'all', 'drives.it.motion': 'table', 'drives.it.file': 'way.csv'}])
+def test_numbers_that_only_python_reads_are_refused(changes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'law.csv').write_text('0,-1_0\n1,10\n')
+    (tmp_path / 'way.csv').write_text('0,0,0,0\n1,1_0,0,0\n')
+    with pytest.raises(ico.ParameterError, match='1_0'):
+        make_scene((2, 2, 2), {'loads.it.group': 'all', **changes})

@@ -283,6 +283,7 @@ def test_order_of_cut_fabrics_does_not_depend_on_pieces(monkeypatch):
     ('sphere -1', ['positive', 'sphere R']),
     ('cylinder 1', ['2 positive', 'cylinder R H']),
     ('box 1 2 nan', ['3 positive', 'box X Y Z']),
+    ('sphere 1_0', ['positive', 'sphere R']),
     ('ball 2', ['not a region', 'sphere R', '.stl']),
     ('nowhere.stl', ['nowhere.stl', 'No such file']),
     ('sphere 1e-9', ['no icosahedron', 'larger region']),
@@ -309,6 +310,8 @@ CUBE = CORNERS[TRIANGLES]
     ('word.stl', b'nothing of the kind', ['neither']),
     ('far.obj', obj(CORNERS, [(0, 1, 9)]), ['line', 'points before it']),
     ('two.obj', b'v 1 2', ['line 1', 'three numbers']),
+    ('python.obj', b'v 1_0 2 3', ['line 1', 'three numbers']),
+    ('python.obj', obj(CORNERS, []) + b'\nf 1 2 0_3', ['a face needs']),
 ])
 def test_files_that_are_no_closed_mesh_are_refused(name, data, words, tmp_path):
     path = write(tmp_path / name, data)

@@ -68,7 +68,8 @@ def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
 def fastest_term(rates: Mapping[str, float]) -> str:
     """Name the largest of `rates` [rad/s]."""
     name = max(rates, key=lambda key: rates[key])
-    return f'{name}, up to {rates[name]:.4g} rad/s'
+    rate = f'{rates[name]:.4g}' if rates[name] < np.inf else 'more than 1e308'
+    return f'{name}, up to {rate} rad/s'
 
 
 def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) -> str:
