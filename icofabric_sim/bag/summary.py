@@ -215,7 +215,9 @@ class BagSummary:
                    if math.isnan(until) else f'the trajectory means something {meaning}')))
         if 'evaluation_count' in self.custom:
             rows.append(('evaluations', evaluations_text(
-                self.number('evaluation_count'), self.number('estimation_count'))))
+                self.number('evaluation_count'), self.number('estimation_count'),
+                self.number('shown_count'),
+                is_estimated=not math.isnan(self.number('error_estimate')))))
         if 'balance_worst' in self.custom:
             rows.append((
                 'balance', f'energy off by at most {self.number("balance_worst"):.1e} of the '

@@ -45,7 +45,9 @@ def run_summary(
         ('scene', f'{name}: {size_text(scene)}'),
         *method_rows(simulation),
         ('run', _pace(scene.body_count, status, wall, aside)),
-        ('evaluations', evaluations_text(status.evaluations, status.estimations)),
+        ('evaluations', evaluations_text(
+            status.evaluations, status.estimations, status.shown,
+            is_estimated=scene.parameters['solver.error_estimate'])),
         *_kept(monitor, status),
         *_compiler(compiling),
         *([] if errors is None else accuracy_rows(simulation, errors, growth)),

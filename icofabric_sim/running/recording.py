@@ -106,6 +106,7 @@ def summarise_run(status: Status) -> dict[str, str]:
         'balance_worst': repr(status.balance_worst),
         'evaluation_count': str(status.evaluations),
         'estimation_count': str(status.estimations),
+        'shown_count': str(status.shown),
     }
     if status.errors is not None:
         said['error_rate'], said['error_estimate'] = map(repr, status.errors)

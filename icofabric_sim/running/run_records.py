@@ -63,6 +63,7 @@ class Status(NamedTuple):
     waits: str = ''  # what simulated time waits for; '': it does not
     evaluations: int = 0  # of the forces, by the trajectory
     estimations: int = 0  # of the forces, beside it
+    shown: int = 0  # those of them for states that were shown
     lag: float = 0.0  # longest time that a request waited since the last report [s]
 
 
@@ -76,6 +77,7 @@ def figures(simulation: Simulation) -> dict[str, Any]:
         'step_count': status.step_count,
         'evaluations': status.evaluation_count,
         'estimations': status.estimation_count,
+        'shown': status.shown_count,
         'body_count': simulation.scene.body_count,
         'connector_count': simulation.scene.connector_count,
         'loads_active': len(status.active_loads),

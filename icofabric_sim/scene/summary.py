@@ -46,11 +46,21 @@ def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
     return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
 
 
-def evaluations_text(taken: float, others: float) -> str:
-    """Return in words how often a run evaluated the forces, for its steps and beside them."""
-    part = f' ({100.0 * others / taken:,.1f} %)' if taken > 0.0 else ''
-    return (f'{taken:,.0f} evaluations of the forces, and {others:,.0f}{part} to estimate errors '
-            'and to show states')
+def evaluations_text(
+    taken: float, others: float, shown: float, *, is_estimated: bool
+) -> str:
+    """
+    Return in words how often a run evaluated the forces, for its steps and beside them.
+
+    `shown` of the `others` are for states that were shown; the rest measure errors, which else
+    choose steps only.
+    """
+    purpose = 'estimate errors' if is_estimated else 'choose and judge steps'
+    beside = ' and '.join(
+        f'{count:,.0f}' + (f' ({100.0 * count / taken:,.1f} %)' if taken > 0.0 else '')
+        + f' to {what}' for count, what in ((others - shown, purpose), (shown, 'show states'))
+        if count > 0.0)
+    return f'{taken:,.0f} evaluations of the forces' + (beside and f'; beside them {beside}')
 
 
 def times(growth: float, at_least: bool = False) -> str:

@@ -120,6 +120,11 @@ class SimulationStatus:
         return self._driver.trajectory.evaluations.outside
 
     @property
+    def shown_count(self) -> int:
+        """Those of `estimation_count` for states shown between steps."""
+        return self._driver.trajectory.evaluations.shown
+
+    @property
     def stage_count(self) -> int:
         """Evaluations of the forces in a step."""
         return self._driver.trajectory.method.stages

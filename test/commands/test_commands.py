@@ -225,6 +225,17 @@ def test_energy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> 
     assert f'{first:.9g} J at the start, {last:.9g} J at the end' in recorded.result.out
 
 
+@pytest.mark.parametrize('shown, is_estimated, said', [
+    (30, False, '; beside them 30 (15.0 %) to show states'),
+    (10, False, '; beside them 20 (10.0 %) to choose and judge steps and 10 (5.0 %) to show stat'),
+    (0, True, '; beside them 30 (15.0 %) to estimate errors')])
+def test_the_summary_says_what_evaluations_are_for(
+        shown: int, is_estimated: bool, said: str) -> None:
+    text = evaluations_text(200, 30, shown, is_estimated=is_estimated)
+    assert text.startswith(f'200 evaluations of the forces{said}')
+    assert 'beside' not in evaluations_text(200, 0, 0, is_estimated=is_estimated)
+
+
 def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -> None:
     simulation = compile_scene(swing_scene())
     simulation.advance_to(DURATION)
@@ -237,7 +248,10 @@ def test_accuracy_of_the_summary_is_that_of_the_simulation(recorded: Recorded) -
     # States that were shown count beside the trajectory.
     assert int(custom['evaluation_count']) == simulation.status.evaluation_count > 0
     assert int(custom['estimation_count']) >= simulation.status.estimation_count
-    text = evaluations_text(int(custom['evaluation_count']), int(custom['estimation_count']))
+    assert int(custom['estimation_count']) >= int(custom['shown_count']) > 0
+    text = evaluations_text(
+        *(int(custom[f'{name}_count']) for name in ('evaluation', 'estimation', 'shown')),
+        is_estimated=True)
     assert text in out and text in '\n'.join(summarise_bag(recorded.bag).lines())
     assert f'off by at most {simulation.balance.worst:.1e} of' in out
     assert float(custom['balance_worst']) == simulation.balance.worst > 0.0

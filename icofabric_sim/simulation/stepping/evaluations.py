@@ -46,6 +46,11 @@ class Evaluations:
         """All others: measurements of errors, judged steps, and states that were shown."""
         return self._counts[_ESTIMATE] + self._counts[_SHOWN]
 
+    @property
+    def shown(self) -> int:
+        """Those of them for states that were shown."""
+        return self._counts[_SHOWN]
+
     def add(self, count: int = 1) -> None:
         """Count so many for the present purpose."""
         self._counts[self._purpose] += count
