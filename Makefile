@@ -58,7 +58,7 @@ run:
 
 # Kernels of the scene that `make run` shows. Without them the node compiles by itself.
 .venv/.warm: $(shell find icofabric_sim/kernels icofabric_sim/geometry -name '*.py')
-	echo 'Compiling kernels ahead; this takes 20 s to a minute, once.'
+	echo 'Compiling kernels ahead; this takes 20 s to a minute, or two on a slow or busy machine, once.'
 	! .venv/bin/python -m icofabric_sim.commands.main warm hanging_slab || touch $@
 
 lint:

@@ -167,7 +167,7 @@ def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind
                         'a process that compiled was ended from outside, e.g. for want of memory; '
                         'try --processes 1') from error
         except BaseException:
-            # What is written to the cache is whole at any moment; one kind takes up to a minute.
+            # What is written to the cache is whole at any moment; one kind takes a minute or two.
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise

@@ -22,7 +22,7 @@ new kinds go to the end, where there is room for them (`MOST`), and to another v
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-# Kernels of a kind take up to a minute to compile.
+# Kernels of a kind take up to two minutes to compile.
 MOST: Final = 200
 
 TERMS: Final = {
