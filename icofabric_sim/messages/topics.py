@@ -45,10 +45,10 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 __all__ = [
-    'BODIES', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS', 'DIAGNOSTICS', 'ENERGIES',
-    'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs', 'POSES', 'REACTIONS',
-    'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic', 'TOPICS', 'VIEWS',
-    'WEAVE']
+    'BODIES', 'BODY_SPIN', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS',
+    'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs',
+    'POSES', 'REACTIONS', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic',
+    'TOPICS', 'VIEWS', 'WEAVE']
 
 
 class Topic(NamedTuple):
@@ -64,6 +64,8 @@ class Topic(NamedTuple):
 POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
 CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
 STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
+# Spins of eq 18; those of `~/state` are in world axes.
+BODY_SPIN = Topic('~/angular_velocity_body', Float64MultiArrayBytes.TYPE, False, 10, False)
 # Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
 ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
 # They follow from what a bag holds.
@@ -92,8 +94,8 @@ VIEWS = {
     topic: topic._replace(name=topic.name.replace('~/', '~/view/'), recorded=False)
     for topic in (POSES, CONNECTORS, MARKERS, ENERGY)}
 TOPICS = (
-    POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, ENERGY, REACTIONS, TENSIONS, CONTACTS,
-    TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS, *VIEWS.values())
+    POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, BODY_SPIN, ENERGY, REACTIONS, TENSIONS,
+    CONTACTS, TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS, *VIEWS.values())
 
 # Label and name in a snapshot of each number in `~/energy` [J].
 ENERGIES = {
@@ -116,6 +118,7 @@ class Outputs:
         self._poses = PoseArrayBytes(self.frame_id, count)
         self._state = Float64MultiArrayBytes(
             ('body', 'position orientation_xyzw linear_velocity angular_velocity'), (count, 13))
+        self._body_spin = Float64MultiArrayBytes(('body', 'angular_velocity_body'), (count, 3))
         self._energy = Float64MultiArrayBytes((', '.join(ENERGIES),), (len(ENERGIES),))
         self._connectors = ConnectorMarkers(scene)
         self._clock = ClockBytes()
@@ -170,6 +173,11 @@ class Outputs:
             snapshot.linear_velocity[self._rows],
             snapshot.angular_velocity[self._rows],
         ]))
+
+    def body_spin(self, snapshot: Snapshot) -> bytes:
+        """`~/angular_velocity_body`: [n, 3] angular velocity in the axes of each body."""
+        return self._body_spin.filled(partial(
+            _write_columns, [snapshot.angular_velocity_body[self._rows]]))
 
     def energy(self, snapshot: Snapshot) -> bytes:
         """`~/energy`: the energies [J] that its label names."""

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 _REPORT_INTERVAL = 1.0
 MOVING = (
     topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
-    topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF, topics.BROKEN)
+    topics.BODY_SPIN, topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF,
+    topics.BROKEN)
 # What is measured by kernels that steps may lack.
 _MEASURED = topics.REACTIONS, topics.CONTACTS
 # Breaks stay with their listeners.
@@ -51,6 +52,7 @@ _RATES = {
     topics.ICOSAHEDRA: 'marker_rate',
     topics.MARKERS: 'marker_rate',
     topics.STATE: 'publish_rate',
+    topics.BODY_SPIN: 'publish_rate',
     topics.ENERGY: 'publish_rate',
     topics.REACTIONS: 'publish_rate',
     topics.TENSIONS: 'publish_rate',
@@ -378,6 +380,8 @@ class Broadcast:
             return [self._outputs.tf(snapshot, now)]
         if topic is topics.STATE:
             return [self._outputs.state(snapshot)]
+        if topic is topics.BODY_SPIN:
+            return [self._outputs.body_spin(snapshot)]
         if topic is topics.ENERGY:
             return [self._outputs.energy(snapshot)]
         if topic is topics.BROKEN:

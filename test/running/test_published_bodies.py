@@ -65,6 +65,8 @@ def test_messages_hold_the_chosen_bodies_in_order(scene):
     state = decode_float64_multi_array(outputs.state(s)).values
     assert (state == np.hstack([
         s.position, s.orientation, s.linear_velocity, s.angular_velocity])[chosen]).all()
+    spins = decode_float64_multi_array(outputs.body_spin(s)).values
+    assert (spins == s.angular_velocity_body[chosen]).all() and spins.any()
     assert (decode_float64_multi_array(outputs.bodies()).values == chosen).all()
 
 

@@ -40,9 +40,8 @@ import numpy as np
 
 _POSE = (
     *(f'position {axis} [m]' for axis in 'xyz'), *(f'orientation {axis}' for axis in 'xyzw'))
-_STATE = (
-    *_POSE, *(f'velocity {axis} [m/s]' for axis in 'xyz'),
-    *(f'angular velocity {axis} [rad/s]' for axis in 'xyz'))
+_SPIN = tuple(f'angular velocity {axis} [rad/s]' for axis in 'xyz')
+_STATE = *_POSE, *(f'velocity {axis} [m/s]' for axis in 'xyz'), *_SPIN
 _REACTION = tuple(
     f'{what} {axis}' for what in ('force [N]', 'torque [N m]', 'point [m]') for axis in 'xyz')
 _TENSION = 'connector', 'tension [N]'
@@ -96,11 +95,13 @@ class ExactComparison:
                 data, self._outputs.poses(snapshot(), time),
                 lambda message: decoded(decode_pose_array, message), _POSE,
                 numbers=simulation.scene.published_bodies)
-        if topic is topics.STATE:
+        if topic in (topics.STATE, topics.BODY_SPIN):
+            is_state = topic is topics.STATE
+            build = self._outputs.state if is_state else self._outputs.body_spin
             return _values(
-                data, self._outputs.state(snapshot()),
-                lambda message: decoded(decode_float64_multi_array, message), _STATE,
-                numbers=simulation.scene.published_bodies)
+                data, build(snapshot()),
+                lambda message: decoded(decode_float64_multi_array, message),
+                _STATE if is_state else _SPIN, numbers=simulation.scene.published_bodies)
         if topic is topics.TF:
             # Of several fabrics all have their frames there.
             if self._several or simulation.scene.framed_bodies is None:

@@ -44,8 +44,8 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 Act = Callable[[Simulation], object]
 # States of the run that can be read again.
 OUTPUTS = (
-    topics.POSES, topics.STATE, topics.ENERGY, topics.BROKEN, topics.CONNECTORS, topics.CLOCK,
-    topics.CHECKPOINT, topics.TF, topics.BODIES, *topics.MEASURED)
+    topics.POSES, topics.STATE, topics.BODY_SPIN, topics.ENERGY, topics.BROKEN, topics.CONNECTORS,
+    topics.CLOCK, topics.CHECKPOINT, topics.TF, topics.BODIES, *topics.MEASURED)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 # Wall time between two calls of `on_time` [s].
 _RESPONSE = 0.1
