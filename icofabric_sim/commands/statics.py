@@ -56,9 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              'sought from the one before (1); with contact.friction: follow what sticks and '
              'slides on this path, instead of seeking contact forces within the friction cones')
     parser.add_argument(
-        '--objective', choices=('energy', 'resultants'), default='energy',
+        '--objective', choices=('energy', 'resultants'),
         help='what the search minimises: potential energy with contacts as springs, or force and '
-             'moment resultants without overlap, as the document says (%(default)s)')
+             'moment resultants without overlap, as the document says (default: '
+             'equilibrium.objective of the scene)')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
@@ -82,13 +83,17 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if arguments.load_steps is not None and not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
-    if arguments.objective != 'energy' and arguments.load_steps is not None:
-        raise InputError('--load-steps follows equilibria of the energy: leave out --objective')
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
 
     with bad_input():
+        if arguments.objective is not None:
+            parameters = parameters.with_changes({'equilibrium.objective': arguments.objective})
         scene = Scene.from_parameters(parameters)
+    arguments.objective = scene.parameters['equilibrium.objective']
+    if arguments.objective != 'energy' and arguments.load_steps is not None:
+        raise InputError(
+            '--load-steps follows equilibria of the energy: take --objective energy')
     print(f'{name}: {size_text(scene)}')
     from icofabric_sim.statics.held import without_potential
     turning = without_potential(scene)
@@ -156,8 +161,7 @@ def _search(
         given = {'time': arguments.time, 'tolerance': arguments.tolerance,
                  'largest_step_count': arguments.steps, 'progress': show}
         if arguments.load_steps is None:
-            reached.append(
-                (1.0, solve_equilibrium(scene, objective=arguments.objective, **given)))
+            reached.append((1.0, solve_equilibrium(scene, **given)))
             return
         for step in step_loads(
                 scene, [number / count for number in range(1, count + 1)], **given):

@@ -88,6 +88,8 @@ FIXED, AT_ONCE, RESTARTS = Change.FIXED, Change.AT_ONCE, Change.RESTARTS
 _ZERO3 = [0.0, 0.0, 0.0]
 # Forms of the equations of rotation.
 ROTATIONS = ('quaternion', 'direction_cosines')
+# What an equilibrium solve minimises.
+OBJECTIVES = ('energy', 'resultants')
 # Beyond this time, seconds in double precision no longer resolve nanoseconds.
 _LONGEST = 1e9
 
@@ -237,6 +239,11 @@ STATIC: tuple[Specification, ...] = (
     _s('initial_random.spin_sigma', 0.0, 'rad/s',
        'random start: standard deviation of each angular velocity component', minimum=0.0),
     _s('initial_random.seed', 0, '', 'seed of the random start', minimum=0, maximum=2**32 - 1),
+    _s('equilibrium.objective', 'energy', '',
+       'what equilibrium solves minimise; energy: potential energy, with contacts as springs; '
+       'resultants: force and moment resultants without overlap, as the document states (no '
+       'follower loads)',
+       AT_ONCE, choices=OBJECTIVES),
     _s('duration', 0.0, 's',
        'simulated time after which the node ends; 0: runs until stopped',
        AT_ONCE, minimum=0.0, maximum=_LONGEST),

@@ -57,7 +57,8 @@ class Rest:
             self._require_still()
             # A run seldom needs it.
             from icofabric_sim.statics.present import present_of
-            present = present_of(self._state.simulation)
+            present = present_of(
+                self._state.simulation, self._state.parameters['equilibrium.objective'])
         except Exception as error:  # noqa: BLE001 - the caller gets it
             found.set_exception(error)
             return
@@ -99,10 +100,12 @@ class Rest:
         if state.simulation.snapshot() is not present.snapshot:
             raise RuntimeError(
                 f'the fabric or what acts on it was changed during the search; {_STAYS}')
+        is_least = present.objective == 'resultants'
         facts = {
             'verdict': result.verdict, 'residual': result.residual,
             'mechanism_count': result.mechanism_count,
             **({} if result.contacts is None else {'contacts': result.contacts.table()}),
+            **({'leftover': result.leftover.tolist()} if is_least else {}),
             'position': result.snapshot.position.tolist(),
             'orientation': result.snapshot.orientation.tolist()}
         before = state.simulation.checkpoint()
@@ -115,8 +118,16 @@ class Rest:
         self._time.begin_anew()
         self._broadcast.event(state.now, 'equilibrium', **facts)
         self._time.show_after('equilibrium')
-        return (f'{result.verdict}, residual {result.residual:.2g}'
-                f'{_contacts_text(result)}, t = {seconds(state.now):.9f} s')
+        what = _left_text(result) if is_least else _contacts_text(result)
+        return (f'{result.verdict}, residual {result.residual:.2g}{what}, '
+                f't = {seconds(state.now):.9f} s')
+
+
+def _left_text(result: 'Equilibrium') -> str:
+    """Say which resultants of force and moment are left, at most, and on which bodies."""
+    force, moment = (np.linalg.norm(part, axis=1) for part in np.split(result.leftover, 2, 1))
+    return (f', the largest resultants left are {force.max():.3g} N on body {np.argmax(force)} '
+            f'and {moment.max():.3g} N m on body {np.argmax(moment)}')
 
 
 def _contacts_text(result: 'Equilibrium') -> str:

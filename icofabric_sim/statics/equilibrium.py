@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 from icofabric_sim import checks
 from icofabric_sim.checks import counted
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
+from icofabric_sim.parameters.table import OBJECTIVES
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
@@ -62,7 +63,6 @@ NOT_AT_REST = 'not in equilibrium'
 _AT_REST = ('body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')
 _STEPS = 2_000
 RESULTANTS = 'resultants'
-OBJECTIVES = ('energy', RESULTANTS)
 # Products with the Hessian in a step, for each freedom, and at most.
 _PRODUCTS = 2.0
 _MOST_PRODUCTS = 5_000
@@ -165,7 +165,7 @@ class Equilibrium(AsTable):
 def solve_equilibrium(
     scene: Scene, *, start: Snapshot | None = None, time: float | None = None,
     tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
-    body_force: BodyForce | Force | None = None, objective: str = 'energy',
+    body_force: BodyForce | Force | None = None, objective: str | None = None,
     progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
@@ -192,7 +192,8 @@ def solve_equilibrium(
         'energy': the potential energy, with contacts as springs. 'resultants': the sum of squares
         of the force and moment resultants (torques over a) on free bodies, without contact forces
         and without overlap, as the document says after eq 48. `leftover` then has the resultants
-        that contacts must bear; where they are not 0 the verdict is 'least resultants'.
+        that contacts must bear; where they are not 0 the verdict is 'least resultants'. None: the
+        `equilibrium.objective` of the scene.
     progress
         Called with the state of the search at each step.
 
@@ -223,6 +224,8 @@ def solve_equilibrium(
     """
     force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     load_factor = checks.number('load_factor', load_factor, least=0.0)
+    if objective is None:
+        objective = scene.parameters['equilibrium.objective']
     checks.choice('objective', objective, OBJECTIVES)
     friction = FrictionPath.of(scene)
     fabric = StaticFabric(
@@ -232,20 +235,21 @@ def solve_equilibrium(
         friction=friction, body_force=force)
     fabric.require_steady(time)
     if objective == RESULTANTS:
-        return _with_least_resultants(fabric, start, tolerance, largest_step_count, progress)
+        return seek_least_resultants(fabric, start, tolerance, largest_step_count, progress)
     return seek(fabric, start, tolerance, largest_step_count, progress)
 
 
-def _with_least_resultants(
+def seek_least_resultants(
     fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
-    """Minimise the resultants of a `fabric`, whose contacts are constraints."""
+    """Minimise the resultants of a `fabric`, whose contacts are constraints; see resultants.py."""
     turning = _without_potential(fabric, fabric.start)
     if turning:
         raise ValueError(
             f"objective 'resultants' needs forces that have a potential: {', '.join(turning)} "
-            "turns with its bodies or twists them; leave it out, or take the objective 'energy'")
+            "turns with its bodies or twists them; leave it out, or take the objective 'energy' "
+            '(equilibrium.objective)')
     bare = fabric.without_contacts()
     fabric.friction = None
 
@@ -346,8 +350,10 @@ def _without_potential(fabric: StaticFabric, here: Configuration) -> list[str]:
     """Return the names of loads, tractions and body forces that have no energy."""
     own, blocks = fabric.own_force, here.own_force_blocks
     curls = own is not None and blocks is not None and not own.is_symmetric(blocks)
-    return without_potential(fabric.scene) + (
-        [f'body_force {own.name}'] if own is not None and curls else [])
+    # A run has received wrenches, too.
+    turning = [] if fabric.loads.conservative else (
+        without_potential(fabric.scene) or ['a received wrench'])
+    return turning + ([f'body_force {own.name}'] if own is not None and curls else [])
 
 
 def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:
@@ -432,8 +438,14 @@ def step_loads(
     `factors`: of weight, electric fields, loads, tractions and the `body_force`; drives, anchors
     and pre-stress are whole from the first. Ends where no equilibrium is found: that one is the
     last. With friction (contact.friction) they are a path on which what touches sticks and slides:
-    smaller steps follow it more exactly.
+    smaller steps follow it more exactly. They are equilibria of the energy: ValueError where
+    `equilibrium.objective` says otherwise.
     """
+    require_scene(scene)
+    if scene.parameters['equilibrium.objective'] != 'energy':
+        raise ValueError(
+            'load steps follow equilibria of the energy, and equilibrium.objective is '
+            f'{scene.parameters["equilibrium.objective"]!r}; set it to energy')
     force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     if not isinstance(factors, Iterable) or isinstance(factors, (str, bytes, Mapping)):
         raise TypeError(f'factors must be numbers, at least 0, got {checks.shown(factors)}')

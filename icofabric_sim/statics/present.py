@@ -21,7 +21,13 @@ from icofabric_sim.simulation.inputs import Inputs
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import Simulation
-from icofabric_sim.statics.equilibrium import Equilibrium, Progress, seek
+from icofabric_sim.statics.equilibrium import (
+    Equilibrium,
+    Progress,
+    RESULTANTS,
+    seek,
+    seek_least_resultants,
+)
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
 
@@ -35,11 +41,14 @@ class Present(NamedTuple):
     snapshot: Snapshot
     inputs: Inputs
     body_force: BodyForce | None
+    objective: str
 
 
-def present_of(simulation: Simulation) -> Present:
+def present_of(simulation: Simulation, objective: str = 'energy') -> Present:
     """
     Take the present state of a run, and what acts: received wrenches, and drives where they are.
+
+    `objective`: what a search minimises, as of `solve_equilibrium`.
 
     Shells and planes push each other as stiffly as in the run, so that what is found is at rest
     there too, and a body force acts as it does at that time. Pulls by hand do not count: they end.
@@ -51,7 +60,7 @@ def present_of(simulation: Simulation) -> Present:
     inputs = Inputs(scene)
     inputs.adopt(simulation.inputs, simulation.time, anew=False)
     inputs.pulls.clear()
-    return Present(scene, simulation.snapshot(), inputs, simulation.body_force)
+    return Present(scene, simulation.snapshot(), inputs, simulation.body_force, objective)
 
 
 def rest_of(
@@ -66,4 +75,5 @@ def rest_of(
     fabric = StaticFabric(
         present.scene, snapshot.time, broken_since=snapshot.broken_since, inputs=present.inputs,
         body_force=present.body_force, friction=FrictionPath.of(present.scene))
-    return seek(fabric, snapshot, _TOLERANCE, _STEPS, progress)
+    search = seek_least_resultants if present.objective == RESULTANTS else seek
+    return search(fabric, snapshot, _TOLERANCE, _STEPS, progress)

@@ -112,7 +112,7 @@ class Rest:
         if scene.parameters['contact.friction'] != 0.0:
             scene = scene.with_changes({'contact.friction': 0.0})
         self._scene, found = motion.scene, solve_equilibrium(
-            scene, body_force=motion.body_force)
+            scene, body_force=motion.body_force, objective='energy')
         fabric = StaticFabric(scene)
         self._kinked, self._rest = fabric.laws.kinked, fabric.laws.natural_length
         self._longer = found.snapshot.connector_length > self._rest

@@ -13,6 +13,7 @@
 # limitations under the License.
 """Services of the node: recording, checkpoints, and answers that do not delay others."""
 import json
+import re
 import time
 
 from icofabric_sim.bag import BagReader
@@ -83,6 +84,20 @@ def test_a_paused_fabric_without_forces_comes_to_rest_where_its_connectors_are_u
     client.call('~/pause', 'std_srvs/srv/SetBool', data=False)
     refused = client.call('~/solve_equilibrium')
     assert not refused.success and 'pause it first' in refused.message
+
+
+def test_least_resultants_are_what_the_scene_says(client):
+    client.push('~/loads/tip', (0.0, 0.5, 0.0))
+    steps(client, 5)
+    refused = client.call('~/solve_equilibrium')
+    assert not refused.success and 'nothing holds this fabric' in refused.message
+    client.set(equilibrium__objective='resultants')
+    answer = client.call('~/solve_equilibrium')
+    client.set(equilibrium__objective='energy')
+    assert answer.success, answer.message
+    assert re.match(
+        r'least resultants, residual \S+, the largest resultants left are \S+ N on body \d+ and '
+        r'\S+ N m on body \d+, t = ', answer.message), answer.message
 
 
 def test_what_was_sent_before_a_reset_or_a_step_acts_before_it(client):

@@ -145,3 +145,29 @@ def test_what_contacts_bear_is_told_and_recorded():
         said = rubs.solve_equilibrium().result(LIMIT)
     assert 'the smallest margin of friction 1' in said
     assert facts['contacts']['force_z_n'] == pytest.approx([weight], rel=1e-6)
+
+
+def test_least_resultants_are_put_and_told():
+    """A shell in a floor is moved out of it, and its weight is what is left."""
+    sink, mass = ListSink(EVENTS), 3.0
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'contact.stiffness': 1e5, 'start_paused': True,
+        'masses.it.group': 'all', 'masses.it.mass': mass, 'gravity': [0.0, 0.0, -9.81],
+        'loads.push.group': 'all', 'loads.push.frame': 'body',
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.016})
+    runner = Runner(ico.compile_scene(scene), [sink])
+    with Beside(runner):
+        assert 'contact' in runner.solve_equilibrium().result(LIMIT)
+        runner.change(scene.parameters.with_changes(
+            {'equilibrium.objective': 'resultants'})).result(LIMIT)
+        said = runner.solve_equilibrium().result(LIMIT)
+        assert said.startswith('least resultants, residual 1, the largest resultants left are '
+                               f'{9.81 * mass:.3g} N on body 0 and ')
+        rest = runner.simulation.snapshot()
+        push(runner, 'push', force=FORCE)
+        runner.advance(AdvanceRequest(1_000_000)).result(LIMIT)
+        with pytest.raises(ValueError, match='needs forces that have a potential: a received w'):
+            runner.solve_equilibrium().result(LIMIT)
+    assert rest.position[0, 2] > -0.016 + 0.0161803
+    facts = events(sink)[-1]
+    assert facts['leftover'][0] == pytest.approx([0.0, 0.0, -9.81 * mass, 0.0, 0.0, 0.0], abs=1e-9)

@@ -16,6 +16,8 @@
 import math
 
 import icofabric_sim as ico
+from icofabric_sim.commands.main import main
+from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.statics.resultants import LEAST
 import numpy as np
 import pytest
@@ -144,3 +146,24 @@ def test_what_it_cannot_do_is_refused():
         ico.solve_equilibrium(scene, objective='resultants')
     with pytest.raises(ValueError, match='objective must be one of energy, resultants'):
         ico.solve_equilibrium(scene, objective='work')
+    with pytest.raises(ValueError, match='equilibrium.objective must be one of energy, result'):
+        scene.with_changes({'equilibrium.objective': 'work'})
+    with pytest.raises(ValueError, match="equilibrium.objective is 'resultants'; set it to ene"):
+        ico.step_loads(scene.with_changes({'equilibrium.objective': 'resultants'}), [1.0])
+
+
+def test_the_scene_chooses_it_where_no_argument_does(tmp_path, capsys):
+    scene = ico.Scene.from_parameters({
+        'weave.size': [1, 1, 1], 'gravity': [0.0, 0.0, -9.81], 'contact.stiffness': 1e5,
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.9 * HALF,
+        'equilibrium.objective': 'resultants'})
+    assert ico.solve_equilibrium(scene).verdict == LEAST
+    assert ico.solve_equilibrium(scene, objective='energy').verdict != LEAST
+    path = tmp_path / 'scene.yaml'
+    path.write_text(dump_parameters(scene.parameters.given()))
+    assert main(['statics', str(path)]) == 0
+    assert f'verdict    {LEAST}' in capsys.readouterr().out
+    assert main(['statics', str(path), '--objective', 'energy', '--load-steps', '1']) == 0
+    assert 'contact    0 pairs of shells and 1 shells on planes' in capsys.readouterr().out
+    assert main(['statics', str(path), '--load-steps', '2']) == 2
+    assert 'take --objective energy' in capsys.readouterr().err

@@ -31,7 +31,7 @@ COLUMNS: Final = tuple(name for name in Finding._fields)
 _ASIDE = (
     'pull.', 'real_time_factor', 'publish', 'marker_rate', 'clock_rate', 'frame_id',
     'start_paused', 'reset_time', 'step_count', 'advance_duration', 'input_', 'checkpoint.',
-    'record.', 'tf.')
+    'record.', 'tf.', 'equilibrium.')
 
 
 def class_lines(findings: Sequence[Finding]) -> list[str]:
