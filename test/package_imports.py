@@ -38,8 +38,8 @@ def _name(path: Path) -> str:
 # Ground floor first. A module imports from its own room and from those before it.
 ROOMS = (
     'version', 'checks', 'libraries', 'geometry', 'parameters', 'kernels', 'scene', 'simulation',
-    'statics', 'messages', 'bag', 'running', 'sweeps', 'studies', 'pictures', 'terminal', 'viewer',
-    'benchmarking', 'commands', 'ros')
+    'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures', 'terminal', 'viewer',
+    'commands', 'ros')
 # Documented names for users, above everything.
 ROOF = ('icofabric_sim', 'icofabric_sim.contact')
 

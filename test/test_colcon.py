@@ -24,7 +24,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ('package.xml', 'pyproject.toml', 'setup.py', 'setup.cfg', 'LICENSE', 'resource',
-         'icofabric_sim', 'launch', 'config', 'rviz')
+         'icofabric_sim', 'launch', 'config', 'rviz', 'validation')
 COLCON = shutil.which('colcon', path=f'{Path(sys.executable).parent}:{os.environ["PATH"]}')
 
 pytestmark = pytest.mark.skipif(
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope='module')
 def install(tmp_path_factory):
-    """The install folder of a workspace with only this package in it."""
+    """The install folder of a workspace with only the two packages of this tree in it."""
     workspace = tmp_path_factory.mktemp('workspace')
     source = workspace / 'src' / 'icofabric_sim'
     source.mkdir(parents=True)
@@ -43,12 +43,24 @@ def install(tmp_path_factory):
                             ignore=shutil.ignore_patterns('__pycache__'))
         else:
             shutil.copy(ROOT / part, source / part)
+    # colcon looks for no packages below a package.
+    base_paths = ['--base-paths', 'src', 'src/icofabric_sim/validation']
+    assert packages_of(workspace) == ['icofabric_sim']
+    assert packages_of(workspace, *base_paths) == ['icofabric_sim', 'icofabric_validation']
     # Outside ROS colcon is not given the end of the prefix; and no message on the desktop.
     done = subprocess.run(
-        [COLCON, 'build', '--event-handlers', 'desktop_notification-', 'console_direct+'],
+        [COLCON, 'build', *base_paths,
+         '--event-handlers', 'desktop_notification-', 'console_direct+'],
         cwd=workspace, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
     return workspace / 'install'
+
+
+def packages_of(folder, *words):
+    """Return the names of the packages that colcon finds."""
+    done = subprocess.run([COLCON, 'list', '--names-only', *words], cwd=folder, text=True,
+                          capture_output=True, check=True, timeout=60)
+    return sorted(done.stdout.split())
 
 
 def sourced(install, command, **words):
@@ -97,6 +109,10 @@ def test_installed_command(install):
     output = output_of(install, 'install/icofabric_sim/lib/icofabric_sim/icofabric --help')
     for verb in ('run', 'info', 'render'):
         assert verb in output
+    # A verb of the other package.
+    listed = output_of(install, 'install/icofabric_sim/lib/icofabric_sim/icofabric stress --list')
+    assert 'leapfrog' in listed
+    assert (install / 'icofabric_validation/share/icofabric_validation/package.xml').is_file()
 
 
 def test_installed_node_publishes(install, monkeypatch):

@@ -39,9 +39,13 @@ import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([ROOT / 'README.md', *(ROOT / 'docs').rglob('*.md')])
-SCRIPTS = sorted(path for folder in ('benchmarks', 'docs', 'examples', 'launch')
-                 for path in (ROOT / folder).glob('*.py'))
-SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
+VALIDATION = ROOT / 'validation' / 'icofabric_validation'
+PROGRAMS = sorted(path for room in ('benchmarks', 'robustness', 'repository')
+                  for path in (VALIDATION / room).glob('*.py'))
+SCRIPTS = [*PROGRAMS, *sorted(path for folder in ('docs', 'examples', 'launch')
+                              for path in (ROOT / folder).glob('*.py'))]
+SETUP = ''.join((ROOT / folder / 'setup.py').read_text(encoding='utf-8')
+                for folder in ('.', 'validation'))
 EXECUTABLES = re.findall(r"'(\w+) = icofabric_sim\.", SETUP)
 # A line whose first word is one of these is a command. Of programs of .venv the name alone is
 # not: it is not found in a shell where .venv is not activated.
@@ -118,6 +122,8 @@ def parse(command, monkeypatch, call):
 
 
 def check_python(command, words, monkeypatch):
+    if words[0] == '-m':
+        words = [f'validation/{words[1].replace(".", "/")}.py', *words[2:]]
     script, *arguments = words
     path = ROOT / script
     assert path.is_file(), f'{command.place}: there is no {script}'
@@ -232,15 +238,19 @@ def test_commands_are_found():
 
 
 def test_every_benchmark_that_is_a_program_prints_its_command():
-    for path in (ROOT / 'benchmarks').glob('*.py'):
+    assert len(PROGRAMS) > 40
+    for path in PROGRAMS:
         if 'def main() -> ' in path.read_text(encoding='utf-8') and path.stem != 'listener':
-            assert any(f'benchmarks/{path.name}' in command.text
+            module = path.relative_to(ROOT / 'validation').with_suffix('').as_posix()
+            assert any(module.replace('/', '.') in command.text
                        for command in commands_of(path)), path.name
 
 
 @pytest.mark.parametrize('line', [
-    'python benchmarks/pile.py', '.venv/bin/python benchmarks/heap.py',
-    '.venv/bin/python benchmarks/pile.py --deep', '.venv/bin/icofabric fold x',
+    'python -m icofabric_validation.benchmarks.pile',
+    '.venv/bin/python -m icofabric_validation.benchmarks.heap',
+    '.venv/bin/python -m icofabric_validation.benchmarks.pile --deep',
+    '.venv/bin/icofabric fold x',
     'icofabric run hanging_slab', '.venv/bin/icofabric run hanging_slab --for 2',
     '.venv/bin/fabric_node --ros-args -p weave.sise:=2', 'ros2 run icofabric_sim node',
     'ros2 launch icofabric_sim simulate.launch.py stage:=x', 'make tests',

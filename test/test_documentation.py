@@ -22,7 +22,7 @@ import re
 import runpy
 
 import icofabric_sim
-from icofabric_sim.commands.main import VERBS
+from icofabric_sim.commands.main import load_verb, VERBS
 from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
 from icofabric_sim.parameters.table import Change, FAMILIES, STATIC
 from icofabric_sim.ros.standard_services import ACTION, SERVICES, topic_name
@@ -61,7 +61,7 @@ def test_page_of_the_node_names_all_that_restarts_the_motion():
 @pytest.mark.parametrize('path', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_that_are_named_exist(path):
     text = path.read_text(encoding='utf-8')
-    named = re.findall(r'`((?:config|docs|benchmarks|launch|rviz|test)/[\w./*-]*\w)`', text)
+    named = re.findall(r'`((?:config|docs|validation|launch|rviz|test)/[\w./*-]*\w)`', text)
     named += re.findall(r'\]\(((?!http)[\w./-]+)\)', text)
     for name in named:
         base = path.parent if name.startswith('../') or (path.parent / name).exists() else ROOT
@@ -175,7 +175,7 @@ def quoted(text):
 
 
 MODULES = sorted(
-    str(path) for folder in ('icofabric_sim', 'benchmarks', 'docs', 'examples', 'launch', 'test')
+    str(path) for folder in ('icofabric_sim', 'validation', 'docs', 'examples', 'launch', 'test')
     for path in (ROOT / folder).rglob('*.py'))
 SOURCE = '\n'.join(
     Path(name).read_text('utf-8') for name in MODULES if '/icofabric_sim/' in name)
@@ -187,7 +187,7 @@ EXECUTABLES = re.findall(
 def options_of(verb):
     """All options of `icofabric VERB`."""
     parser = argparse.ArgumentParser()
-    importlib.import_module(f'icofabric_sim.commands.{verb}').add_arguments(parser)
+    load_verb(verb).add_arguments(parser)
     parsers = [parser]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):

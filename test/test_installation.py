@@ -22,11 +22,11 @@ import sysconfig
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ('.ci', 'LICENSE', 'MANIFEST.in', 'Makefile', 'config', 'icofabric_sim', 'launch',
          'package.xml', 'pyproject.toml', 'requirements.lock', 'requirements.txt', 'resource',
-         'rviz', 'setup.cfg', 'setup.py')
+         'rviz', 'setup.cfg', 'setup.py', 'validation')
 # What `icofabric --version` does without: to build and copy it takes most of the time.
 LEFT_OUT = shutil.ignore_patterns(
-    '__pycache__', 'bag', 'benchmarking', 'geometry', 'messages', 'pictures', 'ros', 'running',
-    'scene', 'simulation', 'statics', 'studies', 'sweeps', 'viewer')
+    '__pycache__', 'bag', 'benchmarks', 'geometry', 'messages', 'named', 'pictures', 'ros',
+    'running', 'scene', 'simulation', 'statics', 'stress', 'sweeps', 'test', 'viewer')
 MODULE = 'icofabric_sim.kernels.runtime.compile_notice'
 LIBRARIES = sysconfig.get_path('purelib')
 
@@ -64,8 +64,9 @@ class Clone:
 
     def mark_ready(self):
         """Leave what `.ci/environment` writes once all is installed."""
-        for mark, files in (('run', 'requirements.txt requirements.lock'),
-                            ('package', 'pyproject.toml setup.py setup.cfg package.xml')):
+        of_package = '{.,validation}/{pyproject.toml,setup.py,setup.cfg,package.xml}'
+        for mark, files in (
+                ('run', 'requirements.txt requirements.lock'), ('package', of_package)):
             key = self.run('bash', '-c', f'{{ pwd; cat {files}; }} | cksum')
             (self.environment / f'.ready-{mark}').write_text(key)
 

@@ -15,6 +15,7 @@
 The rooms of the package: imports point down only, and no modules import each other in a circle.
 """
 
+import ast
 import re
 
 from package_imports import (
@@ -31,13 +32,13 @@ from package_imports import (
     ROOMS,
 )
 
-RIMS = {'benchmarking', 'commands', 'ros'}
+RIMS = {'commands', 'ros'}
 
 
 def test_every_module_has_a_room():
     assert {room_of(name) for name in MODULES if name not in ROOF} == {*ROOMS}
     # Rooms, and the documented imports.
-    assert len([path for path in PACKAGE.iterdir() if path.name != '__pycache__']) <= 22
+    assert len([path for path in PACKAGE.iterdir() if path.name != '__pycache__']) <= 20
 
 
 def test_imports_point_down():
@@ -69,8 +70,20 @@ def test_the_drawing_shows_every_arrow(capsys):
     assert {*re.findall(r'(\w+) -> (\w+) ', drawn)} == found
 
 
+def test_the_product_never_imports_its_validation():
+    """Verbs of icofabric_validation are found as entry points of an installed package."""
+    imported = set()
+    for path in MODULES.values():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.partition('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported.add((node.module or '').partition('.')[0])
+    assert 'icofabric_sim' in imported and 'icofabric_validation' not in imported
+
+
 def test_rims_are_started_only_when_asked_for():
-    """`icofabric` starts benchmarks, and nodes take words from commands, within functions."""
+    """Nodes take words from commands within functions."""
     for name in MODULES:
         if name not in ROOF and room_of(name) in RIMS:
             others = {room_of(target.module) for target in imports_of(name)

@@ -14,7 +14,7 @@
 """`icofabric completion SHELL`."""
 
 import argparse
-from importlib import import_module
+from contextlib import suppress
 
 # Options of each verb are listed once, when the script is made.
 _BASH = """\
@@ -56,8 +56,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 def words_of(verb: str) -> tuple[list[str], bool]:
     """Options of a verb, and whether it takes a scene."""
+    from icofabric_sim.commands.main import load_verb
     parser = argparse.ArgumentParser()
-    import_module(f'icofabric_sim.commands.{verb}').add_arguments(parser)
+    load_verb(verb).add_arguments(parser)
     options = [option for action in parser._actions for option in action.option_strings
                if option.startswith('--')]
     scene = any(action.dest in ('scene', 'scenes') for action in parser._actions)
@@ -66,24 +67,35 @@ def words_of(verb: str) -> tuple[list[str], bool]:
     return [*choices, *options, '--quiet'], scene
 
 
+def installed_verbs() -> dict[str, str]:
+    """Return the verbs whose package is installed, with their summaries."""
+    from icofabric_sim.commands.main import load_verb, VERBS
+    from icofabric_sim.terminal import InputError
+    found = {}
+    for verb, summary in VERBS.items():
+        with suppress(InputError):
+            load_verb(verb)
+            found[verb] = summary
+    return found
+
+
 def bash_script() -> str:
     """The script for bash."""
-    from icofabric_sim.commands.main import VERBS
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     cases = []
-    for verb in VERBS:
+    verbs = installed_verbs()
+    for verb in verbs:
         options, scene = words_of(verb)
         words = [*(ready_scenes() if scene else ()), *options]
         cases.append(f'        {verb}) words="{" ".join(words)}" ;;')
-    return _BASH.format(verbs=' '.join(VERBS), cases='\n'.join(cases))
+    return _BASH.format(verbs=' '.join(verbs), cases='\n'.join(cases))
 
 
 def fish_script() -> str:
     """The script for fish."""
-    from icofabric_sim.commands.main import VERBS
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     lines = ['# Completion of icofabric for fish']
-    for verb, summary in VERBS.items():
+    for verb, summary in installed_verbs().items():
         lines.append(
             f"complete -c icofabric -n __fish_use_subcommand -f -a {verb} -d '{summary}'")
         options, scene = words_of(verb)

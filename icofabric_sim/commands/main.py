@@ -25,7 +25,7 @@ import os
 import signal
 import sys
 import threading
-from typing import NoReturn
+from typing import Any, NoReturn
 
 # Verb, and what it does; the module has the same name.
 VERBS = {
@@ -50,6 +50,8 @@ VERBS = {
     'warm': 'compile kernels ahead, so that runs begin at once',
     'recover': 'make a whole bag of one whose recorder was killed',
 }
+# Verbs of the sibling package icofabric_validation, which declares them as entry points.
+VALIDATION_VERBS = ('study', 'stress', 'benchmark')
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 # Wall time [s] after which an interrupt that was dropped is sent once more.
 _AGAIN = 0.05
@@ -108,6 +110,20 @@ def main(argv: list[str] | None = None) -> int:
         return INTERRUPTED
 
 
+def load_verb(verb: str) -> Any:
+    """Import the module of a verb. Raise InputError if its package is not installed."""
+    if verb not in VALIDATION_VERBS:
+        return import_module(f'icofabric_sim.commands.{verb}')
+    from importlib.metadata import entry_points
+    for entry in entry_points(group='icofabric_sim.commands', name=verb):
+        return entry.load()
+    from icofabric_sim.libraries import install_command
+    from icofabric_sim.terminal import InputError
+    command = install_command('icofabric_validation')
+    raise InputError(
+        f'this verb needs icofabric_validation, which is not installed; in a clone: {command}')
+
+
 def _guarded(words: list[str], name: str) -> int:
     """Run a verb; what goes wrong, but for an interrupt, becomes a line and a status."""
     from icofabric_sim.libraries import install_command, MissingLibrary
@@ -158,7 +174,7 @@ def _run(words: list[str]) -> int:
         sub = verbs.add_parser(
             verb, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
         if verb == wanted:
-            module = import_module(f'icofabric_sim.commands.{verb}')
+            module = load_verb(verb)
             module.add_arguments(sub)
             sub.add_argument(
                 '-q', '--quiet', action='store_true',

@@ -15,13 +15,13 @@
 
 import json
 
-from icofabric_sim.commands.benchmark import read_tables
 from icofabric_sim.commands.main import main
 from icofabric_sim.commands.report import print_json
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.equilibrium import solve_equilibrium
 from icofabric_sim.statics.modes import solve_modes
 from icofabric_sim.statics.periodic import homogenise
+from icofabric_validation.commands.benchmark import read_tables
 import numpy as np
 import pytest
 

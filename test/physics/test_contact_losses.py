@@ -13,9 +13,6 @@
 # limitations under the License.
 """Contacts that take energy from the motion: damping and friction in simulations."""
 
-from pathlib import Path
-import sys
-
 from contact_poses import facing, NORMALS, RHO, touch_floor, VERTICES
 from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, same_state
@@ -29,12 +26,10 @@ from icofabric_sim.running.diagnostics import HealthReport
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping import thread_team
+from icofabric_validation.benchmarks import pile
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-import pile  # noqa: E402 - its path
 
 UP = np.array([0.0, 0.0, 1.0])
 ON_VERTEX = facing(np.eye(3), VERTICES[0], -UP)

@@ -14,16 +14,16 @@
 """
 What a run says that its method has added, beside what a far tighter one finds from outside.
 
-A selection of `benchmarks/error_estimate.py`, which judges many more scenes.
+A selection of `icofabric_validation.benchmarks.error_estimate`, which judges many more scenes.
 """
 
 import math
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.benchmarking.added_errors import draw_scene, judge
 from icofabric_sim.simulation.divergence import distance_between
-from icofabric_sim.studies.stress.windows import rate_of, Windows
+from icofabric_validation.benchmarks.added_errors import draw_scene, judge
+from icofabric_validation.stress.windows import rate_of, Windows
 import numpy as np
 import pytest
 

@@ -15,8 +15,6 @@
 Vibrations and mechanisms: closed forms, counts by another way, the frequencies of real motion.
 """
 
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 
 from fabrics import make_scene
 import icofabric_sim as ico
@@ -28,6 +26,7 @@ from icofabric_sim.statics.dissection import dissection_order
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.iteration import begin
 from icofabric_sim.statics.spectrum import scaled_hessian
+from icofabric_validation.benchmarks import mechanism_counts
 import numpy as np
 import pytest
 from scipy import sparse
@@ -354,17 +353,13 @@ def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_five_ways():
     """
     A part of the sweep over all slabs up to 6 x 6 x 6, variants and angles (docs/statics.md).
     """
-    path = Path(__file__).resolve().parents[2] / 'benchmarks' / 'mechanism_counts.py'
-    spec = spec_from_file_location('mechanism_counts', path)
-    sweep = module_from_spec(spec)
-    spec.loader.exec_module(sweep)
-    every = list(sweep.slabs(6))
-    assert len(every) == 6**3 * 4 * len(sweep.ANGLES)
+    every = list(mechanism_counts.slabs(6))
+    assert len(every) == 6**3 * 4 * len(mechanism_counts.ANGLES)
     every = [slab for slab in every if np.prod(slab[0]) > 1]  # some of those have no body
     chosen = np.random.RandomState(1).choice(len(every), 40, replace=False)
     most = 0
     for size, variant, angle in [([6, 6, 6], 1, 0.5), *(every[number] for number in chosen)]:
-        found = sweep.count(make_scene(
+        found = mechanism_counts.count(make_scene(
             size, weave={'size': size, 'variant': variant, 'connector_angle': angle}))
         assert found.agree, (size, variant, angle, found)
         assert found.rank == found.connectors

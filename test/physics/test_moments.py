@@ -15,8 +15,6 @@
 Connectors that resist bending at their ends, and twisting of their bodies against each other.
 """
 
-from pathlib import Path
-import runpy
 
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import BOTH_FORMS, changed, make_scene, packed_state, RANDOM, same_state, wrenches
@@ -28,12 +26,12 @@ from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
 from icofabric_sim.simulation.stepping import thread_team
+from icofabric_validation.benchmarks.shear_stiffness import moduli
 import numpy as np
 import pytest
 from references import axes_of
 from scipy.special import ellipk
 
-ROOT = Path(__file__).resolve().parents[2]
 BENT, TWISTED = {'connector.bending_stiffness': 0.05}, {'connector.twisting_stiffness': 0.04}
 GROUPED = {
     'groups.low': 'z_min', 'connector_groups.g.between': 'low all',
@@ -274,7 +272,6 @@ def test_groups_have_their_own():
 
 
 def test_point_springs_alone_do_not_resist_shear():
-    moduli = runpy.run_path(str(ROOT / 'benchmarks' / 'shear_stiffness.py'))['moduli']
     plain = make_scene((3, 3, 3))
     k, width = plain.parameters['connector.stiffness'], plain.geometry.pitch
     small = 0.1 * k * plain.geometry.half_edge**2

@@ -27,12 +27,12 @@ import sys
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
-from icofabric_sim.benchmarking.bare_kernels import fresh
-from icofabric_sim.benchmarking.held_arrays import arrays_of
 from icofabric_sim.kernels.integrators import embedded, splitting
 from icofabric_sim.kernels.runtime.target import choose, LEVELS
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+from icofabric_validation.benchmarks.bare_kernels import fresh
+from icofabric_validation.benchmarks.held_arrays import arrays_of
 import llvmlite
 import numba
 import numpy as np
@@ -64,7 +64,7 @@ RUNS = {
 # called, so the processor at hand may lack its instructions.
 COUNT = """
 import importlib, json, pickle, sys
-from icofabric_sim.benchmarking.instructions import functions_in_loops, recompiled
+from icofabric_validation.benchmarks.instructions import functions_in_loops, recompiled
 counts = {}
 for name, (module, function, kinds) in pickle.load(sys.stdin.buffer).items():
     kernel = recompiled(getattr(importlib.import_module(module), function))

@@ -1,0 +1,185 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Time of contact for each pair of shells, beside a general collision library: coal, FCL's successor.
+
+The library is called from Python, pair by pair, with all objects made before; what such a call
+costs by itself shows with shells that are far apart. Times are those of the processor for this
+thread: on a shared machine they vary less.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+import time
+from typing import Any, NamedTuple
+
+from icofabric_sim.geometry.icosahedron import FACES, vertices
+from icofabric_sim.kernels.contact.many import apart_pairs, separations_on, touch_pairs
+from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.libraries import install_command
+from icofabric_validation.benchmarks.contact_pairs import families, HALF_EDGE, Pairs
+from icofabric_validation.benchmarks.timing import in_rounds, Spread
+import numpy as np
+
+LIBRARY = 'coal'
+KEPT, APART, PUSH = 'axis kept from before', 'whether they touch', 'force, torques and energy'
+COLLIDE, DISTANCE = 'coal: collide', 'coal: distance or depth'
+# Deeper than the library's own accuracy, over a.
+_DEEP = 1e-5
+# Pairs that the library gets in one go.
+_SAMPLE = 5_000
+
+
+class ContactTime(NamedTuple):
+    """Times of one test of one family of pairs, one for each round."""
+
+    family: str
+    what: str
+    times: list[float]  # [s] of the processor for each pair
+
+    def per_pair(self) -> Spread:
+        """Time for each pair [ns]."""
+        return Spread.of([1e9 * value for value in self.times])
+
+
+class Contact(NamedTuple):
+    """All families."""
+
+    rows: list[ContactTime]
+    touching: dict[str, float]  # share of pairs that touch, by family
+    missed: int  # pairs that only the library sees touch
+    compared: int
+    missing: str  # what to do where the library is not there
+    pair_count: int  # of each family
+    rounds: int
+
+    def row(self, family: str, what: str) -> ContactTime | None:
+        """The row of a family."""
+        return next((row for row in self.rows if (row.family, row.what) == (family, what)), None)
+
+    def ratio(self, family: str, ours: str, theirs: str) -> Spread | None:
+        """The library's time over ours, round by round."""
+        own, other = self.row(family, ours), self.row(family, theirs)
+        if own is None or other is None:
+            return None
+        return Spread.of([two / one for one, two in zip(own.times, other.times)])
+
+
+def measure(
+    *, library: bool = True, rounds: int = 5, count: int = 20_000,
+    say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Contact:
+    """Time all tests of all families of `count` pairs, in rounds."""
+    say('compiling and placing pairs')
+    coal, missing = None, ''
+    if library:
+        try:
+            coal = import_module(LIBRARY)
+        except ImportError:
+            missing = f'{LIBRARY} is not installed: {install_command(LIBRARY)}'
+    tasks: list[tuple[str, str, Callable[[], float]]] = []
+    touching = {}
+    missed = compared = 0
+    for pairs in families(count):
+        own = _Own(pairs)
+        touching[pairs.label] = float(own.touching.mean())
+        tasks += [(pairs.label, KEPT, own.keep), (pairs.label, APART, own.decide),
+                  (pairs.label, PUSH, own.push)]
+        if coal is not None:
+            say(f'{LIBRARY} looks at the same pairs')
+            other = _Library(coal, pairs, min(count, _SAMPLE))
+            missed += int((other.depths() & ~own.touching[:other.count]).sum())
+            compared += other.count
+            tasks += [(pairs.label, COLLIDE, other.collide),
+                      (pairs.label, DISTANCE, other.measure)]
+    times = in_rounds([task for _, _, task in tasks], rounds,
+                      lambda done: progress(done, rounds * len(tasks)))
+    rows = [ContactTime(family, what, found)
+            for (family, what, _), found in zip(tasks, times)]
+    return Contact(rows, touching, missed, compared, missing, count, rounds)
+
+
+class _Own:
+    """Our kernels on one family."""
+
+    def __init__(self, pairs: Pairs) -> None:
+        count = len(pairs.xa)
+        self._poses = np.full((count, 2), HALF_EDGE), pairs.xa, pairs.ra, pairs.xb, pairs.rb
+        self._scratch = contact_scratch()
+        self.touching, self._out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
+        self._apart, self._gap = np.zeros(count, bool), np.zeros(count)
+        self.push()
+        self._axis = np.ascontiguousarray(self._out[:, 12:15])
+        self.decide()
+        self.keep()
+        # Less than the rounding of a depth apart, or deeper.
+        assert not (self._apart & self.touching).any()
+
+    def keep(self) -> float:
+        return self._timed(separations_on, *self._poses, self._axis, self._gap)
+
+    def decide(self) -> float:
+        return self._timed(apart_pairs, *self._poses, self._scratch, self._apart)
+
+    def push(self) -> float:
+        return self._timed(touch_pairs, *self._poses, self._scratch, self.touching, self._out)
+
+    def _timed(self, kernel: Any, *arguments: Any) -> float:
+        started = time.thread_time()
+        kernel(*arguments)
+        return (time.thread_time() - started) / len(self.touching)
+
+
+class _Library:
+    """The library on the first pairs of a family."""
+
+    def __init__(self, coal: Any, pairs: Pairs, count: int) -> None:
+        points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for vertex in vertices(HALF_EDGE):
+            points.append(vertex)
+        for face in FACES:
+            triangles.append(coal.Triangle(*map(int, face)))
+        # Kept: the searches only point to it.
+        self._shell = shell = coal.Convex(points, triangles)
+        self.count = count
+        self._first = [coal.Transform3s(*pose) for pose in zip(pairs.ra[:count], pairs.xa)]
+        self._second = [coal.Transform3s(*pose) for pose in zip(pairs.rb[:count], pairs.xb)]
+        self._collide = coal.ComputeCollision(shell, shell)
+        self._measure = coal.ComputeDistance(shell, shell)
+        self._collision = coal.CollisionRequest(), coal.CollisionResult()
+        self._distance = coal.DistanceRequest(), coal.DistanceResult()
+
+    def depths(self) -> np.ndarray:
+        """Which pairs overlap by more than its accuracy."""
+        request, result = self._distance
+        found = np.zeros(self.count)
+        for k, (one, two) in enumerate(zip(self._first, self._second)):
+            result.clear()
+            found[k] = self._measure(one, two, request, result)
+        # Searches that fail give numbers beyond all lengths.
+        return (found < -_DEEP * HALF_EDGE) & (found > -4.0 * HALF_EDGE)
+
+    def collide(self) -> float:
+        return self._timed(self._collide, *self._collision)
+
+    def measure(self) -> float:
+        return self._timed(self._measure, *self._distance)
+
+    def _timed(self, call: Any, request: Any, result: Any) -> float:
+        started = time.thread_time()
+        for one, two in zip(self._first, self._second):
+            result.clear()
+            call(one, two, request, result)
+        return (time.thread_time() - started) / self.count

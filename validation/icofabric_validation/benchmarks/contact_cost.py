@@ -1,0 +1,81 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What `contact.mode: auto` costs beside `never` while nothing touches, and how many pairs it tests.
+
+Ready scenes to t = 1 s, and a slab within a degree of the least connector angle, whose bounding
+spheres overlap, that moves gently. Times of the processor, both in turn in every round.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.contact_cost
+"""
+
+import argparse
+import logging
+import statistics
+import time
+from typing import Any
+
+import icofabric_sim as ico
+from icofabric_sim.parameters.file import load_parameter_file
+from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_validation.benchmarks.machine import describe_machine
+import numpy as np
+
+NAMES = ('free_slab', 'pressed_slab', 'hanging_slab', 'bias_column', 'woven_ball')
+# Of shells of this project's shape: below it neighbours would overlap as woven [rad].
+LEAST_ANGLE = np.arccos(np.sqrt(0.6) ** -1 / np.sqrt(2.0)) - np.pi / 4.0
+GENTLE: dict[str, Any] = {
+    'weave.size': [5, 5, 5], 'weave.connector_angle': LEAST_ANGLE + np.radians(1.0),
+    'initial_random.velocity_sigma': 0.001, 'initial_random.spin_sigma': 0.1}
+
+
+def measure(flat: dict[str, Any], until: float, rounds: int) -> tuple[list[float], Any]:
+    """Time with `auto` over that with `never`, round by round; and the simulation with `auto`."""
+    runs = {mode: ico.compile_scene(ico.Scene.from_parameters({**flat, 'contact.mode': mode}))
+            for mode in ('never', 'auto')}
+    for simulation in runs.values():
+        simulation.warm_up()
+    ratios = []
+    for turn in range(rounds):
+        taken = {}
+        for mode in sorted(runs, reverse=turn % 2 == 0):
+            runs[mode].reset_time()
+            began = time.process_time()
+            runs[mode].advance_to(until)
+            taken[mode] = time.process_time() - began
+        ratios.append(taken['auto'] / taken['never'])
+    return ratios, runs['auto']
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=9)
+    given = parser.parse_args()
+    logging.disable(logging.WARNING)
+    print(describe_machine())
+    scenes = [(name, load_parameter_file(ready_scenes()[name]), 1.0) for name in NAMES]
+    # Later shells come so close that they may touch.
+    scenes.append(('within 1 degree of the least angle', GENTLE, 0.06))
+    for name, flat, until in scenes:
+        ratios, simulation = measure(dict(flat), until, given.rounds)
+        status = simulation.status
+        tests = status.contact_tests / simulation.scene.body_count / status.step_count
+        print(f'{name:35} {status.method_name:9} time {statistics.median(ratios):.2f} '
+              f'({min(ratios):.2f}-{max(ratios):.2f}), pair tests for each body and step '
+              f'{tests:g}, {simulation.status.step_count} steps', flush=True)
+
+
+if __name__ == '__main__':
+    main()

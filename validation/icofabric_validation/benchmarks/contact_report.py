@@ -1,0 +1,72 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The figures of `contact` as tables and as a CSV file."""
+
+import csv
+from pathlib import Path
+
+from icofabric_validation.benchmarks.contact import (
+    APART,
+    COLLIDE,
+    Contact,
+    DISTANCE,
+    KEPT,
+    LIBRARY,
+    PUSH,
+)
+from icofabric_validation.benchmarks.machine import machine_lines
+from icofabric_validation.benchmarks.report import table
+
+# Ours, and what of the library does the same or less.
+COMPARED = ((KEPT, COLLIDE), (APART, COLLIDE), (APART, DISTANCE), (PUSH, DISTANCE))
+
+
+def lines(result: Contact) -> list[str]:
+    """Tables for a terminal."""
+    times = [['pairs, and how many touch', 'what is found', 'ns for each pair, median (range)']]
+    ratios = [['the library over ours', '', 'median (range)']]
+    for family, share in result.touching.items():
+        label = f'{family}: {100.0 * share:.0f} %'
+        for row in result.rows:
+            if row.family == family:
+                times.append([label, row.what, row.per_pair().text()])
+                label = ''
+        label = family
+        for ours, theirs in COMPARED:
+            ratio = result.ratio(family, ours, theirs)
+            if ratio is not None:
+                ratios.append([label, f'{theirs} / {ours}', ratio.text()])
+                label = ''
+    answer = [
+        f'Contact of pairs of shells: {result.pair_count:,} of each kind; {result.rounds} rounds',
+        *machine_lines((LIBRARY,), threads='processor time of one thread'), '', *table(times)]
+    if result.missing:
+        return [*answer, '', result.missing]
+    return [
+        *answer, '', *table(ratios), '',
+        f'{LIBRARY} is called from Python, pair by pair; far pairs show what a call costs.',
+        f'{result.missed} of {result.compared:,} pairs touch by {LIBRARY} only.']
+
+
+def write(result: Contact, folder: Path) -> list[Path]:
+    """Write the figures into `folder`; returns their paths."""
+    path = folder / 'contact.csv'
+    with open(path, 'w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow(['pairs', 'touching', 'what', 'ns_per_pair', 'low', 'high', 'rounds'])
+        for row in result.rows:
+            rows.writerow([
+                row.family, f'{result.touching[row.family]:.4g}', row.what,
+                *(f'{value:.4g}' for value in row.per_pair()), result.rounds])
+    return [path]

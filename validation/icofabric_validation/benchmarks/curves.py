@@ -1,0 +1,198 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Work against precision of one solver: its error and its time from rough to fine settings."""
+
+from dataclasses import dataclass, field
+import math
+import statistics
+import time
+
+from icofabric_validation.benchmarks.reference import Reference
+from icofabric_validation.benchmarks.scenes import motion_error, PlainScene
+from icofabric_validation.benchmarks.solver import Solver, StepSolver, ToleranceSolver, Unusable
+from icofabric_validation.benchmarks.timing import timed
+
+# Above this the motion is another one; below it errors do not matter, or are the reference's.
+_ROUGHEST, _FINEST = 0.3, 3e-11
+# Where an error below this falls no further it is rounding.
+_ROUNDING = 1e-6
+# Steps that may be refused at the rough end before a solver is given up.
+_REFUSALS = 12
+
+
+@dataclass
+class Point:
+    """One setting: a number of steps, or a tolerance."""
+
+    setting: float
+    error: float
+    times: list[float] = field(default_factory=list)  # [s], one for each round
+
+    @property
+    def time(self) -> float:
+        """Median time [s]."""
+        return statistics.median(self.times)
+
+
+@dataclass
+class Curve:
+    """A solver and its points, from rough to fine."""
+
+    solver: Solver
+    points: list[Point]
+    remark: str = ''
+
+    def needed(self, targets: tuple[float, ...]) -> list[Point]:
+        """Points that the times at the errors `targets` are computed from."""
+        chosen: list[Point] = []
+        for target in targets:
+            for k in self._around(target):
+                if self.points[k] not in chosen:
+                    chosen.append(self.points[k])
+        return chosen
+
+    def time_at(self, target: float, turn: int | None = None) -> tuple[float, bool]:
+        """
+        Time [s] for the error `target`, from the medians or those of round `turn`.
+
+        Interpolated on logarithmic scales, unless a run that is better than asked for takes less.
+        Where the finest is not good enough the curve goes on with the order of the solver, and the
+        second value is True; infinite where the order says nothing.
+        """
+        def spent(point: Point) -> float:
+            return point.time if turn is None else point.times[turn % len(point.times)]
+
+        around = self._around(target)
+        if not around:
+            return math.inf, True
+        last = self.points[around[-1]]
+        if last.error > target:
+            if self.solver.order == 0:
+                return math.inf, True
+            return spent(last) * (last.error / target) ** (1.0 / self.solver.order), True
+        if len(around) == 1:
+            return spent(last), False
+        before = self.points[around[0]]
+        return _between(before, last, target, spent(before), spent(last)), False
+
+    def observed_order(self) -> float:
+        """
+        Slope of the error over the step, between rounding and the loss of the motion.
+
+        NaN where there are fewer than three such points, or no fixed steps.
+        """
+        if not isinstance(self.solver, StepSolver):
+            return math.nan
+        clean = [point for point in self.points if 10.0 * _FINEST < point.error < 2e-2]
+        # The finest points show best how the error goes to zero.
+        clean = clean[-4:]
+        if len(clean) < 3:
+            return math.nan
+        x = [math.log(point.setting) for point in clean]
+        y = [math.log(point.error) for point in clean]
+        return -statistics.linear_regression(x, y).slope
+
+    def _around(self, target: float) -> list[int]:
+        good = [k for k, point in enumerate(self.points) if point.error <= target]
+        if not good:
+            return [len(self.points) - 1] if self.points else []
+        # A finer run may take less: close to the limit of stability health checks cost more.
+        # The medians decide for all rounds.
+        best = min(good, key=lambda k: self.points[k].time)
+        if good[0] == 0:
+            return [best]
+        before, last = self.points[good[0] - 1], self.points[good[0]]
+        between = _between(before, last, target, before.time, last.time)
+        return [best] if self.points[best].time < between else [good[0] - 1, good[0]]
+
+
+def _between(
+    before: Point, last: Point, target: float, time_before: float, time_last: float
+) -> float:
+    """Time at the error `target` between two points, on logarithmic scales."""
+    part = math.log(before.error / target) / math.log(before.error / last.error)
+    return float(time_before ** (1.0 - part) * time_last**part)
+
+
+def run_once(solver: Solver, setting: float, duration: float) -> float:
+    """Time [s] of a run over `duration` [s]."""
+    if isinstance(solver, StepSolver):
+        steps, count = solver, round(setting)
+        return timed(lambda: steps.start(duration / count), lambda: steps.advance(count))
+    assert isinstance(solver, ToleranceSolver)
+    tolerant = solver
+    return timed(lambda: tolerant.start(setting, duration), tolerant.finish)
+
+
+def trace(
+    solver: Solver, scene: PlainScene, reference: Reference, *, longest_run: float,
+    growth: float | None = None
+) -> Curve:
+    """
+    Run `solver` from rough to fine until it is better than needed, or a run takes too long [s].
+
+    The times are those of single runs, for a plot; rounds replace those that matter. Each takes
+    `growth` times as many steps as the one before, by default what suits the order of the method.
+    """
+    curve = Curve(solver, [])
+    refused = 0
+    warm = False
+    for setting in _settings(solver, reference.duration, growth):
+        try:
+            if not warm:
+                # What is compiled or allocated at the first use is not to be timed.
+                run_once(solver, setting, reference.duration)
+                warm = True
+            started = time.perf_counter()
+            spent = run_once(solver, setting, reference.duration)
+            wall = time.perf_counter() - started
+            error = motion_error(solver.motion(), reference.motion, scene.half_edge)
+        except Unusable as problem:
+            refused += 1
+            curve.remark = str(problem)
+            if refused > _REFUSALS or curve.points:
+                break
+            continue
+        if error > _ROUGHEST:
+            continue
+        curve.points.append(Point(setting, error, [spent]))
+        if error < max(_FINEST, 5.0 * reference.uncertainty):
+            break
+        # Where stability sets the step, several tolerances give one error.
+        stuck = len(curve.points) > 1 and 0.7 * curve.points[-2].error < error < _ROUNDING
+        if stuck and isinstance(solver, StepSolver) and growth is None:
+            curve.remark = 'the error falls no further: rounding'
+            curve.points.pop()
+            break
+        if max(spent, wall / 9.0) * (growth or _growth(solver)) > longest_run:
+            curve.remark = f'a finer run would take more than {longest_run:g} s'
+            break
+    if curve.points:
+        curve.remark = '' if curve.points[-1].error < 1e-9 else curve.remark
+    return curve
+
+
+def _growth(solver: Solver) -> float:
+    if isinstance(solver, StepSolver):
+        return 2.0 if solver.order <= 2 else 2.0**0.25
+    return 1.4
+
+
+def _settings(solver: Solver, duration: float, growth: float | None) -> list[float]:
+    if not isinstance(solver, StepSolver):
+        assert isinstance(solver, ToleranceSolver)
+        return [solver.roughest * 10.0**-k for k in range(13)]
+    first = math.ceil(duration / solver.longest)
+    counts = (math.ceil(first * (growth or _growth(solver)) ** k) for k in range(60))
+    return [float(count) for count in dict.fromkeys(counts)]

@@ -1,0 +1,149 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Steps on a GPU beside those of the processor: body-steps a second, and how far the motions differ.
+
+Where no GPU is found the same kernels are measured on the processor, and say so. What the kernel
+of a plain fabric becomes for a GPU is counted in any case.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_validation.benchmarks.scenes import scene_parameters
+from icofabric_validation.benchmarks.step_speed import STEP
+from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK, timed
+import numpy as np
+
+Size = tuple[int, int, int]
+# 4,631, 49,726, 100,920, 1,000,188, 9,965,880 and 99,961,946 bodies, about.
+SIZES: tuple[Size, ...] = (
+    (21, 21, 21), (46, 46, 47), (58, 58, 60), (126, 126, 126), (271, 271, 271), (585, 585, 584))
+# Steps after which motions are compared, and steps of a timed run: two health checks.
+_COMPARED, _TIMED = 64, 128
+# Kernels that are compiled: of a plain fabric, and one with nearly all that a device computes.
+PLAIN = 'springs'
+ALL = 'springs with own laws, moments, supports, loads'
+# Of slopes, for the embedded pair.
+DAMPED = 'damped springs, by dop8'
+# Of pairs, for all scenes.
+TOUCHING = 'shells that may touch'
+
+
+class DeviceSize(NamedTuple):
+    """Figures of one number of bodies; lists hold body-steps a second, one for each round."""
+
+    size: Size
+    body_count: int
+    processor: list[float]  # the loops of Numba, with as many threads as pay
+    run: list[float]  # a run on the device, health checks included
+    kernel: list[float]  # its kernel alone
+    error: float  # after _COMPARED steps, position over a, between device and processor
+    bytes_each: float  # that a step reads and writes for each body
+
+    def gain(self) -> Spread:
+        """The device over the processor, round by round."""
+        return Spread.of([one / other for one, other in zip(self.run, self.processor)])
+
+    def bandwidth(self) -> float:
+        """Bytes a second that the kernel reads and writes."""
+        return Spread.of(self.kernel).median * self.bytes_each
+
+
+class Gpu(NamedTuple):
+    """All sizes, and what kernels become when they are compiled for a GPU."""
+
+    device: str
+    is_gpu: bool
+    rows: list[DeviceSize]
+    compiled: dict[str, Any]  # CompiledKernel by the terms
+    bytes_held: int  # for each body on the device, at the largest size
+    rounds: int
+    missing: str  # why there are no figures; '': there are
+
+
+def measure(
+    *, rounds: int = 5, largest: int = 101_000, choice: str = 'auto',
+    say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL, DAMPED, TOUCHING)
+) -> Gpu:
+    """Compare the motions, then time steps in rounds; `choice`: of solver.device, or auto."""
+    try:
+        device, found = _device(choice)
+    except ParameterError as problem:
+        return Gpu('', False, [], {}, 0, rounds, str(problem))
+    from icofabric_sim.simulation.devices.gpu.arrays import bytes_moved, bytes_of
+    from icofabric_sim.simulation.devices.gpu.compiled import compiled_as, compiled_kernel
+    from icofabric_sim.simulation.devices.gpu.contact import touch
+    from icofabric_sim.simulation.devices.gpu.kernels import Terms
+    from icofabric_sim.simulation.devices.gpu.slopes import Losses
+    say('kernels for a GPU')
+    plain = Terms(
+        linked=True, midpoints=True, one_law=True, moments=False, dipole=False, held=False,
+        loaded=False)
+    losses = Losses(damped=True, dragged=False)
+    full = plain._replace(one_law=False, moments=True, held=True, loaded=True)
+    compiled = {
+        name: compiled_as(touch) if name == TOUCHING else compiled_kernel(
+            full if name == ALL else plain, losses if name == DAMPED else None)
+        for name in kernels}
+    rows, held = [], 0
+    chosen = [size for size in sizes if size[0] * size[1] * size[2] / 2 <= 1.01 * largest]
+    for size in chosen:
+        say(f'{size[0]} x {size[1]} x {size[2]}: the same motion?')
+        one, other = _start(size, 'cpu'), _start(size, device)
+        for simulation in (one, other):
+            simulation.advance_steps(_COMPARED)
+        error = float(np.abs(
+            one.snapshot().position - other.snapshot().position).max())
+        error /= one.scene.geometry.half_edge
+        count = one.scene.body_count
+        steps: Any = other._driver.trajectory.method.holder
+        layout, model = other.packed.layout, other.packed.model
+        tasks = [
+            partial(_rate, count, partial(one.advance_steps, _TIMED)),
+            partial(_rate, count, partial(other.advance_steps, _TIMED)),
+            partial(_rate, count, partial(steps.bare_steps, _TIMED))]
+        for task in tasks:
+            task()
+        processor, run, bare = in_rounds(
+            tasks, rounds, lambda done: progress(done, 3 * rounds))
+        held = bytes_of(model, layout) // count
+        rows.append(DeviceSize(
+            size, count, processor, run, bare, error, bytes_moved(model, layout)))
+    return Gpu(found, device == 'cuda', rows, compiled, held, rounds, '')
+
+
+def _device(choice: str) -> tuple[str, str]:
+    """Return a value of solver.device, and the name of the device; ParameterError without Warp."""
+    from icofabric_sim.simulation.devices.gpu.opening import open_device, warp
+    if choice == 'auto':
+        choice = 'cuda' if warp().is_cuda_available() else 'warp_cpu'
+    return choice, open_device(choice).name
+
+
+def _start(size: Size, device: str) -> Simulation:
+    return compile_scene(Scene.from_parameters({
+        **scene_parameters(size), 'solver.method': 'leapfrog', 'solver.step': STEP,
+        'solver.device': device}))
+
+
+def _rate(count: int, run: Callable[[], object]) -> float:
+    """Body-steps a second."""
+    return count * _TIMED / timed(lambda: None, run, block=STEPS_BLOCK)

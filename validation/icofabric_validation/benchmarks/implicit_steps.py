@@ -1,0 +1,90 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Error against time of implicit steps and of `dop8` where connectors are damped beyond the critical.
+
+Every run does the same motion, alternately; errors are those beside `dop8` at 1e-10. A ready
+scene may take the place of the plain fabric, such as one whose shells touch.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.implicit_steps [--damping 380 3800] \
+        [--tolerance 1e-4 1e-6]
+        [--scene squeezed_slab]
+"""
+
+import argparse
+import time
+from typing import Any
+
+import icofabric_sim as ico
+from icofabric_validation.benchmarks.scenes import FABRIC
+import numpy as np
+
+METHODS = ('dop8', 'sdirk4')
+
+
+def plain(size: int) -> ico.Scene:
+    """A fabric whose shells do not touch, in random motion."""
+    return ico.Scene.from_parameters({
+        **FABRIC, 'weave': {**FABRIC['weave'], 'size': [size, size, size]},
+        'connector': {'stiffness': 500.0}})
+
+
+def run(scene: ico.Scene, damping: float, method: str, tolerance: float, duration: float) -> tuple[
+        ico.Simulation, float]:
+    """Return a run to `duration` [s], and the seconds of the processor that its steps took."""
+    simulation = ico.compile_scene(scene.with_changes({
+        'connector.damping': damping, 'solver.method': method, 'solver.tolerance': tolerance,
+        'solver.threads': 1}))
+    simulation.warm_up()
+    began = time.process_time()
+    simulation.advance_to(duration)
+    return simulation, time.process_time() - began
+
+
+def main() -> None:
+    """Print a row for each damping, tolerance and method."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    parser.add_argument('--size', type=int, default=5, help='shells along each axis of the grid')
+    parser.add_argument('--scene', help='a ready scene instead of the plain fabric')
+    parser.add_argument('--damping', type=float, nargs='+', default=[38.0, 380.0, 3800.0],
+                        help='of each connector [N s/m]; the critical one is about 4')
+    parser.add_argument('--tolerance', type=float, nargs='+', default=[1e-2, 1e-4, 1e-6, 1e-8])
+    parser.add_argument('--duration', type=float, default=0.02, help='[s]')
+    parser.add_argument('--rounds', type=int, default=3)
+    chosen = parser.parse_args()
+    scene = ico.load_scene(chosen.scene) if chosen.scene else plain(chosen.size)
+    for method in METHODS:
+        run(scene, chosen.damping[0], method, 1e-2, 1e-4)
+    for damping in chosen.damping:
+        exact, _ = run(scene, damping, 'dop8', 1e-10, chosen.duration)
+        places, edge = exact.snapshot().position, exact.scene.geometry.half_edge
+        for tolerance in chosen.tolerance:
+            rows: dict[str, list[Any]] = {}
+            for _ in range(chosen.rounds):
+                for method in METHODS:
+                    simulation, seconds = run(
+                        scene, damping, method, tolerance, chosen.duration)
+                    error = float(np.abs(simulation.snapshot().position - places).max()) / edge
+                    rows.setdefault(method, []).append(
+                        (seconds, simulation.status.step_count, error))
+            times = {
+                method: np.median([row[0] for row in found]) for method, found in rows.items()}
+            for method, found in rows.items():
+                print(f'{damping:8g} N s/m {tolerance:8g} {method:7} {times[method]:8.3f} s '
+                      f'{found[0][1]:7,} steps, error {found[0][2]:.1e} a', flush=True)
+            print(f'{"":33}ratio {times["dop8"] / times["sdirk4"]:.2f}', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,162 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Counts of mechanisms of every slab up to 6 x 6 x 6, in five ways, all variants and several angles.
+
+A dense singular value decomposition of a compatibility matrix that is put together here, from
+nothing but the places of the attachment points; that of the package; all eigenvalues of the
+Hessian; and the pivots of an elimination of it, and of A^T A, A the compatibility matrix, as they
+are used for large fabrics. Wide gaps between the values that count as zero and all others show
+that no threshold decides.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.mechanism_counts
+"""
+
+import argparse
+from collections.abc import Iterator
+from itertools import product
+import time
+from typing import NamedTuple
+
+import icofabric_sim as ico
+from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
+from icofabric_sim.statics.fabric import StaticFabric
+from icofabric_sim.statics.mechanisms import compatibility_matrix, count_mechanisms
+from icofabric_sim.statics.one_thread import one_thread
+from icofabric_sim.statics.spectrum import (
+    count_by_elimination,
+    count_signs,
+    count_under,
+    Curvature,
+    scaled_hessian,
+    zero_limit,
+)
+from icofabric_validation.benchmarks.machine import machine_lines
+import numpy as np
+
+# From the least connector angle, -0.3649 rad (eq 54), where shells lie face to face, to nearly 45
+# degrees: the dense half of the domain, level connectors, and the open half.
+ANGLES = (MINIMUM_ANGLE, -0.25, -0.13, 0.0, 0.13, 0.3, 0.5, 0.66, 0.78)
+_ZERO = 1e-9
+
+
+class Found(NamedTuple):
+    """Motions without energy of one slab."""
+
+    freedoms: int
+    connectors: int
+    rank: int  # by singular values of a matrix of our own here
+    by_matrix: int  # motions without energy, by singular values of the package's matrix
+    by_eigenvalues: Curvature
+    by_pivots: Curvature
+    by_elimination: int  # of the geometry alone
+    smallest: float  # singular value that counts, over the largest
+    largest: float  # that does not, over the largest
+
+    @property
+    def agree(self) -> bool:
+        """Whether all ways count the same."""
+        wanted = self.freedoms - self.rank
+        return self.by_matrix == self.by_elimination == wanted and (
+            self.by_eigenvalues == self.by_pivots == Curvature(wanted, 0))
+
+
+def plain_matrix(scene: ico.Scene) -> np.ndarray:
+    """Changes of the connectors' lengths by displacements over a and turns of bodies, (c, 6 n)."""
+    count = scene.body_count
+    matrix = np.zeros((scene.connector_count, 6 * count))
+    if not scene.connector_count:
+        return matrix
+    x, y, z, w = scene.orientation.T
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    a = scene.geometry.half_edge
+    for row, (pair, points) in enumerate(
+            zip(scene.connectors.bodies, scene.connectors.points_body)):
+        arms = [turn[:, :, body] @ point for body, point in zip(pair, points)]
+        ends = [scene.position[body] + arm for body, arm in zip(pair, arms)]
+        line = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        for body, arm, sign in zip(pair, arms, (-1.0, 1.0)):
+            matrix[row, 6 * body:6 * body + 6] += sign * np.concatenate(
+                [line, np.cross(arm, line) / a])
+    return matrix
+
+
+@one_thread()
+def count(scene: ico.Scene) -> Found:
+    """Count in all ways."""
+    values = np.zeros(0)
+    if scene.connector_count:
+        values = np.linalg.svd(plain_matrix(scene), compute_uv=False)
+        values = values / values[0]
+    rank = int(np.count_nonzero(values > _ZERO))
+    here = StaticFabric(scene, contact=False).start
+    matrix = scaled_hessian(here)
+    pivots = Curvature(matrix.shape[0], 0)
+    if matrix.nnz:
+        limit = zero_limit(matrix)
+        below, above = (count_under(here, matrix, s) for s in (-limit, limit))
+        pivots = Curvature(above - below, below)
+    return Found(
+        6 * scene.body_count, scene.connector_count, rank,
+        count_mechanisms(compatibility_matrix(here)).mechanisms,
+        count_signs(np.linalg.eigvalsh(matrix.toarray()), 1e-10), pivots,
+        -1 if (geometric := count_by_elimination(here)) is None else geometric.mechanisms,
+        float(values[:rank].min(initial=1.0)), float(values[rank:].max(initial=0.0)))
+
+
+def slabs(largest: int) -> Iterator[tuple[list[int], int, float]]:
+    """All sizes with all variants and angles."""
+    for size in product(range(1, largest + 1), repeat=3):
+        for variant, angle in product(range(4), ANGLES):
+            yield list(size), variant, angle
+
+
+def main() -> int:
+    """Count and print; 1 where two ways differ."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--largest', type=int, default=6, help='of all sizes (%(default)d)')
+    arguments = parser.parse_args()
+    print('\n'.join(machine_lines(('scipy',), threads='threads as chosen')))
+    began, done, bad, stressed, skipped = time.perf_counter(), 0, 0, 0, 0
+    smallest, largest, most = 1.0, 0.0, 0
+    for size, variant, angle in slabs(arguments.largest):
+        try:
+            scene = ico.Scene.from_parameters({'weave': {
+                'size': size, 'variant': variant, 'connector_angle': angle}})
+        except ValueError:
+            skipped += 1  # a slab without a body
+            continue
+        found = count(scene)
+        done += 1
+        stressed += found.connectors > found.rank
+        most = max(most, found.freedoms)
+        smallest, largest = min(smallest, found.smallest), max(largest, found.largest)
+        if not found.agree:
+            bad += 1
+            print(f'differ: {size} variant {variant} angle {angle}: {found}')
+        if size[1:] == [arguments.largest] * 2 and variant == 3 and angle == ANGLES[-1]:
+            print(f'up to {size}: {done:,} slabs, {time.perf_counter() - began:.0f} s',
+                  flush=True)
+    print(f'{done:,} slabs of up to {most:,} freedoms, {skipped:,} without a body: {bad:,} '
+          f'counted differently; {stressed:,} with states of self-stress')
+    print(f'singular values over the largest: {smallest:.2g} and more count, {largest:.2g} and '
+          'less are zero')
+    return 1 if bad else 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,127 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Slabs of orthogonal and of turned (bias) fabric pulled, pushed and sheared, up to contact.
+
+With point springs, with bending stiffness, and with connectors that break: stress against strain
+as CSV and as a picture, and the modulus of the endless fabric in the same direction beside them.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.orthogonal_and_bias
+"""
+
+import argparse
+import csv
+from pathlib import Path
+import time
+from typing import Any
+
+import icofabric_sim as ico
+from icofabric_sim.statics.stretching import CURVE_COLUMNS, CurvePoint
+from icofabric_validation.benchmarks.machine import machine_lines
+import numpy as np
+
+BENDING = 0.02  # [N m/rad], 0.4 k a^2
+ANGLE = 0.3  # [rad]
+# Largest strains.
+STRAINS = {'pull': 0.3, 'push': 0.4, 'shear': 0.3}
+FABRICS: dict[str, tuple[str, dict[str, Any]]] = {
+    'orthogonal, point springs': ('orthogonal', {}),
+    'orthogonal, bending': ('orthogonal', {'bending_stiffness': BENDING}),
+    'orthogonal, bending, breaks': (
+        'orthogonal', {'bending_stiffness': BENDING, 'break_length_extension': 0.055}),
+    'bias, point springs': ('bias', {}),
+    'bias, bending': ('bias', {'bending_stiffness': BENDING}),
+    'bias, bending, breaks': (
+        'bias', {'bending_stiffness': BENDING, 'break_length_extension': 0.055}),
+}
+
+
+def make_slab(kind: str, connector: dict[str, Any], size: list[int], contact: bool) -> ico.Scene:
+    """A slab that fills the same box, whatever its weave."""
+    return ico.Scene.from_parameters({
+        'weave': {'kind': kind, 'size': size, 'connector_angle': ANGLE},
+        'connector': {'stiffness': 500.0, **connector},
+        'contact': {'mode': 'auto' if contact else 'never'}})
+
+
+def main() -> None:
+    """Measure, write and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--size', default='9x5x5')
+    parser.add_argument('--points', type=int, default=12, help='of a curve (%(default)d)')
+    parser.add_argument('--fabrics', nargs='*', choices=FABRICS, default=list(FABRICS))
+    parser.add_argument('--output', default='orthogonal_and_bias', help='folder (%(default)s)')
+    arguments = parser.parse_args()
+    folder = Path(arguments.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    size = [int(part) for part in arguments.size.split('x')]
+    print('\n'.join(machine_lines(('scipy',), threads='threads as chosen')))
+    curves: dict[tuple[str, str], list[CurvePoint]] = {}
+    for name in arguments.fabrics:
+        kind, connector = FABRICS[name]
+        scene = make_slab(kind, connector, size, contact=True)
+        endless = ico.homogenise(scene).young_modulus(np.array([1.0, 0.0, 0.0]))
+        print(f'{name}: {scene.body_count} bodies, {scene.connector_count} connectors; endless '
+              f'fabric {endless:.0f} Pa', flush=True)
+        for motion in STRAINS if 'breaks' not in name else ['pull']:
+            strains = STRAINS[motion] * np.arange(1, arguments.points + 1) / arguments.points
+            strains = np.concatenate([[1e-4], strains])
+            began = time.perf_counter()
+            points = ico.measure_curve(scene, motion, strains.tolist())
+            curves[name, motion] = points
+            print(f'  {motion}: {len(points)} of {len(strains)} states, '
+                  f'{time.perf_counter() - began:.0f} s', flush=True)
+            for point in points:
+                print(f'    {point.strain:8.4f} {point.stress:10.4g} Pa  {point.verdict}, '
+                      f'{point.obstructed} obstructed, {point.touching} touch, '
+                      f'{point.broken} broken', flush=True)
+    write(folder / 'curves.csv', curves)
+    draw(folder / 'curves.png', curves)
+
+
+def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
+    """Write all states to one table."""
+    with open(path, 'w', newline='', encoding='utf-8') as stream:
+        table = csv.writer(stream)
+        table.writerow(('fabric', 'kind', *CURVE_COLUMNS))
+        for names, points in curves.items():
+            table.writerows((*names, *point.row()) for point in points)
+    print(f'written to {path}')
+
+
+def draw(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
+    """Draw stress against strain, a panel for each kind of motion."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 4.2), layout='constrained')
+    for axes, motion in zip(figure.subplots(1, len(STRAINS)), STRAINS):
+        for name, (kind, _) in FABRICS.items():
+            points = [point for point in curves.get((name, motion), [])
+                      if point.verdict.startswith('equilibrium')]
+            axes.plot(
+                [0.0, *(point.strain for point in points)],
+                [0.0, *(point.stress / 1e3 for point in points)], marker='.', label=name,
+                color='tab:blue' if kind == 'orthogonal' else 'tab:orange',
+                linestyle=':' if 'point' in name else '--' if 'breaks' in name else '-')
+        axes.set_title(motion)
+        axes.set_xlabel('strain')
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel('stress [kPa]')
+    figure.axes[0].legend(fontsize=8)
+    figure.savefig(path, dpi=90, metadata={'Software': None})
+    print(f'drawn to {path}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,35 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Other tools, each on the same scene; none is needed by the package.
+
+Every module has `DISTRIBUTION`, its name in the Python package index, `INSTALL`, what a user types
+to get it, and `solvers(scene)`, which raises ImportError where the tool is missing.
+"""
+
+from icofabric_validation.benchmarks.peers import (
+    drake_peer,
+    exudyn_peer,
+    lammps_peer,
+    mujoco_peer,
+    scipy_peer,
+)
+
+PEERS = {
+    'scipy': scipy_peer,
+    'lammps': lammps_peer,
+    'mujoco': mujoco_peer,
+    'exudyn': exudyn_peer,
+    'drake': drake_peer,
+}

@@ -1,0 +1,82 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What surface forces and tabled laws cost beside plain springs: steps in one process, in turn.
+
+Times of the processor for each step of `leapfrog`, health checks and error estimates included,
+over those of the bare scene in the same round: its median, and least and largest.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.pulls_and_tables
+"""
+
+import argparse
+import logging
+import statistics
+import time
+from typing import Any
+
+from icofabric_validation.benchmarks.machine import describe_machine
+from icofabric_validation.benchmarks.terms import compile_term, law_table, Term
+
+BARE = 'springs alone'
+_WARM_UP, _STEPS = 256, 320
+
+
+def terms() -> list[Term]:
+    """Every kind of surface force on the outside of a slab, and both sizes of a table."""
+    air = {'group': 'all', 'faces': 'exterior', 'pressure': 1.0}
+    pulse = {'profile': 'half_sine', 'duration': 1e3}
+    kinds: dict[str, dict[str, Any]] = {
+        'follower': {},
+        'fixed direction': {'direction': 'fixed'},
+        'fixed, without friction': {'direction': 'fixed', 'frictionless': True},
+    }
+    result = [Term(BARE, {})]
+    for name, kind in kinds.items():
+        result.append(Term(f'pressure, {name}', {'tractions': {'air': {**air, **kind}}}))
+        result.append(Term(
+            f'pressure, {name}, by a profile', {'tractions': {'air': {**air, **kind, **pulse}}}))
+    for rows in (5, 100):
+        result.append(Term(
+            f'connectors by a table of {rows} rows', {'connector': {'law': law_table(rows)}}))
+    return result
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--rounds', type=int, default=9)
+    parser.add_argument('--size', type=int, nargs=3, default=(8, 8, 8))
+    arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
+    runs = {term.label: compile_term(tuple(arguments.size), term) for term in terms()}
+    times: dict[str, list[float]] = {label: [] for label in runs}
+    for simulation in runs.values():
+        simulation.advance_steps(_WARM_UP)
+    for _ in range(arguments.rounds):
+        for label, simulation in runs.items():
+            began = time.process_time()
+            simulation.advance_steps(_STEPS)
+            times[label].append((time.process_time() - began) / _STEPS)
+    print(describe_machine())
+    print(f'{runs[BARE].scene.body_count} bodies, springs alone: '
+          f'{min(times[BARE]) * 1e6:.2f} us a step at the least')
+    for label, values in times.items():
+        ratios = [one / two for one, two in zip(values, times[BARE])]
+        print(f'{label:45} {statistics.median(ratios):5.2f} '
+              f'({min(ratios):.2f} to {max(ratios):.2f}) times springs alone')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,79 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Shear and Young's stiffness of a slab with point springs alone and with resisting moments.
+
+The lowest and the highest level are moved as rigid plates, all others find their balance: of the
+second derivatives at rest, with least squares where bodies move at no cost.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.shear_stiffness
+"""
+
+
+import icofabric_sim as ico
+from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.simulation.model.stability import hessian_product
+import numpy as np
+
+SIZE = (5, 5, 5)
+# Stiffnesses against moments in units of k a^2.
+CASES = ((0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (1.0, 0.0), (0.0, 0.01), (0.0, 0.1), (0.0, 1.0),
+         (0.1, 0.1))
+
+
+def assembled(scene: ico.Scene) -> np.ndarray:
+    """Second derivatives of the connector energy in the woven state, (6 n, 6 n)."""
+    packed, count = pack_scene(scene), scene.body_count
+    state = packed.layout.pack(scene.initial)
+    columns = [
+        np.concatenate([part.ravel() for part in hessian_product(packed, state, *unit)])
+        for unit in np.eye(6 * count).reshape(6 * count, 2, count, 3)]
+    return np.array(columns).T
+
+
+def moduli(scene: ico.Scene) -> tuple[float, float]:
+    """Shear modulus along x and Young's modulus along z [N/m^2], between rigid plates."""
+    matrix, count = assembled(scene), scene.body_count
+    level = scene.weave.grid[:, 2]
+    plate = (level == level.min()) | (level == level.max())
+    held = np.concatenate([np.repeat(plate, 3), np.repeat(plate, 3)])
+    height = scene.geometry.pitch * float(np.ptp(level))
+    area = float(np.prod(scene.geometry.pitch * np.array(scene.weave.size[:2])))
+    found = []
+    for axis in (0, 2):
+        shift = np.zeros((2, count, 3))
+        shift[0, :, axis] = scene.position[:, 2] * plate
+        motion = shift.ravel()
+        load = matrix[np.ix_(~held, held)] @ motion[held]
+        motion[~held] = -np.linalg.lstsq(matrix[np.ix_(~held, ~held)], load, rcond=1e-9)[0]
+        found.append(float(motion @ matrix @ motion) / (area * height))
+    return found[0], found[1]
+
+
+def main() -> None:
+    """Print a table in units of k / W."""
+    print('| kappa_b / (k a^2) | kappa_t / (k a^2) | shear G W / k | Young E W / k |')
+    print('|---|---|---|---|')
+    for bending, twisting in CASES:
+        plain = ico.Scene.from_parameters({'weave.size': list(SIZE)})
+        a, k = plain.geometry.half_edge, plain.parameters['connector.stiffness']
+        scene = ico.Scene.from_parameters(plain.parameters.with_changes({
+            'connector.bending_stiffness': bending * k * a * a,
+            'connector.twisting_stiffness': twisting * k * a * a}))
+        shear, young = (value * scene.geometry.pitch / k for value in moduli(scene))
+        print(f'| {bending:g} | {twisting:g} | {shear:.4g} | {young:.4g} |')
+
+
+if __name__ == '__main__':
+    main()

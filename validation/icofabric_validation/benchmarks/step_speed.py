@@ -1,0 +1,113 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Time of a plain step on S3: each tool's own steps, all of the same length."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
+
+from icofabric_validation.benchmarks import own
+from icofabric_validation.benchmarks.contestants import Contestants, gather
+from icofabric_validation.benchmarks.reference import Reference, reference_motion
+from icofabric_validation.benchmarks.scenes import motion_error, plain_scene, PlainScene, SIZES
+from icofabric_validation.benchmarks.solver import StepSolver, Unusable
+from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK, timed
+
+# Step [s], and the time [s] after which the motions are compared with the reference.
+STEP, CHECKED = 1e-4, 2e-3
+# Evaluations of all forces in a timed run: two health checks of ours; and steps before it.
+_EVALUATIONS, _WARM_UP = 128, 2
+# A motion this far from the reference after CHECKED is another one; the leapfrog's is 5e-5.
+_ANOTHER = 1e-2
+
+
+class StepTime(NamedTuple):
+    """Times of one solver, one for each round."""
+
+    solver: StepSolver
+    times: list[float]  # [s] for each step
+    error: float  # after CHECKED
+
+    def per_connector(self, scene: PlainScene) -> Spread:
+        """Time of a step for each connector [ns]."""
+        return Spread.of([value * 1e9 / scene.connector_count for value in self.times])
+
+
+class StepSpeed(NamedTuple):
+    """All solvers, ours first."""
+
+    scene: PlainScene
+    reference: Reference
+    contestants: Contestants
+    rows: list[StepTime]
+    remarks: list[str]
+    rounds: int
+
+    def own_best(self) -> StepTime | None:
+        """Our own cheapest step."""
+        ours = [row for row in self.rows if row.solver.tool == own.TOOL]
+        return min(ours, key=lambda row: Spread.of(row.times).median, default=None)
+
+    def ratios(self, row: StepTime) -> Spread | None:
+        """Time of a step over that of our cheapest, round by round."""
+        best = self.own_best()
+        if best is None:
+            return None
+        return Spread.of([one / other for one, other in zip(row.times, best.times)])
+
+
+def measure(
+    peers: Iterable[str], *, rounds: int = 5, size: tuple[int, int, int] = SIZES['S3'],
+    say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> StepSpeed:
+    """Check that every tool moves the same fabric the same way, then time its steps in rounds."""
+    say('the reference motion')
+    scene = plain_scene('S3', size)
+    reference = reference_motion(scene, CHECKED, growth_samples=0)
+    contestants = gather(scene, size, peers)
+    rows, remarks, tasks = [], [], []
+    for solver in contestants.solvers:
+        if not isinstance(solver, StepSolver):
+            continue
+        say(f'{solver.label}: the same motion?')
+        try:
+            solver.start(STEP)
+            solver.advance(round(CHECKED / STEP))
+        except Unusable as problem:
+            remarks.append(f'{solver.label}: {problem}')
+            continue
+        error = motion_error(solver.motion(), reference.motion, scene.half_edge)
+        if not error < _ANOTHER:
+            remarks.append(f'{solver.label} moves otherwise: {error:.1e} after {CHECKED} s')
+            continue
+        rows.append(StepTime(solver, [], error))
+        tasks.append(partial(_block, solver))
+    say(f'{rounds} rounds of {len(tasks)} solvers')
+    total = rounds * len(tasks)
+    results = in_rounds(tasks, rounds, lambda done: progress(done, total))
+    timed = [row._replace(times=times) for row, times in zip(rows, results)]
+    return StepSpeed(scene, reference, contestants, timed, remarks, rounds)
+
+
+def _block(solver: StepSolver) -> float:
+    """Time of a step [s], from the same start each time."""
+    count = -(-_EVALUATIONS // solver.evaluations)
+
+    def prepare() -> None:
+        solver.start(STEP)
+        # Memory that the start has asked for comes with the first steps.
+        solver.advance(_WARM_UP)
+
+    return timed(prepare, lambda: solver.advance(count), block=STEPS_BLOCK) / count

@@ -1,0 +1,96 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a sweep costs beside its runs: time a run, and the share of the cores that runs have.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.sweep_overhead --runs 2000 --seconds 0.5 \
+        --workers 2
+
+Runs of one scene that differ in a stiffness, each of about the wanted time on one core, in a store
+of their own. A run's own time is what its worker notes of it: building the scene, compiling it
+(kernels are on disk), stepping to the end. All else is the sweep's: Dask, the store, the table.
+"""
+
+import argparse
+import json
+import os
+from pathlib import Path
+import tempfile
+import time
+
+import icofabric_sim as ico
+from icofabric_sim.sweeps.sweep import How, Study
+import numpy as np
+
+SCENE = {
+    'weave.size': [3, 3, 3], 'weave.connector_angle': 0.3, 'gravity': [0.0, 0.0, -9.81],
+    'groups.wall': 'x_min', 'groups.tip': 'x_max', 'supports.wall.group': 'wall',
+    'loads.tip.group': 'tip', 'loads.tip.share': 'total', 'duration': 0.05}
+
+
+def scene_of(seconds: float) -> ico.Scene:
+    """A scene whose run takes about so long [s] on one core, by its step."""
+    step = 1e-6
+    scene = ico.Scene.from_parameters({**SCENE, 'solver.step': step, 'solver.threads': 1})
+    ico.compile_scene(scene).advance_to(0.01)
+    began = time.process_time()
+    ico.compile_scene(scene).advance_to(scene.parameters['duration'])
+    return scene.with_changes({'solver.step': step * (time.process_time() - began) / seconds})
+
+
+def own_times(store: Path, keys: list[str]) -> np.ndarray:
+    """What the runs themselves took [s]."""
+    return np.array([
+        json.loads((store / key / 'result.json').read_text('utf-8'))['seconds'] for key in keys])
+
+
+def main() -> None:
+    """Measure, and print figures."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--runs', type=int, default=2000)
+    parser.add_argument('--seconds', type=float, default=0.5, help='time of a run [s]')
+    parser.add_argument('--workers', type=int, default=len(os.sched_getaffinity(0)))
+    arguments = parser.parse_args()
+    scene = scene_of(arguments.seconds)
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        study = Study(
+            scene, {'connector.stiffness': f'500..600/{arguments.runs}'}, keep='energies',
+            store=folder)
+        planned = time.perf_counter()
+        outcomes, times = [], []
+        for outcome in study.outcomes(How(arguments.workers, '')):
+            outcomes.append(outcome)
+            times.append(time.perf_counter())
+        ended = time.perf_counter()
+        table = study.table(outcomes)
+        assert len(table) == arguments.runs and not table.failed, table.failed
+        own = own_times(study.store.path, [outcome.key for outcome in outcomes])
+        again = time.perf_counter()
+        assert all(one.reused for one in study.outcomes(How(arguments.workers, '')))
+        reread = time.perf_counter() - again
+    workers = arguments.workers or 1
+    # The first run loads kernels, and the others wait for it.
+    steady = (workers * (times[-1] - times[0]) - own[1:].sum()) / (len(own) - 1)
+    print(f'{arguments.runs:,} runs of {np.median(own):.3f} s (median) on {workers} workers')
+    print(f'plan and keys: {1e3 * (planned - began) / arguments.runs:.2f} ms a run')
+    print(f'start, first run included: {times[0] - planned:.1f} s')
+    print(f'beside a run, on its core, from the first to the last: {1e3 * steady:.2f} ms')
+    print(f'share of the cores that runs have: {own.sum() / (workers * (ended - began)):.1%} of '
+          f'all, {own[1:].sum() / (workers * (times[-1] - times[0])):.1%} after the first run')
+    print(f'taken from the store again: {1e3 * reread / arguments.runs:.2f} ms a run')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The figures of `terms` as tables and as a CSV file."""
+
+import csv
+from pathlib import Path
+
+from icofabric_validation.benchmarks.machine import machine_lines
+from icofabric_validation.benchmarks.report import table
+from icofabric_validation.benchmarks.step_speed import STEP
+from icofabric_validation.benchmarks.terms import ADAPTIVE, BARE, KERNEL, LEANEST, Terms, UNWATCHED
+
+
+def lines(result: Terms) -> list[str]:
+    """Tables for a terminal."""
+    bare = result.row(BARE)
+    assert bare is not None and bare.held is not None
+    costs = [['one thing more', 'ns per body and step, median (range)', 'over its bare scene',
+              'bytes of its arrays']]
+    for row in result.rows:
+        base = result.row(row.over) or bare
+        assert base.held is not None
+        more = '-' if row.held is None else f'{row.held - base.held:,}'
+        ratio = result.ratio(row)
+        assert ratio is not None
+        costs.append([row.label, row.per_body().text(), ratio.text(), more])
+    answer = [
+        f'Cost of each term: leapfrog (below {ADAPTIVE!r}: that method), {STEP:g} s, '
+        f'{bare.body_count:,} bodies; {result.rounds} rounds',
+        *machine_lines((), threads='one thread but for the team'),
+        '', *table(costs), '',
+        f'All arrays of the bare scene: {bare.held:,} bytes, '
+        f'{bare.held / bare.body_count:.0f} for each body; none belongs to a term that is absent:',
+        *_wrapped([f'{name} {size:,}' for name, size in result.bare_arrays.items()])]
+    if result.instructions:
+        counts = [['instructions in the loop', 'bare scene', 'springs-only kernel',
+                   'one kick a step', 'difference']]
+        for entry in result.instructions:
+            difference = entry.difference()
+            counts.append([
+                entry.kernel, *('-' if value is None else str(value) for value in (
+                    entry.package, entry.springs_only, entry.leanest)),
+                '-' if difference is None else f'{100.0 * difference:+.1f} %'])
+        answer += ['', *table(counts)]
+    unwatched = result.row(UNWATCHED)
+    for label in (KERNEL, LEANEST):
+        other = result.ratio(unwatched, label) if unwatched is not None else None
+        if other is not None:
+            answer += [f'bare scene without health checks over {label}: {other.text()}']
+    return answer + ([''] + result.remarks if result.remarks else [])
+
+
+def write(result: Terms, folder: Path) -> list[Path]:
+    """Write the figures into `folder`; returns their paths."""
+    path = folder / 'terms.csv'
+    with open(path, 'w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow(['term', 'bodies', 'ns_per_body_step', 'low', 'high', 'over_bare', 'low',
+                       'high', 'bytes_held', 'rounds'])
+        for row in result.rows:
+            ratio = result.ratio(row)
+            assert ratio is not None
+            rows.writerow([
+                row.label, row.body_count, *(f'{value:.4g}' for value in row.per_body()),
+                *(f'{value:.4g}' for value in ratio), '' if row.held is None else row.held,
+                result.rounds])
+    counts = folder / 'instructions.csv'
+    with open(counts, 'w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow(['kernel', 'bare_scene', 'springs_only', 'one_kick_a_step'])
+        rows.writerows(result.instructions)
+    return [path, counts]
+
+
+def _wrapped(words: list[str]) -> list[str]:
+    answer = ['']
+    for word in words:
+        if len(answer[-1]) + len(word) > 94:
+            answer.append('')
+        answer[-1] += ('  ' if answer[-1] else '') + word
+    return answer

@@ -1,0 +1,147 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a second thread gains or loses beside other programs that compute.
+
+    .venv/bin/python -m icofabric_validation.benchmarks.threads_under_load [--others 0 1 4] \
+        [--rounds 5]
+
+Wall time of a leapfrog step, of woven shells whose springs swing, of loose ones that collide and
+of a pile that comes to rest in a box, by one thread and by two in turns. `arithmetic`: sums in
+registers, twice by one thread over once by two each; no work that threads share gains more on this
+machine.
+"""
+
+import argparse
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+import logging
+import statistics
+import subprocess
+import sys
+import time
+
+import icofabric_sim as ico
+from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_validation.benchmarks.machine import describe_machine
+from icofabric_validation.benchmarks.pile import pile
+import numpy as np
+
+THREADS = 2
+# A time slice of the system is some milliseconds.
+_LEAST, _STEPS = 0.5, 500
+# Steps before that, and simulated time [s] until 1,600 pairs touch in a pile of 1,000.
+_BEFORE, _SETTLED = 200, 0.25
+PILE = 'pile, 1,000'
+SCENES = {
+    'woven': {
+        'weave': {'size': [17, 17, 17]}, 'contact': {'mode': 'never'},
+        'solver': {'method': 'leapfrog', 'step': 1e-4},
+        'initial_random': {'velocity_sigma': 0.01}},
+    'loose, touching': {
+        'weave': {'size': [16, 16, 8], 'connected': False, 'connector_angle': -0.3},
+        'contact': {'mode': 'always', 'stiffness': 1e6},
+        'solver': {'method': 'leapfrog', 'step': 5e-6},
+        'initial_random': {'velocity_sigma': 0.3, 'spin_sigma': 20.0}},
+    PILE: {}}
+
+
+@compiled
+def add_reciprocals(count: int) -> float:
+    """Sums that need no memory."""
+    total = 0.0
+    for k in range(count):
+        total += 1.0 / (k + 1.0)
+    return total
+
+
+@contextmanager
+def others(count: int) -> Iterator[None]:
+    """So many programs that compute beside."""
+    running = [
+        subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)]
+    try:
+        time.sleep(0.5 * bool(count))
+        yield
+    finally:
+        for one in running:
+            one.kill()
+            one.wait()
+
+
+def arithmetic() -> float:
+    """Gain of two threads in sums that share nothing."""
+    count = 50_000_000
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(add_reciprocals, [10] * THREADS))
+        began = time.perf_counter()
+        for _ in range(THREADS):
+            add_reciprocals(count)
+        alone, began = time.perf_counter() - began, time.perf_counter()
+        list(pool.map(add_reciprocals, [count] * THREADS))
+        return alone / (time.perf_counter() - began)
+
+
+def compiled_scene(name: str, threads: int) -> ico.Simulation:
+    """A run that has come so far that its bodies move, or in a pile come to rest."""
+    if name == PILE:
+        simulation = ico.compile_scene(pile((10, 10, 20), **{
+            'contact.stiffness': 1e6, 'solver.method': 'leapfrog', 'solver.threads': threads}))
+        simulation.advance_to(_SETTLED)
+    else:
+        scene = ico.Scene.from_parameters(SCENES[name]).with_changes({'solver.threads': threads})
+        simulation = ico.compile_scene(scene)
+    simulation.advance_steps(_BEFORE)
+    return simulation
+
+
+def seconds_each(simulation: ico.Simulation) -> float:
+    """Wall time [s] of a step, always of the same ones."""
+    start, count, taken = simulation.checkpoint(), 0, 0.0
+    while taken < _LEAST:
+        began = time.perf_counter()
+        simulation.advance_steps(_STEPS)
+        taken += time.perf_counter() - began
+        count += _STEPS
+        simulation.restore(start)
+    return taken / count
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--others', type=int, nargs='+', default=[0, 1, 4])
+    parser.add_argument('--rounds', type=int, default=5)
+    arguments = parser.parse_args()
+    logging.getLogger('icofabric_sim').setLevel(logging.ERROR)
+    print(describe_machine())
+    print('scene              others   one [us]   two [us]   gain (range)')
+    for name in SCENES:
+        one, two = (compiled_scene(name, threads) for threads in (1, THREADS))
+        for count in arguments.others:
+            with others(count):
+                rounds = np.array([
+                    (seconds_each(one), seconds_each(two)) for _ in range(arguments.rounds)])
+            gains = sorted(rounds[:, 0] / rounds[:, 1])
+            alone, shared = 1e6 * np.median(rounds, axis=0)
+            print(f'{name:18} {count:6} {alone:10.0f} {shared:10.0f}   '
+                  f'{statistics.median(gains):.2f} ({gains[0]:.2f}-{gains[-1]:.2f})', flush=True)
+    gains = sorted(arithmetic() for _ in range(arguments.rounds))
+    print(f'{"arithmetic":18} {0:6} {"":21}   '
+          f'{statistics.median(gains):.2f} ({gains[0]:.2f}-{gains[-1]:.2f})')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,116 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Work against precision on S1 and its variants: time for the motion at a wanted error."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
+
+from icofabric_validation.benchmarks import own
+from icofabric_validation.benchmarks.contestants import Contestants, gather
+from icofabric_validation.benchmarks.curves import Curve, run_once, trace
+from icofabric_validation.benchmarks.kinked_reference import kinked_reference
+from icofabric_validation.benchmarks.reference import Reference, reference_motion
+from icofabric_validation.benchmarks.scenes import (
+    DAMPED,
+    DURATION,
+    KINKED,
+    plain_scene,
+    PlainScene,
+    SIZES,
+)
+from icofabric_validation.benchmarks.timing import in_rounds, Spread
+
+TARGETS = (1e-3, 1e-6, 1e-9)
+# A point that no target needs is measured in the rounds too where it is cheaper than this [s].
+_CHEAP = 0.15
+# Changes to S1.
+VARIANTS = {'': None, 'kinked': KINKED, 'damped': DAMPED}
+
+
+class WorkPrecision(NamedTuple):
+    """All curves, each point with its times in all rounds."""
+
+    scene: PlainScene
+    reference: Reference
+    contestants: Contestants
+    curves: list[Curve]
+    rounds: int
+
+    def own_best(self, target: float) -> Curve | None:
+        """Our own fastest curve at this error."""
+        ours = [curve for curve in self.curves
+                if curve.solver.tool == own.TOOL and not curve.time_at(target)[1]]
+        return min(ours, key=lambda curve: curve.time_at(target)[0], default=None)
+
+    def times(self, curve: Curve, target: float) -> tuple[Spread, bool]:
+        """Time [s] of `curve` at this error over the rounds; True: extrapolated."""
+        turns = [curve.time_at(target, turn) for turn in range(self.rounds)]
+        return Spread.of([value for value, _ in turns]), turns[0][1]
+
+    def ratios(self, curve: Curve, target: float) -> Spread | None:
+        """Time of `curve` over that of our fastest, round by round."""
+        best = self.own_best(target)
+        if best is None:
+            return None
+        return Spread.of([
+            curve.time_at(target, turn)[0] / best.time_at(target, turn)[0]
+            for turn in range(self.rounds)])
+
+
+def measure(
+    peers: Iterable[str], *, rounds: int = 5, longest_run: float = 2.0,
+    size: tuple[int, int, int] = SIZES['S1'], duration: float = DURATION,
+    variant: str = '', say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> WorkPrecision:
+    """
+    Trace every contestant's curve, then measure its points in interleaved rounds.
+
+    `variant`: a key of VARIANTS. 'kinked' connectors push less than they pull, 'damped' ones have
+    damping; of the peers only SciPy takes part in these.
+    """
+    changes, kinked = VARIANTS[variant], variant == 'kinked'
+    scene = plain_scene(f'S1 {variant}'.rstrip(), size, changes)
+    say(f'{scene.name}: the reference motion')
+    if variant:
+        peers = [name for name in peers if name == 'scipy']
+    reference = (kinked_reference if kinked else reference_motion)(scene, duration)
+    contestants = gather(scene, size, peers, changes)
+    curves = []
+    for solver in contestants.solvers:
+        say(f'{solver.label}: errors')
+        # Errors of kinks go up and down: the order of a method does not say where to search.
+        curves.append(trace(
+            solver, scene, reference, longest_run=longest_run, growth=2.0 if kinked else None))
+        solver.close()
+    tasks, points = [], []
+    for curve in curves:
+        needed = curve.needed(TARGETS)
+        for point in curve.points:
+            if point in needed or point.time < _CHEAP:
+                points.append(point)
+                tasks.append(partial(_measure, curve, point.setting, duration))
+    say(f'{rounds} rounds of {len(tasks)} runs')
+    total = rounds * len(tasks)
+    for point, times in zip(points, in_rounds(
+            tasks, rounds, lambda done: progress(done, total))):
+        point.times = times
+    return WorkPrecision(scene, reference, contestants, curves, rounds)
+
+
+def _measure(curve: Curve, setting: float, duration: float) -> float:
+    spent = run_once(curve.solver, setting, duration)
+    curve.solver.close()
+    return spent

@@ -1,0 +1,92 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric stress --named`: problems with known answers, one after the other."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.terminal import InputError, Progress, require_place
+
+if TYPE_CHECKING:
+    from icofabric_validation.named.problem import Answer
+
+# Options of `icofabric stress` that random scenes alone have.
+OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage', 'processes')
+
+
+def add_named_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        '--named', action='store_true',
+        help='problems with known answers instead of random scenes: errors, and orders beside')
+    parser.add_argument(
+        '--problem', metavar='N,N,...',
+        help='with --named: these problems by number (default: all; --named --list names them)')
+    parser.add_argument(
+        '--long', action='store_true',
+        help='with --named: as long as the sources ask for, which takes many minutes')
+
+
+def is_given(arguments: argparse.Namespace, name: str) -> bool:
+    """Whether an option, or a switch, is on the command line; 0 is a value."""
+    value = getattr(arguments, name)
+    return value is not None and value is not False
+
+
+def main_named(arguments: argparse.Namespace) -> int:
+    """Solve them; returns 1 where an answer is not the known one."""
+    from icofabric_validation.named import report
+    from icofabric_validation.named.catalogue import PROBLEMS, solve_all
+    for name in OF_RANDOM_SCENES:
+        if is_given(arguments, name):
+            raise InputError(f'--{name} is of random scenes; leave it out beside --named')
+    numbers = _numbers(arguments.problem, len(PROBLEMS))
+    if arguments.list:
+        print('\n'.join(report.catalogue_lines(PROBLEMS)))
+        return 0
+    if arguments.output is not None:
+        table = require_place('--output', Path(arguments.output).expanduser())
+        table.parent.mkdir(parents=True, exist_ok=True)
+    if not arguments.json:
+        print('\n'.join(report.head_lines()), flush=True)
+    answers: list[Answer] = []
+    with Progress(len(numbers), 'problems', foreseen=False) as progress:
+        for answer in solve_all(numbers, long=arguments.long):
+            answers.append(answer)
+            progress.clear()
+            if arguments.json:
+                print_json_line(report.as_dictionary(answer))
+            else:
+                print('\n'.join(report.answer_lines(answer)), flush=True)
+            if arguments.output is not None:
+                report.write_table(table, answers)
+            progress.update(len(answers))
+    if not arguments.json:
+        print(report.last_line(answers))
+    return int(any(answer.faults for answer in answers))
+
+
+def _numbers(text: str | None, count: int) -> list[int]:
+    """Numbers of problems from a text such as 1,4."""
+    if text is None:
+        return [*range(1, count + 1)]
+    found = []
+    for part in text.split(','):
+        if not (part.strip().isdecimal() and 1 <= int(part) <= count):
+            raise InputError(f'--problem {text}: {part!r} must be a number from 1 to {count}; '
+                             '--named --list names them')
+        found.append(int(part))
+    return found

@@ -1,0 +1,264 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric stress`: random scenes, judged; known answers; stability; predictability."""
+
+import argparse
+from functools import partial
+from itertools import islice
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from icofabric_sim.commands.report import print_json_line
+from icofabric_sim.terminal import InputError, Progress, require_place
+from icofabric_validation.commands.named_problems import add_named_arguments, main_named
+from icofabric_validation.commands.predictability import (
+    add_predictability_arguments,
+    main_predictability,
+)
+from icofabric_validation.commands.stability_map import add_map_arguments, main_map
+
+if TYPE_CHECKING:
+    from icofabric_validation.stress.verdict import Finding
+
+_SCENES = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        '--scenes', type=int, metavar='N',
+        help=f'judge N scenes (default {_SCENES}; with --seed alone: that one)')
+    parser.add_argument(
+        '--seed', type=int, metavar='S',
+        help='the first seed, from which others are counted; alone: run that scene again and say '
+        'its class and figures')
+    parser.add_argument(
+        '--kinds', metavar='K,K-K,...',
+        help='kinds of scenes by number, e.g. 0-5,12; the others are skipped (default: all; '
+        '--list names them)')
+    parser.add_argument(
+        '--list', action='store_true', help='list the kinds of scenes by number, and run nothing')
+    parser.add_argument(
+        '--processes', type=int, metavar='P',
+        help='judge in P processes (default: one for each core)')
+    parser.add_argument(
+        '--output', metavar='FILE',
+        help='write a table of all scenes (CSV); with --shrink the scene (YAML)')
+    parser.add_argument('--json', action='store_true', help='print the findings as JSON lines')
+    parser.add_argument(
+        '--shrink', action='store_true',
+        help='make the scene of --seed minimal: take features away one at a time while its class '
+        'stays, and write it to --output (default: stress_SEED.yaml)')
+    parser.add_argument(
+        '--coverage', action='store_true',
+        help='say, too, in how many scenes each parameter was not at its default')
+    parser.add_argument(
+        '--peer', choices=('mujoco', 'lammps'),
+        help='judge that program instead, with those scenes that it can express (loads are left '
+        'out)')
+    add_named_arguments(parser)
+    add_map_arguments(parser)
+    add_predictability_arguments(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Judge; returns 1 where a scene is of a class that must not occur."""
+    from icofabric_validation.stress.kinds import KINDS
+    from icofabric_validation.stress.scenes import LARGEST_SEED, seeds_of
+    if arguments.predictability:
+        return main_predictability(arguments)
+    if arguments.map:
+        return main_map(arguments)
+    for name in ('steps', 'picture', 'fabrics', 'products'):
+        if getattr(arguments, name) is not None:
+            raise InputError(f'--{name} needs --map')
+    if arguments.named:
+        return main_named(arguments)
+    for name in ('problem', 'long'):
+        if getattr(arguments, name):
+            raise InputError(f'--{name} needs --named: random scenes have none')
+    if arguments.processes is None:
+        arguments.processes = len(os.sched_getaffinity(0))
+    if not 1 <= arguments.processes <= 256:
+        raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
+    if arguments.scenes is not None and not 1 <= arguments.scenes <= 10**6:
+        raise InputError(f'--scenes must be from 1 to 1000000, got {arguments.scenes}')
+    if arguments.seed is not None and not 0 <= arguments.seed <= LARGEST_SEED:
+        raise InputError(f'--seed must be from 0 to {LARGEST_SEED}, got {arguments.seed}')
+    kinds = _kinds(arguments.kinds, len(KINDS))
+    if arguments.list:
+        for number in sorted(kinds):
+            print(f'{number:3}  {KINDS[number]}')
+        return 0
+    single = arguments.seed is not None and arguments.scenes is None
+    if arguments.peer is not None:
+        _require_peer(arguments, single)
+    if arguments.shrink and not single:
+        raise InputError('--shrink needs --seed, without --scenes: it makes one scene minimal')
+    if arguments.output is not None:
+        require_place('--output', Path(arguments.output).expanduser())
+    if arguments.shrink:
+        return _shrink(arguments)
+    if single:
+        seeds = [arguments.seed]
+    elif arguments.peer is not None:
+        from icofabric_validation.stress.peers import PEERS
+        drawn = seeds_of(arguments.seed or 0, LARGEST_SEED, kinds)
+        seeds = list(islice(
+            filter(PEERS[arguments.peer].can_express, drawn), arguments.scenes or _SCENES))
+    else:
+        seeds = list(seeds_of(arguments.seed or 0, arguments.scenes or _SCENES, kinds))
+    findings, interrupted = _judge(arguments, seeds)
+    _show(arguments, findings, single)
+    if interrupted:
+        raise KeyboardInterrupt
+    return int(any(finding.is_fault for finding in findings))
+
+
+def _require_peer(arguments: argparse.Namespace, single: bool) -> None:
+    """Refuse what does not go with --peer, and a program that is not installed."""
+    from icofabric_validation.stress.peers import PEERS
+    peer = PEERS[arguments.peer]
+    if arguments.shrink:
+        raise InputError('--shrink does not go with --peer; leave one out')
+    if not peer.is_installed:
+        raise InputError(f'--peer {arguments.peer} is not installed: {peer.install}')
+    if single and not peer.can_express(arguments.seed):
+        raise InputError(f'--peer {arguments.peer} cannot express the scene of --seed '
+                         f'{arguments.seed}; give --scenes N, too, to begin there')
+
+
+def _kinds(text: str | None, count: int) -> set[int]:
+    """Numbers of kinds from a text such as 0-5,12."""
+    if text is None:
+        return set(range(count))
+    found: set[int] = set()
+    for part in text.split(','):
+        first, dash, last = part.strip().partition('-')
+        if not (first.isdecimal() and (last.isdecimal() if dash else not last)):
+            raise InputError(f'--kinds {text}: {part!r} is no number and no range; e.g. 0-5,12')
+        numbers = range(int(first), int(last or first) + 1)
+        if not numbers or not numbers[-1] < count:
+            raise InputError(f'--kinds {text}: {part!r} must be within 0 to {count - 1}; --list '
+                             'names them')
+        found |= set(numbers)
+    return found
+
+
+def _judge(
+    arguments: argparse.Namespace, seeds: list[int]
+) -> tuple[list['Finding'], bool]:
+    """What was found, and whether the user ended it."""
+    from icofabric_validation.stress.judge import judge
+    from icofabric_validation.stress.peers import judge_peer
+    from icofabric_validation.stress.workers import judge_all
+    findings: list[Finding] = []
+    try:
+        with Progress(len(seeds), 'scenes') as progress:
+            for finding in judge_all(
+                    seeds, processes=min(arguments.processes, len(seeds)),
+                    judge_one=judge if arguments.peer is None else partial(
+                        judge_peer, arguments.peer)):
+                findings.append(finding)
+                if arguments.json:
+                    _print_json(finding)
+                elif finding.is_fault and len(seeds) > 1:
+                    progress.note(f'seed {finding.seed}: {finding.verdict.value}: '
+                                  f'{finding.detail}')
+                if arguments.output is not None:
+                    _write(Path(arguments.output).expanduser(), findings)
+                progress.update(len(findings))
+    except KeyboardInterrupt:
+        return findings, True
+    return findings, False
+
+
+def _write(path: Path, findings: list['Finding']) -> None:
+    """Replace the table as a whole, so that it can be read at any time."""
+    from icofabric_validation.stress.report import write_table
+    part = path.with_name(f'.{path.name}.part')
+    write_table(part, sorted(findings))
+    part.replace(path)
+
+
+def _print_json(finding: 'Finding') -> None:
+    from icofabric_validation.stress.report import as_dictionary
+    print_json_line(as_dictionary(finding))
+
+
+def _show(arguments: argparse.Namespace, findings: list['Finding'], single: bool) -> None:
+    from icofabric_validation.stress.report import class_lines, coverage_lines, term_lines
+    if arguments.json:
+        return
+    if single:
+        for finding in findings:
+            _describe(finding)
+        return
+    print('\n'.join(class_lines(findings)))
+    print()
+    print('\n'.join(term_lines(findings)))
+    if arguments.coverage:
+        print('\nscenes in which a parameter was not at its default')
+        print('\n'.join(coverage_lines(findings)))
+
+
+def _describe(finding: 'Finding') -> None:
+    """One scene, with its figures."""
+    from icofabric_validation.stress.kinds import KINDS
+    print(f'seed {finding.seed}: {finding.verdict.value}')
+    print(f'kind {finding.kind}: {KINDS[finding.kind]}')
+    if finding.detail:
+        print(finding.detail)
+    if finding.method:
+        print(
+            f'{finding.bodies} bodies, {finding.steps} steps of {finding.method} to t = '
+            f'{finding.time:.6g} s')
+        print(
+            f'errors added, growth apart: {finding.added:.3g}; promised: {finding.promised:.3g}; '
+            f'the run itself said {finding.estimate:.3g}')
+        grown = f'{finding.growth:.3g} times' if finding.growth else 'was not measured'
+        print(f'growth of a small displacement: {grown}')
+        print(f'windows beside a tighter run: {finding.windows}, of which {finding.unjudged} '
+              'could not be judged')
+        bits = 'compared bit by bit' if finding.compared else 'not compared'
+        if finding.compared and not finding.shared:
+            bits += '; one of the threads has all bodies, they are so few'
+        print(f'two threads and a checkpoint: {bits}')
+
+
+def _shrink(arguments: argparse.Namespace) -> int:
+    """Write the minimal scene."""
+    from icofabric_validation.stress.scenes import draw_scene
+    from icofabric_validation.stress.shrink import MOST_RUNS, shrink
+    from icofabric_validation.stress.workers import Referee
+    path = Path(arguments.output or f'stress_{arguments.seed}.yaml').expanduser()
+    whole = draw_scene(arguments.seed).with_files_named(f'{path.stem}_')
+    for place in (path, *(path.parent / name for name in whole.files)):
+        if place.exists():
+            raise InputError(f'{place} exists and is never overwritten; name another with '
+                             '--output, after which the files of the scene are named, too')
+    referee = Referee()
+    try:
+        with Progress(MOST_RUNS, 'runs at most', foreseen=False) as progress:
+            scene, finding = shrink(whole, referee.judge, tried=progress.update)
+    finally:
+        referee.close()
+    scene = scene.with_files_named('')
+    path.write_text(scene.text(), encoding='utf-8')
+    for name, text in scene.files.items():
+        (path.parent / name).write_text(text, encoding='utf-8')
+    _describe(finding)
+    print(f'{path}: {len(scene.parameters)} parameters of {len(whole.parameters)}')
+    return int(finding.is_fault)

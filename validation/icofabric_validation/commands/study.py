@@ -1,0 +1,239 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""`icofabric study`."""
+
+import argparse
+from collections.abc import Sequence
+import importlib.util
+import os
+from pathlib import Path
+import time
+from typing import Any, TYPE_CHECKING
+
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json
+from icofabric_sim.libraries import require_library
+from icofabric_sim.terminal import (
+    bad_input,
+    duration_text,
+    FileSaysNo,
+    InputError,
+    notes,
+    Progress,
+    require_place,
+    say,
+)
+
+if TYPE_CHECKING:
+    from icofabric_sim.sweeps.single_run import Outcome
+    from icofabric_sim.sweeps.sweep import How, Study
+    from icofabric_validation.material.part import Found, Part, Row, Stage, Table
+
+_NAME = 'icofabric study'
+_OUTPUT, _STORE = 'runs/study', 'runs/sweep'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the verb takes."""
+    parser.add_argument(
+        '--part', action='append', metavar='NAME', default=[],
+        help='this part only; may be repeated (default: all; --list names them)')
+    how_much = parser.add_mutually_exclusive_group()
+    how_much.add_argument(
+        '--quick', action='store_true',
+        help='few values: three minutes of one core, where the usual study takes ten')
+    how_much.add_argument(
+        '--large', action='store_true', help='larger slabs and more values: hours of one core')
+    parser.add_argument(
+        '--output', default=_OUTPUT, metavar='FOLDER',
+        help='folder of figures (PART.png), tables (PART.txt) and all that was found '
+             '(PART.STAGE.csv) (%(default)s)')
+    parser.add_argument(
+        '--store', default=_STORE, metavar='FOLDER',
+        help='folder of finished runs, which are not done again; that of icofabric sweep '
+             '(%(default)s)')
+    parser.add_argument(
+        '--workers', type=int, metavar='N',
+        help='processes on this machine (default: one for each core where Dask is installed, '
+             'extra `sweep`); 0: this one alone')
+    parser.add_argument(
+        '--retry', action='store_true', help='do again what has failed')
+    parser.add_argument(
+        '--list', action='store_true',
+        help='name the parts, say how much of each is finished, and run nothing')
+    add_json_numbers_argument(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Do what the store lacks, then write tables and figures; 1 where a run has failed."""
+    from icofabric_sim.sweeps.sweep import how_to_run
+    from icofabric_validation.material.catalogue import make_study, PARTS
+    from icofabric_validation.material.part import Level
+    for name in arguments.part:
+        if name not in PARTS:
+            raise InputError(f'--part {name}: there is no such part; there are: '
+                             f'{", ".join(PARTS)}')
+    store = require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
+    output = require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
+    if not arguments.list:
+        require_library('matplotlib', 'a picture')
+    workers = arguments.workers
+    if workers is None and importlib.util.find_spec('distributed') is None:
+        workers = 0
+    with bad_input():
+        how = how_to_run(workers, '')
+    parts = [part for name, part in PARTS.items() if name in (arguments.part or PARTS)]
+    level = Level.QUICK if arguments.quick else (
+        Level.LARGE if arguments.large else Level.USUAL)
+    work = _Work()
+    for part in parts:
+        for name, stage in part.stages(level).items():
+            with bad_input():
+                work.add(part, name, stage, make_study(stage, store))
+    if arguments.list:
+        if arguments.json:
+            print_json({'parts': {part.name: work.numbers(part) for part in parts}})
+        else:
+            for part in parts:
+                print(work.line(part))
+        return 0
+    return _carry_out(
+        work, parts, how, output, retry=arguments.retry, as_json=arguments.json)
+
+
+class _Work:
+    """The studies of all stages, and what is foreseen for them."""
+
+    def __init__(self) -> None:
+        self.stages: dict[tuple[str, str], tuple[Stage, Study]] = {}
+        self.done = 0.0  # seconds of one core that were foreseen for what is done
+
+    def add(self, part: 'Part', name: str, stage: 'Stage', study: 'Study') -> None:
+        self.stages[part.name, name] = stage, study
+
+    def of(self, part: 'Part') -> dict[str, tuple['Stage', 'Study']]:
+        """Stages of a part by their names."""
+        return {name: found for (owner, name), found in self.stages.items()
+                if owner == part.name}
+
+    @property
+    def whole(self) -> float:
+        """Seconds of one core that are foreseen."""
+        return sum(stage.seconds * len(stage.cases) for stage, _ in self.stages.values())
+
+    def numbers(self, part: 'Part') -> dict[str, Any]:
+        """What a part has, is to have, and takes."""
+        stages = self.of(part).values()
+        return {
+            'title': part.title, 'runs': sum(len(study.orders) for _, study in stages),
+            'finished': sum(len(study.finished()) for _, study in stages),
+            'seconds_of_one_core': sum(
+                stage.seconds * len(stage.cases) for stage, _ in stages)}
+
+    def line(self, part: 'Part') -> str:
+        """A line about a part."""
+        found = self.numbers(part)
+        return (f'{part.name:10} {part.title}: {found["runs"]} runs, {found["finished"]} '
+                f'finished; about {duration_text(found["seconds_of_one_core"])} of one core for '
+                'all')
+
+
+def _carry_out(
+    work: _Work, parts: Sequence['Part'], how: 'How', output: Path, *, retry: bool,
+    as_json: bool
+) -> int:
+    """Part after part, so that what is interrupted has whole parts."""
+    from icofabric_validation.material.part import rows_of
+    began = time.monotonic()
+    say(f'{_NAME}: about {duration_text(work.whole)} of one core where nothing is finished; what '
+        'is finished is kept, and the same command goes on')
+    written: 'dict[str, tuple[str, list[Table]]]' = {}
+    failed = reused = runs = 0
+    try:
+        with Progress(work.whole, 's of work foreseen') as progress, notes(progress, _NAME):
+            for part in parts:
+                found: dict[str, Sequence[Row]] = {}
+                for name, (stage, study) in work.of(part).items():
+                    outcomes = _outcomes(work, stage, study, how, progress, retry=retry)
+                    table = study.table(outcomes)
+                    table.save(output / f'{part.name}.{name}.csv')
+                    found[name] = rows_of(table)
+                    failed += len(table.failed)
+                    reused += sum(outcome.reused for outcome in outcomes)
+                    runs += len(outcomes)
+                    for outcome in table.failed:
+                        progress.note(f'{part.name}, {name}: '
+                                      f'{study.plan.describe(outcome.number)}: {outcome.reason}')
+                written[part.name] = _write(part, found, output, progress)
+    except KeyboardInterrupt:
+        say(f'{_NAME}: what is finished is kept; the same command goes on')
+        raise
+    if as_json:
+        print_json({
+            'runs': runs, 'from_store': reused, 'failed': failed, 'output': str(output),
+            'parts': {part.name: {'title': part.title, 'tables': [
+                table._asdict() for table in written[part.name][1]]} for part in parts}})
+        return int(failed > 0)
+    for text, _ in written.values():
+        print(text)
+    print(f'{runs:,} runs, {reused:,} of them from the store, {failed:,} failed, in '
+          f'{duration_text(time.monotonic() - began)}; figures and tables: {output}')
+    return int(failed > 0)
+
+
+def _outcomes(
+    work: _Work, stage: 'Stage', study: 'Study', how: 'How', progress: Progress, *, retry: bool
+) -> list['Outcome']:
+    from icofabric_sim.sweeps.dask_runs import SchedulerLost
+    from icofabric_sim.sweeps.single_run import WorkersDiffer
+    found = []
+    with bad_input():
+        try:
+            for outcome in study.outcomes(how, retry=retry):
+                found.append(outcome)
+                work.done += stage.seconds
+                progress.update(work.done)
+        except (SchedulerLost, WorkersDiffer) as error:
+            raise FileSaysNo(f'{error}; the same command goes on') from error
+    return found
+
+
+def _write(
+    part: 'Part', found: 'Found', output: Path, progress: Progress
+) -> 'tuple[str, list[Table]]':
+    """Write figure and tables of a part; returns these, as text and as they are."""
+    from icofabric_validation.pictures.material_figures import draw_part
+    lines, tables = [f'# {part.name}: {part.title}', ''], []
+    try:
+        tables = part.tables(found)
+        for table in tables:
+            lines += [table.title, '', *table.lines(), '']
+            if table.note:
+                lines += [table.note, '']
+        draw_part(output / f'{part.name}.png', part.name, found)
+    except (KeyError, ValueError, TypeError, ArithmeticError, StopIteration) as error:
+        # A stage of which all runs have failed has no columns.
+        progress.note(f'{part.name}: no tables, because runs that they need have failed ({error})')
+    text = '\n'.join(lines)
+    _replace(output / f'{part.name}.txt', text)
+    return text, tables
+
+
+def _replace(path: Path, text: str) -> None:
+    """A reader never meets half of it."""
+    aside = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        aside.write_text(f'{text}\n', encoding='utf-8')
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)

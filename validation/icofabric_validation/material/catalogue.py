@@ -1,0 +1,39 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""All parts of the study, and their runs as studies of the sweep store."""
+
+from collections.abc import Mapping
+import os
+from typing import Final
+
+from icofabric_sim.parameters.validation import make_parameters
+from icofabric_sim.sweeps.sweep import Study
+from icofabric_validation.material.elastic import CONSTANTS, SLABS
+from icofabric_validation.material.friction import FRICTION
+from icofabric_validation.material.jamming import CHECK, JAM
+from icofabric_validation.material.part import Part, Stage
+from icofabric_validation.material.strength import FALL, STRENGTH
+from icofabric_validation.material.surfaces import SURFACES
+from icofabric_validation.material.waves import WAVES
+
+PARTS: Final[Mapping[str, Part]] = {
+    part.name: part for part in (
+        CONSTANTS, SLABS, WAVES, SURFACES, JAM, FRICTION, STRENGTH, FALL, CHECK)}
+
+
+def make_study(stage: Stage, store: str | os.PathLike[str]) -> Study:
+    """The runs of a stage, judged."""
+    return Study.from_parameters(
+        make_parameters(stage.base), cases=stage.cases, verbs=stage.verbs, keep=stage.keep,
+        store=store)

@@ -1,0 +1,226 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Strength: the first fall of the stress, the first break, the most load; energy that is taken."""
+
+import math
+from typing import Any, Final
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_validation.material.part import (
+    BENDING_UNIT,
+    fixed,
+    Found,
+    HALF_EDGE,
+    K,
+    LEAST,
+    Level,
+    modulus_unit,
+    Part,
+    Row,
+    Stage,
+    Table,
+    woven,
+)
+
+ANGLES: Final = (LEAST, -0.3, 0.0, 0.3)
+_FEW_ANGLES = (-0.3, 0.3)
+BENDING: Final = 0.1
+# Connectors break when they are so many times as long as woven.
+BREAKS_AT: Final = 1.1
+KINDS: Final = ('pull', 'push', 'shear')
+STRAIN: Final = 0.3
+# Energy in a cycle: up to this strain.
+CYCLE_STRAIN: Final = 0.15
+# A fall: speed [m/s], and simulated time [s] of it.
+SPEED: Final = 1.0
+_DURATION, _LARGE_DURATION = 0.06, 0.15
+_GAP = 1e-4  # [m] between the slab and the floor at the start
+# Relaxation times [s] of connectors in a fall, and the stiffness of their arms over their own.
+_TIMES = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1)
+_ARM = 1.0
+
+
+def _fabric(angle: float, **more: Any) -> dict[str, Any]:
+    return {
+        'weave.connector_angle': angle,
+        'connector.break_length_extension': BREAKS_AT * woven(angle).connector_length, **more}
+
+
+def _base(size: list[int]) -> dict[str, Any]:
+    return {'weave.size': size, 'connector.stiffness': K,
+            'connector.bending_stiffness': BENDING * BENDING_UNIT}
+
+
+def _stages(level: Level) -> dict[str, Stage]:
+    there = level.pick(_FEW_ANGLES, ANGLES, ANGLES)
+    points = level.pick(6, 6, 12)
+    keep = [f'strength {kind} {STRAIN:g} {points} x' for kind in KINDS]
+    cycles = [f'cycle {kind} {CYCLE_STRAIN:g} {points // 2} x' for kind in ('pull', 'push')]
+    size = level.pick([5, 3, 3], [5, 3, 3], [9, 5, 5])
+    found = {
+        'curves': Stage(
+            [_fabric(angle, **{'weave.kind': kind}) for kind, chosen in (
+                ('orthogonal', there), ('bias', _FEW_ANGLES))
+             for angle in chosen], ('curve',), keep, level.pick(2.5, 2.5, 60.0), _base(size)),
+        'cycles': Stage(
+            [_fabric(angle) for angle in there], ('curve',), cycles, level.pick(1.5, 1.5, 30.0),
+            _base(size))}
+    # Of one angle: more points, a larger slab, contacts of another stiffness.
+    doubled = [f'strength {kind} {STRAIN:g} {2 * points} x' for kind in KINDS]
+    angle = _FEW_ANGLES[0]
+    found['finer'] = Stage(
+        [_fabric(angle)], ('curve',), doubled, level.pick(4.0, 4.0, 120.0), _base(size))
+    found['others'] = Stage(
+        [_fabric(angle, **{'weave.size': level.pick([7, 3, 3], [7, 3, 3], [11, 7, 7])}),
+         _fabric(angle, **{'weave.size': size, 'contact.stiffness': 20.0 * K}),
+         _fabric(angle, **{'weave.size': size, 'contact.stiffness': 2000.0 * K})],
+        ('curve',), keep, level.pick(15.0, 15.0, 200.0),
+        {name: value for name, value in _base(size).items() if name != 'weave.size'})
+    return found
+
+
+def curve_of(row: Row, kind: str) -> tuple[list[float], list[float]]:
+    """Strains, and stresses in k / W."""
+    unit = modulus_unit(row['weave.connector_angle'])
+    strains, stresses = (
+        [float(word) for word in row[f'curve.{kind}.x.{name}'].split()]
+        for name in ('strains', 'stresses'))
+    return [0.0, *strains], [0.0, *(stress / unit for stress in stresses)]
+
+
+def events_of(row: Row, kind: str) -> list[Any]:
+    """Strains of what happens, and the most stress in k / W."""
+    name = f'curve.{kind}.x'
+    return [
+        *(row[f'{name}.{what}'] for what in (
+            'touches_at', 'obstructed_at', 'buckles_at', 'breaks_at', 'broken')),
+        row[f'{name}.most'] / modulus_unit(row['weave.connector_angle']), row[f'{name}.most_at'],
+        row[f'{name}.reached']]
+
+
+_EVENTS = ('first touch', 'first connector through a shell', 'first fall (buckling)',
+           'first break', 'broken at the end', 'most stress W / k', 'at', 'reached')
+
+
+def _tables(found: Found) -> list[Table]:
+    rows = [
+        (row['weave.kind'], fixed(row['weave.connector_angle'], 4), kind, *events_of(row, kind))
+        for row in found['curves'] for kind in KINDS]
+    checks: list[tuple[Any, ...]] = []
+    angle = found['finer'][0]['weave.connector_angle']
+    plain = next(row for row in found['curves'] if row['weave.connector_angle'] == angle)
+    for name, row in (('as above', plain), ('twice the points', found['finer'][0]), *zip(
+            ('larger slab', 'K/k = 20', 'K/k = 2000'), found['others'])):
+        checks += [(name, kind, *events_of(row, kind)) for kind in KINDS]
+    cycles = []
+    for row in found['cycles']:
+        for kind in ('pull', 'push'):
+            name = f'curve.cycle.{kind}.x'
+            cycles.append((
+                fixed(row['weave.connector_angle'], 4), kind, *(
+                    fixed(1e3 * row[f'{name}.{what}'], 2) for what in (
+                        'work', 'regained', 'lost', 'released', 'left')),
+                fixed(row[f'{name}.lost'] / row[f'{name}.work'], 2), row[f'{name}.broken']))
+    return [
+        Table(f'Slabs between two held ends, bending stiffness {BENDING:g} k a^2, connectors that '
+              f'break at {BREAKS_AT:g} L: strains at which things happen',
+              ('weave', 'angle [rad]', 'kind', *_EVENTS), rows),
+        Table(f'How sure that is, at {angle:g} rad', ('', 'kind', *_EVENTS), checks),
+        Table(f'One way to a strain of {CYCLE_STRAIN:g} and back [mJ]', (
+            'angle [rad]', 'kind', 'work', 'comes back', 'lost', 'of it in breaks',
+            'left in the slab', 'lost over work', 'broken'), cycles)]
+
+
+STRENGTH = Part('strength', 'Strength, and energy taken in a cycle', _stages, _tables)
+
+
+def _falling(angle: float, size: list[int], **more: Any) -> dict[str, Any]:
+    """A slab that is thrown at a floor, just above it."""
+    scene = Scene.from_parameters({'weave.size': size, 'weave.connector_angle': angle})
+    floor = float(scene.position[:, 2].min()) - 0.5 * woven(angle).cube_width - _GAP
+    return {'weave.connector_angle': angle, 'planes.floor.offset': floor, 'weave.size': size,
+            **more}
+
+
+def _falls(level: Level) -> dict[str, Stage]:
+    there = level.pick(_FEW_ANGLES, ANGLES, ANGLES)
+    size = level.pick([5, 3, 3], [5, 3, 3], [7, 7, 7])
+    base = {
+        'connector.stiffness': K, 'connector.bending_stiffness': BENDING * BENDING_UNIT,
+        'planes.floor.normal': [0.0, 0.0, 1.0], 'groups.whole': 'all',
+        'initial.throw.group': 'whole', 'initial.throw.linear_velocity': [0.0, 0.0, -SPEED],
+        'duration': level.pick(_DURATION, _DURATION, _LARGE_DURATION), 'solver.energy_limit': 0.05}
+    seconds = level.pick(10.0, 10.0, 120.0)
+    keep = ('centre', 'energies', 'extremes')
+    angle = there[-1]
+    return {
+        'falls': Stage(
+            [_falling(angle, size) for angle in there], ('run',), keep, seconds, base),
+        'finer': Stage(
+            [_falling(angle, size, **{'solver.tolerance': 1e-8}),
+             _falling(angle, level.pick([7, 3, 3], [7, 3, 3], [9, 9, 9]))],
+            ('run',), keep, 2.0 * seconds, base),
+        'relaxing': Stage(
+            [_falling(angle, size, **{'connector.maxwell_time': time})
+             for time in level.pick(_TIMES[3:4], _TIMES, _TIMES)],
+            ('run',), keep, seconds, {**base, 'connector.maxwell_stiffness': _ARM * K})}
+
+
+def taken(row: Row) -> float:
+    """The part of the energy of the throw that is not in the motion of the whole at the end."""
+    share = _rebound(row)
+    return 1.0 - share * share
+
+
+def _rebound(row: Row) -> float:
+    """Speed away from the floor over that towards it."""
+    return float(row['run.centre.velocity.z']) / SPEED
+
+
+def _fall_row(name: str, row: Row) -> tuple[Any, ...]:
+    return (name, fixed(row['weave.connector_angle'], 4), fixed(_rebound(row), 3),
+            fixed(taken(row), 3), fixed(row['run.stretch'], 3), fixed(row['run.compression'], 3),
+            f'{row["run.balance_worst"]:.1g}' if math.isfinite(row['run.balance_worst']) else '-')
+
+
+def _fall_tables(found: Found) -> list[Table]:
+    rows = [_fall_row('', row) for row in found['falls']]
+    rows += [_fall_row(name, row) for name, row in zip(
+        ('tolerance 1e-8', 'larger slab'), found['finer'])]
+    angle = found['relaxing'][0]['weave.connector_angle']
+    return [
+        Table(
+            f'Slabs thrown at a floor at {SPEED:g} m/s, without any damping', (
+                '', 'angle [rad]', 'speed back over speed', 'energy taken', 'largest stretch',
+                'largest compression', 'energy balance'), rows,
+            f'Shells of 2a = {2e3 * HALF_EDGE:g} mm, k = {K:g} N/m, bending stiffness '
+            f'{BENDING:g} k a^2; nothing dissipates: what is taken is in vibrations.'),
+        Table(
+            f'The slab of {angle:g} rad of connectors that relax, with arms of {_ARM:g} k', (
+                'relaxation time [ms]', 'speed back over speed', 'energy taken',
+                'dissipated by the end', 'largest stretch', 'energy balance'),
+            [_relaxing_row(row) for row in found['relaxing']],
+            'Standard linear solids: what is dissipated is part of what is taken.')]
+
+
+def _relaxing_row(row: Row) -> tuple[Any, ...]:
+    # Nothing else does work, so what is left and what was dissipated are the throw.
+    lost = row['run.energy.dissipated']
+    return (
+        f'{1e3 * row["connector.maxwell_time"]:g}', fixed(_rebound(row), 3), fixed(taken(row), 3),
+        fixed(lost / (row['run.energy.total'] + lost), 3), fixed(row['run.stretch'], 3),
+        f'{row["run.balance_worst"]:.1g}')
+
+
+FALL = Part('fall', 'Energy taken in a fall', _falls, _fall_tables)

@@ -1,0 +1,90 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Gaps between waves of places and waves of rotations."""
+
+import math
+from typing import Final
+
+from icofabric_validation.material.part import (
+    angles,
+    BENDING_UNIT,
+    fixed,
+    Found,
+    K,
+    Level,
+    Part,
+    Row,
+    Stage,
+    Table,
+)
+
+BENDINGS: Final = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+_QUICK = (0.1, 1.0, 10.0)
+# Waves along each axis of the zone: of the map, and of the check of it.
+_SAMPLES, _MORE = 6, 14
+# The gap between three bands of places and three of rotations is above the third.
+_BETWEEN = 2
+
+
+def _stages(level: Level) -> dict[str, Stage]:
+    base = {'weave.size': [3, 3, 3], 'connector.stiffness': K}
+
+    def cases(count: int, bendings: tuple[float, ...]) -> list[dict[str, float]]:
+        return [{'weave.connector_angle': angle,
+                 'connector.bending_stiffness': ratio * BENDING_UNIT}
+                for ratio in bendings for angle in angles(count, 0.7)]
+
+    return {
+        'map': Stage(
+            level.pick(cases(5, _QUICK), cases(14, BENDINGS), cases(50, BENDINGS)), ('bands',),
+            (f'gap {_SAMPLES}',), 0.02, base),
+        'finer': Stage(
+            cases(3, level.pick((1.0,), (0.1, 1.0, 10.0), BENDINGS)), ('bands',),
+            (f'gap {_MORE}',), 0.05, base)}
+
+
+def gap_of(row: Row) -> float:
+    """Width of the gap above the third band over its middle; 0: the bands overlap."""
+    below, above = row[f'bands.{_BETWEEN}.highest'], row[f'bands.{_BETWEEN + 1}.lowest']
+    return max(0.0, float((above - below) / (0.5 * (above + below))))
+
+
+def _point(row: Row) -> tuple[float, float]:
+    return (round(row['connector.bending_stiffness'] / BENDING_UNIT, 9),
+            round(row['weave.connector_angle'], 9))
+
+
+def unsure_by(found: Found) -> float:
+    """By how much a finer sample of waves changes the gap over its middle, at most."""
+    coarse = {_point(row): gap_of(row) for row in found['map']}
+    return max((abs(coarse[_point(row)] - gap_of(row)) for row in found['finer']
+                if _point(row) in coarse), default=math.nan)
+
+
+def _tables(found: Found) -> list[Table]:
+    by_angle: dict[float, dict[float, float]] = {}
+    for row in found['map']:
+        bending, angle = _point(row)
+        by_angle.setdefault(angle, {})[bending] = gap_of(row)
+    bendings = sorted({bending for gaps in by_angle.values() for bending in gaps})
+    return [Table(
+        'Gap above the third band over its middle, by bending stiffness / (k a^2)',
+        ('angle [rad]', *(f'{bending:g}' for bending in bendings)),
+        [(fixed(angle, 3), *(fixed(gaps[bending], 3) for bending in bendings))
+         for angle, gaps in sorted(by_angle.items())],
+        f'{_MORE} waves along each axis of the zone instead of {_SAMPLES} change it by at most '
+        f'{unsure_by(found):.1g}: the edges of the bands lie on the path along its symmetries.')]
+
+
+WAVES = Part('waves', 'Gaps between waves of places and of rotations', _stages, _tables)

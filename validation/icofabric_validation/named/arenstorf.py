@@ -1,0 +1,52 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A satellite between earth and moon, in axes that turn with them, on a closed orbit."""
+
+from collections.abc import Iterator
+import math
+
+from icofabric_validation.named.free_bodies import refine
+from icofabric_validation.named.problem import Curve, Problem
+import numpy as np
+
+# Mass of the moon in parts of the whole, and the orbit of eqs (0.1) and (0.2) of the source.
+_MOON = 0.012277471
+_EARTH = 1.0 - _MOON
+_START = np.array([[0.994, 0.0, 0.0]])
+_VELOCITY = np.array([[0.0, -2.00158510637908252240537862224, 0.0]])
+_PERIOD = 17.0652165601579625588917206249
+
+
+def _acceleration(time: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    (px, py, _), (vx, vy, _) = x[0].tolist(), v[0].tolist()
+    earth = _EARTH / math.hypot(px + _MOON, py) ** 3
+    moon = _MOON / math.hypot(px - _EARTH, py) ** 3
+    return np.array([[
+        px + 2.0 * vy - earth * (px + _MOON) - moon * (px - _EARTH),
+        py - 2.0 * vx - (earth + moon) * py,
+        0.0]])
+
+
+def _solve(long: bool) -> Iterator[Curve]:
+    yield from refine(
+        _acceleration, _START, _VELOCITY, _PERIOD, _START,
+        tolerances=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
+        steps=tuple(_PERIOD / n for n in (8192, 12288) + ((16384, 32768) if long else ())),
+        allowed=1e-9, allowed_given=1e-4, floor=3e-11)
+
+
+PROBLEM = Problem(
+    'arenstorf', 'a satellite on a closed orbit between earth and moon, in axes that turn',
+    'Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, (II.0.1), (II.0.2)',
+    'distance from the start after one period', _solve, has_long_form=True)

@@ -1,0 +1,85 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""The problems by number, and running them one after the other."""
+
+from collections.abc import Iterator, Sequence
+import logging
+import time
+from typing import Final
+
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_validation.named import (
+    arenstorf,
+    bouncing,
+    falling_grid,
+    fermi_pasta_ulam,
+    granular_gas,
+    heap,
+    impacts,
+    incline,
+    pleiades,
+    time_reversal,
+    toda,
+    wave_packet,
+)
+from icofabric_validation.named.problem import Answer, Curve, PremiseError, Problem
+
+_LOGGER = logging.getLogger('icofabric_sim')
+# Numbers are those of this list, from 1: new problems go to its end.
+PROBLEMS: Final[tuple[Problem, ...]] = (
+    pleiades.PROBLEM,
+    arenstorf.PROBLEM,
+    fermi_pasta_ulam.PROBLEM,
+    toda.PROBLEM,
+    wave_packet.PROBLEM,
+    time_reversal.PROBLEM,
+    impacts.NORMAL,
+    impacts.OBLIQUE,
+    bouncing.PROBLEM,
+    incline.SLIDES,
+    incline.TIPS,
+    falling_grid.FALLING,
+    falling_grid.ELASTIC,
+    granular_gas.PROBLEM,
+    heap.PROBLEM,
+)
+
+
+def solve_all(numbers: Sequence[int], *, long: bool = False) -> Iterator[Answer]:
+    """
+    Run problems by their numbers, and say what was found of each as soon as it is.
+
+    A scene that is refused, or a run that stops for what it met, is an answer too: one with a
+    fault.
+    """
+    for number in numbers:
+        problem = PROBLEMS[number - 1]
+        curves: list[Curve] = []
+        failure, began = '', time.process_time()
+        level = _LOGGER.level
+        # Contacts are softer than they should be on purpose, where stiffer ones follow.
+        _LOGGER.setLevel(logging.ERROR)
+        try:
+            curves.extend(problem.solve(long))
+        except Interrupted:
+            raise
+        except SimulationError as error:
+            failure = f'the run stopped: {error}'
+        except ValueError as error:
+            failure = f'the scene was refused: {error}'
+        except PremiseError as error:
+            failure = str(error)
+        finally:
+            _LOGGER.setLevel(level)
+        yield Answer(number, problem, tuple(curves), time.process_time() - began, failure)

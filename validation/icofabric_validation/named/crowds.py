@@ -1,0 +1,51 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Many loose shells at the places of a weave, on a floor, in a box or within six walls."""
+
+from typing import Any, Literal
+
+from icofabric_sim.geometry.icosahedron import circumscribed_radius
+from icofabric_sim.scene.scene import Scene
+from icofabric_validation.named.loose_bodies import A, GRAVITY
+
+# Room beside the outermost bodies [m].
+_BESIDE = 0.004
+
+
+def crowd(
+    size: tuple[int, int, int], *, within: Literal['floor', 'box', 'walls'],
+    parameters: dict[str, Any]
+) -> Scene:
+    """
+    Half as many bodies as grid positions, turning and moving at random.
+
+    On a floor a little below or in a box that is open above, with weight, or between six walls,
+    without.
+    """
+    values: dict[str, Any] = {
+        'weave.size': list(size), 'weave.connected': False, 'weave.connector_length': 0.027,
+        'shell.edge_length': 2.0 * A, 'initial_random.seed': 1, 'solver.threads': 1, **parameters}
+    place = Scene.from_parameters(values).position
+    room = circumscribed_radius(A) + _BESIDE
+    if within != 'walls':
+        values |= {'planes.floor.normal': [0.0, 0.0, 1.0],
+                   'planes.floor.offset': float(place[:, 2].min() - room),
+                   'gravity': [0.0, 0.0, -GRAVITY]}
+    for axis, name in enumerate({'floor': '', 'box': 'xy', 'walls': 'xyz'}[within]):
+        for side, word in ((1.0, 'low'), (-1.0, 'high')):
+            edge = place[:, axis].min() if side > 0.0 else -place[:, axis].max()
+            values[f'planes.{word}_{name}.normal'] = [
+                side if k == axis else 0.0 for k in range(3)]
+            values[f'planes.{word}_{name}.offset'] = float(edge - room)
+    return Scene.from_parameters(values)

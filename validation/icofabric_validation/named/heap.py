@@ -1,0 +1,95 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A heap of shells at rest in a box: floor and walls bear its weight, and nothing creeps."""
+
+from collections.abc import Iterator
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.broad_phase import Touching
+from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.simulation import compile_scene, Simulation
+from icofabric_validation.named.crowds import crowd
+from icofabric_validation.named.loose_bodies import A, GRAVITY
+from icofabric_validation.named.problem import Curve, Point, PremiseError, Problem
+from icofabric_validation.named.restitution import TIP
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_SETTLED = 1e-14  # kinetic energy of a body at rest, over its weight times a
+_LONGEST = 20.0  # until then it has come to rest [s]
+
+
+def _scene(size: tuple[int, int, int]) -> Scene:
+    return crowd(size, within='box', parameters={
+        'initial_random.velocity_sigma': 0.02, 'initial_random.spin_sigma': 2.0,
+        'contact.stiffness': 1e5, 'contact.damping': 20.0, 'contact.friction': 0.6,
+        'solver.method': 'leapfrog', 'solver.tolerance': 0.1})
+
+
+def _settle(simulation: Simulation) -> None:
+    """Advance until hardly anything moves."""
+    scene, calm = simulation.scene, 0
+    while calm < 3:
+        simulation.advance_to(simulation.time + 0.1)
+        kinetic = simulation.snapshot().energy['kinetic'] / scene.body_count
+        calm = calm + 1 if kinetic < _SETTLED * scene.shell.mass * GRAVITY * A else 0
+        if simulation.time > _LONGEST:
+            raise PremiseError(
+                f'after {_LONGEST:g} s the heap still moves: {kinetic:.3g} J a body')
+
+
+def borne(touching: Touching, body_count: int) -> float:
+    """
+    Force [N] upwards of floor and walls, friction included.
+
+    Raises PremiseError where all bodies lie on the floor: that is no heap.
+    """
+    planes = touching.bodies[:, 1] < 0
+    floor = touching.bodies[:, 1] == -1 - touching.planes.index('floor')
+    if not len(np.unique(touching.bodies[floor, 0])) < body_count:
+        raise PremiseError(f'nothing lies on anything: the floor touches all {body_count} shells')
+    return float((touching.force + touching.spring)[planes, 2].sum())
+
+
+def _way(one: Snapshot, other: Snapshot) -> float:
+    """Largest displacement [m] of any body, turns times the radius included."""
+    moved = np.linalg.norm(other.position - one.position, axis=1)
+    turn = Rotation.from_quat(other.orientation) * Rotation.from_quat(one.orientation).inv()
+    return float((moved + TIP * turn.magnitude()).max())
+
+
+def _solve(long: bool) -> Iterator[Curve]:
+    size, hold = ((2, 2, 10), 10.0) if long else ((2, 2, 6), 1.0)
+    simulation = compile_scene(_scene(size))
+    scene = simulation.scene
+    _settle(simulation)
+    began, before = simulation.time, simulation.snapshot()
+    weight = scene.shell.mass * GRAVITY * scene.body_count
+    error = way = 0.0
+    for time in began + hold * np.arange(1, 11) / 10.0:
+        simulation.advance_to(float(time))
+        up = borne(simulation.status.touching(), scene.body_count)
+        error = max(error, abs(up / weight - 1.0))
+        way = max(way, _way(before, simulation.snapshot()) / A)
+    steps, of = simulation.status.step_count, f'leapfrog, {scene.body_count} shells'
+    yield Curve(f'{of}: force upwards', 'rest from [s]', (Point(began, error, steps),), 1e-6,
+                is_refined=False)
+    yield Curve(f'{of}: way over a', 'held for [s]', (Point(hold, way, steps),), 1e-5,
+                is_refined=False)
+
+
+PROBLEM = Problem(
+    'heap', 'a heap of shells at rest in a box', 'statics: forces add up to the weight',
+    'force of floor and walls against the weight, relative; largest way of a body, turns times '
+    'the radius included, over a', _solve, has_long_form=True)

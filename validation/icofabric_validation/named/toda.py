@@ -1,0 +1,73 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A soliton of the Toda lattice, by a law by table that is made finer."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.simulation import compile_scene
+from icofabric_validation.named.chain import chain_parameters, motion, start, write_law
+from icofabric_validation.named.problem import Curve, Point, Problem
+import numpy as np
+
+# The soliton exp(-(q_n+1 - q_n)) = 1 + sinh^2 k / cosh^2 (k n - t sinh k): connectors shrink by
+# up to 2 ln cosh k. Away from it all is at rest but for exp(-2 k n).
+_K = 1.0
+_RATE = float(np.sinh(_K))
+_BODIES = 45
+_FIRST, _LAST = 15.0, 27.0  # where it begins and ends, in bodies
+
+
+def _soliton(time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements and velocities (n,): q_n = ln(tau_n-1 / tau_n), tau_n = 1 + exp(2 (...))."""
+    numbers = np.arange(_BODIES) - _FIRST
+    before, here = (
+        2.0 * (_K * (numbers - shift) - _RATE * time) for shift in (1.0, 0.0))
+    displacement = np.logaddexp(0.0, before) - np.logaddexp(0.0, here)
+    velocity = 2.0 * _RATE * (1.0 / (1.0 + np.exp(-here)) - 1.0 / (1.0 + np.exp(-before)))
+    return displacement, velocity
+
+
+def _error(lines: int, tolerance: float) -> tuple[float, float, int]:
+    """Spacing of the table [m], largest error of a displacement at the end, steps."""
+    end = (_LAST - _FIRST) * _K / _RATE
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'toda.csv'
+        spacing = write_law(path, lambda r: -np.expm1(-r), -1.0, 0.2, lines)
+        # Bodies far ahead are displaced as a whole: ends stand where they belong.
+        simulation = compile_scene(Scene.from_parameters(chain_parameters(
+            _BODIES, f'ids 0 {_BODIES - 1}', {
+                'connector.law': str(path), 'solver.method': 'dop8',
+                'solver.tolerance': tolerance})))
+        start(simulation, *_soliton(0.0))
+        simulation.advance_to(end)
+    error = np.abs(motion(simulation)[0] - _soliton(end)[0]).max()
+    return spacing, float(error), simulation.status.step_count
+
+
+def _solve(long: bool) -> Iterator[Curve]:
+    points = []
+    for lines in (24, 48, 96, 192) + ((384, 768, 1536, 3072) if long else ()):
+        spacing, error, steps = _error(lines, 1e-9)
+        points.append(Point(spacing, error, steps))
+    yield Curve('dop8, law by table', 'spacing of table [m]', tuple(points), 1.5e-7, order=2.0,
+                floor=1e-8)
+
+
+PROBLEM = Problem(
+    'toda', f'a soliton runs over {_LAST - _FIRST:g} bodies of a chain',
+    'Toda, Theory of Nonlinear Lattices, 3.2: the lattice of V = exp(-r) + r - 1',
+    'largest error of a displacement, in widths of the potential', _solve, has_long_form=True)

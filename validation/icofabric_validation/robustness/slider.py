@@ -1,0 +1,151 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+What a slider costs: a parameter set 50 times a second while a node simulates as fast as it can.
+
+    .venv/bin/python -m icofabric_validation.robustness.slider [--seconds 6] [--rounds 3]
+
+Rounds with and without the slider take turns. Pace is simulated over wall time, and simulated over
+processor time of the thread of the run, which says what it costs where cores are free; lines of
+the log are counted. Exit status 1 where a limit is not kept.
+"""
+
+import os
+
+# Read when the message classes are imported, here and in the processes started from here.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+import argparse  # noqa: E402, I100 - after the environment that rclpy reads
+from contextlib import suppress  # noqa: E402
+from pathlib import Path  # noqa: E402
+import statistics  # noqa: E402
+import sys  # noqa: E402
+import tempfile  # noqa: E402
+import time  # noqa: E402
+from typing import Any  # noqa: E402
+
+from icofabric_sim.parameters.file import load_parameter_file  # noqa: E402
+from icofabric_sim.parameters.ready_scenes import find_scene  # noqa: E402
+from icofabric_validation.benchmarks.machine import describe_machine  # noqa: E402
+from icofabric_validation.robustness.soak_graph import (  # noqa: E402
+    FabricProcess,
+    free_domain,
+    Graph,
+    Watch,
+)
+from icofabric_validation.robustness.soak_judge import Table  # noqa: E402
+from icofabric_validation.source_tree import ROOT  # noqa: E402
+
+SCENE = 'hanging_slab'
+RATE = 50.0  # [Hz]
+COST, LINES = 0.05, 1.2  # of the pace; lines of the log a second
+# Parameter, and its value k of the sweep: so near to each other that the motion stays as it is,
+# whose own cost is none of the slider's.
+SLIDERS: dict[str, Any] = {
+    'connector__stiffness': lambda k: 1990.0 + 1e-3 * (k % 50),
+    'gravity': lambda k: [0.0, 1e-6 * (k % 50), -9.81],
+    'connector__damping': lambda k: 1e-4 * (1.0 + 1e-4 * (k % 50)),
+    'loads__tip__force': lambda k: [0.0, 1e-7 * (k % 50), 0.0],
+    'solver__tolerance': lambda k: 1e-6 * (1.0 + 1e-4 * (k % 50)),
+}
+
+
+def measure(
+    graph: Graph, watch: Watch, thread: str, seconds: float, slider: str | None
+) -> tuple[float, float, float, int, float, float]:
+    """
+    Pace by wall time, and by processor time; lines a second; changes; the longest answer.
+
+    And the processor time that the thread of the run has used [s].
+    """
+    process = watch.process
+    lines, first, began, used = process.log().count('\n'), watch.now, time.monotonic(), busy(
+        process)[thread]
+    count, longest = 0, 0.0
+    while (passed := time.monotonic() - began) < seconds:
+        if slider is None:
+            time.sleep(0.02)
+            continue
+        results, took = graph.set(**{slider: SLIDERS[slider](count)})
+        assert all(result.successful for result in results), results
+        count, longest = count + 1, max(longest, took)
+        time.sleep(max(0.0, count / RATE - (time.monotonic() - began)))
+    simulated, used = (watch.now - first) * 1e-9, max(busy(process)[thread] - used, 1e-9)
+    return (
+        simulated / passed, simulated / used, (process.log().count('\n') - lines) / passed, count,
+        longest, used)
+
+
+def busy(process: FabricProcess) -> dict[str, float]:
+    """Processor time [s] of each thread."""
+    times = {}
+    for task in Path(f'/proc/{process.process.pid}/task').iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # a thread that has just ended
+            times[task.name] = int((task / 'schedstat').read_text().split()[0]) * 1e-9
+    return times
+
+
+def find_run(process: FabricProcess) -> str:
+    """The thread of the run: the busiest one while nothing is asked of the node."""
+    before = busy(process)
+    time.sleep(1.0)
+    after = busy(process)
+    return max(after, key=lambda thread: after[thread] - before.get(thread, 0.0))
+
+
+def main() -> int:
+    """Measure the sliders; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=6.0)
+    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'soak' / 'slider.csv')
+    parser.add_argument('--no-wall-limits', action='store_true', help='judge no wall times')
+    arguments = parser.parse_args()
+    print(f'{describe_machine()}, load {os.getloadavg()[0]:.1f}', flush=True)
+    table = Table(wall_limits=not arguments.no_wall_limits)
+    folder, domain = Path(tempfile.mkdtemp(prefix='icofabric_slider_')), free_domain()
+    scene = {**load_parameter_file(find_scene(SCENE)), 'connector.damping': 1e-4}
+    with FabricProcess(folder, scene, domain, real_time_factor=0.0) as process, Graph(
+            domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        thread = find_run(process)
+        for slider in SLIDERS:
+            table.begin(slider.replace('__', '.'), f'{arguments.rounds} rounds')
+            for _ in range(2):
+                # Not the first ones: what a change needs may have to be loaded.
+                graph.set(**{slider: SLIDERS[slider](49)})
+            rounds = [
+                (measure(graph, watch, thread, arguments.seconds, None),
+                 measure(graph, watch, thread, arguments.seconds, slider))
+                for _ in range(arguments.rounds)]
+            for name, place in (('by wall time', 0), ('by its thread', 1)):
+                cost = statistics.median(1.0 - on[place] / off[place] for off, on in rounds)
+                table.add(f'cost {name}', f'{cost:.1%}', f'{COST:.0%}', cost < COST, wall=True)
+            each = statistics.median(
+                (1.0 - on[1] / off[1]) * on[5] / max(on[3], 1) for off, on in rounds)
+            table.add('time of its thread for a change', f'{each * 1e3:.1f} ms')
+            lines = max(on[2] for _, on in rounds)
+            table.add('lines a second', f'{lines:.2f}', f'{LINES:g}', lines <= LINES)
+            changes = sum(on[3] for _, on in rounds) / (arguments.rounds * arguments.seconds)
+            table.add('changes a second', f'{changes:.1f}')
+            table.add('longest answer', f'{max(on[4] for _, on in rounds):.3f} s')
+        watch.end()
+        process.stop()
+    table.write(arguments.csv)
+    return 0 if table.is_good else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,518 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Long and hard runs of the node over Fast DDS: whether it stays what docs/reliability.md promises.
+
+    .venv/bin/python -m icofabric_validation.robustness.soak [--part all] [--minutes 30]
+
+Parts: soak, verify60, kills, latency, slow-subscriber, dying-subscribers, all.
+
+Each part is a `fabric_node` in a process of its own, driven from this one. The table says what is
+judged, and is written as CSV (--csv). Exit status 1 where one of the limits is not kept.
+"""
+
+import os
+
+# Read when the message classes are imported, here and in the processes started from here.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+import argparse  # noqa: E402 - after the environment that rclpy reads
+from collections.abc import Callable  # noqa: E402
+import csv  # noqa: E402
+from functools import partial  # noqa: E402
+from pathlib import Path  # noqa: E402
+import random  # noqa: E402
+import shutil  # noqa: E402
+import signal  # noqa: E402
+import statistics  # noqa: E402
+import subprocess  # noqa: E402
+import sys  # noqa: E402
+import tempfile  # noqa: E402
+import time  # noqa: E402
+from typing import NamedTuple  # noqa: E402
+
+from icofabric_sim.messages import ERROR  # noqa: E402
+from icofabric_validation.benchmarks.machine import describe_machine  # noqa: E402
+from icofabric_validation.robustness.soak_drive import Driver, SCENE  # noqa: E402
+from icofabric_validation.robustness.soak_graph import (  # noqa: E402
+    environment,
+    FabricProcess,
+    free_domain,
+    Graph,
+    NODE,
+    Trouble,
+    Watch,
+)
+from icofabric_validation.robustness.soak_judge import (  # noqa: E402
+    check_bag,
+    clock_faults,
+    moments_of,
+    pace_of,
+    slope,
+    Table,
+)
+from icofabric_validation.source_tree import ROOT  # noqa: E402
+
+LISTENER = 'icofabric_validation.benchmarks.listener'
+CLOCK_RATE = 100.0
+POSES = f'{NODE}/poses', 'geometry_msgs/msg/PoseArray'
+MARKERS = f'{NODE}/connectors', 'visualization_msgs/msg/Marker'
+# Limits: memory [MB in 10 minutes], and what an allocator keeps at first [MB]. Deeds at random
+# load kernels when they need them first, 1 to 2 MB each: a short run does little else.
+MEMORY, MEMORY_FLOOR, MEMORY_FLOOR_SHORT = 5.0, 8.0, 25.0
+DRIFT = 0.01  # of the real-time factor, between the halves of a run
+START, STOP = 1.5, 1.0  # [s]
+GAP = 1.0  # without messages, for healthy subscribers [s]
+_KEPT = 0.95  # of the real-time factor, with a subscriber that is stopped
+TEN_MINUTES = 600.0
+
+
+class Setting(NamedTuple):
+    """What all parts are given."""
+
+    folder: Path
+    domain: int
+    arguments: argparse.Namespace
+    table: Table
+
+
+def soak(setting: Setting) -> None:
+    """Everything that a client may do and should not, for as long as is wanted."""
+    arguments, table = setting.arguments, setting.table
+    table.begin('soak', f'{arguments.minutes:g} minutes at random, seed {arguments.seed}')
+    bag = setting.folder / 'bag'
+    with FabricProcess(
+        setting.folder, SCENE, setting.domain, record__path=bag
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        heard = [0]
+        for topic in (POSES, MARKERS):
+            graph.listen(topic, lambda data: heard.__setitem__(0, heard[0] + 1))
+        driver = Driver(graph, watch, random.Random(arguments.seed))
+        if arguments.minutes > 1.0:
+            driver.fill_queues()
+        end = time.monotonic() + 60.0 * arguments.minutes
+        driver.drive(lambda: time.monotonic() > end)
+        dropped = driver.finish()
+        status, took = process.stop()
+        watch.end()
+    _judge_deeds(table, driver, watch)
+    _judge_end(table, process, status, took)
+    _judge_memory(table, watch, setting.arguments.csv.with_suffix('.memory.csv'))
+    _judge_clock(table, watch)
+    acted = _judge_bags(table, bag, arguments.threads)
+    rest = driver.sent - driver.displaced - acted - dropped
+    table.add('wrenches sent', f'{driver.sent:,}')
+    table.add('  in bursts, displaced in the queue',
+              f'{driver.burst_count:,}, {driver.displaced:,}')
+    table.add('  acted, dropped', f'{acted:,}, {dropped:,}')
+    table.add('  unaccounted for', f'{rest:,}', '0', rest == 0)
+
+
+def verify60(setting: Setting) -> None:
+    """One bag of a run that is driven from outside, simulated again on one and on two threads."""
+    arguments, table = setting.arguments, setting.table
+    table.begin('verify60', f'{arguments.seconds:g} s of simulated time, seed {arguments.seed}')
+    bag = setting.folder / 'bag'
+    with FabricProcess(
+        setting.folder, SCENE, setting.domain, record__path=bag, solver__threads=2
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        driver = Driver(graph, watch, random.Random(arguments.seed))
+        end = round(arguments.seconds * 1e9)
+        driver.drive(lambda: watch.now > end, frozenset(
+            {'push', 'push_ahead', 'reweave', 'retune', 'pause_and_step', 'save'}))
+        driver.settle()
+        status, took = process.stop()
+        watch.end()
+    _judge_deeds(table, driver, watch)
+    _judge_end(table, process, status, took)
+    for threads in (1, 2):
+        check = check_bag(bag, CLOCK_RATE, threads=threads)
+        table.add(f'verify --threads {threads}', check.verdict[:26], 'identical', check.is_good)
+        table.details([*check.clock, *([] if check.is_good else [check.verdict])])
+    table.add('simulated time in the bag', f'{(check.end - check.begin) / 1e9:.2f} s', '',
+              check.end - check.begin >= end)
+    for name, least in (('re-weaves', 1), ('~/checkpoint', 1), ('~/poses', 60)):
+        count = sum(value for key, value in check.counts.items() if key.startswith(name))
+        table.add(f'  {name} in it', f'{count:,}', f'at least {least}', count >= least)
+    table.add('  wrenches in it', f'{check.inputs:,}', 'at least 20', check.inputs >= 20)
+
+
+def kills(setting: Setting) -> None:
+    """See kill_recovery.py."""
+    table = setting.table
+    table.begin('kills', 'kill -9 of recordings, see kill_recovery.py')
+    command = [sys.executable, '-m', 'icofabric_validation.robustness.kill_recovery', '--kills',
+               str(setting.arguments.kills), '--seed', str(setting.arguments.seed)]
+    done = subprocess.run(
+        command, text=True, stdout=subprocess.PIPE, env=environment(setting.domain))
+    print(done.stdout)
+    last = done.stdout.splitlines()[-1]
+    table.add('lost wall time', last.split(';')[0].removeprefix('lost at most '), '', None)
+    table.add('recordings saved whole', last.split('; ')[-1].split(' good')[0], 'all',
+              done.returncode == 0, wall=True)
+
+
+def _note_time(times: list[float], data: bytes) -> None:
+    times.append(time.monotonic())
+
+
+def latency(setting: Setting) -> None:
+    """Start, end, parameters beside a large re-weave, services."""
+    table, count = setting.table, setting.arguments.starts
+    table.begin('latency', f'{count} starts and ends')
+    starts: list[float] = []
+    ends: dict[signal.Signals, list[float]] = {signal.SIGINT: [], signal.SIGTERM: []}
+    with Graph(setting.domain) as graph:
+        for number in range(count + 1):
+            first: list[float] = []
+            poses = graph.listen(POSES, partial(_note_time, first))
+            folder = setting.folder / f'start_{number}'
+            with FabricProcess(
+                folder, SCENE, setting.domain, record__path=folder / 'bag'
+            ) as process:
+                process.wait_for(first.copy, 'poses', pause=0.001)
+                time.sleep(0.5)
+                graph.forget(poses)
+                signals = list(ends)
+                status, took = process.stop(signals[number % 2])
+            if number:  # the first fills caches
+                starts.append(first[0] - process.started)
+            ends[signals[number % 2]].append(took)
+            if status or not (folder / 'bag' / 'metadata.yaml').is_file():
+                table.add(f'start {number}', f'exit status {status}', '0, bag closed', False)
+            if 'Traceback' in process.log():
+                table.add(f'start {number}', 'traceback', 'none', False)
+    table.add('start to first poses, median', _text(statistics.median(starts)),
+              f'{START:g} s', statistics.median(starts) <= START, wall=True)
+    table.add('start to first poses, worst', _text(max(starts)))
+    for number, times in ends.items():
+        table.add(f'{number.name} to exit, worst', _text(max(times)), f'{STOP:g} s',
+                  max(times) <= STOP, wall=True)
+    _large_reweave(setting)
+    _services(setting)
+
+
+def _large_reweave(setting: Setting) -> None:
+    """
+    A large fabric is woven, twice, while parameters are read and set; then once more to the end.
+    """
+    table, size = setting.table, list(setting.arguments.large)
+    scene = {
+        'weave': {'size': [5, 5, 5]}, 'connector': {'stiffness': 1.0},
+        'contact': {'mode': 'never'},
+        'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
+        'solver': {'method': 'leapfrog', 'step': 0.005}, 'publish_rate': 10.0,
+        'marker_rate': 1.0, 'real_time_factor': 0.2}
+    with FabricProcess(
+        setting.folder / 'large', scene, setting.domain
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        gets: list[float] = []
+        sets: list[float] = []
+        builds, gaps = [], []
+        for _ in range(2):
+            first, began = len(watch.events), time.monotonic()
+            tick = len(watch.ticks)
+            graph.set(weave__size=size)
+            # One by one: round trips while the fabric is built, until it is in place.
+            while not any(event['event'] == 'reweave' for event in watch.events[first:]):
+                gets.append(graph.get('weave.size', 'publish_rate'))
+                sets.append(graph.set(input_horizon=1.0 + len(sets) * 1e-3)[1])
+                time.sleep(0.01)
+                if time.monotonic() - began > 300.0:
+                    raise Trouble(f'no re-weave within 300 s:\n{process.log()[-3000:]}')
+            builds.append(time.monotonic() - began)
+            walls = [wall for wall, _ in watch.ticks[tick:]]
+            gaps.append(max(b - a for a, b in zip(walls, walls[1:])))
+            first = len(watch.events)
+            graph.set(weave__size=[5, 5, 5])
+            watch.next_event('reweave', first)
+        graph.set(weave__size=size)
+        time.sleep(0.3 * min(builds))
+        status, took = process.stop()
+        watch.end()
+    table.add('re-weave of the large fabric', ', '.join(map(_text, builds)))
+    table.add('  get_parameters meanwhile, median, worst', _both(gets))
+    table.add('  set_parameters meanwhile, median, worst', _both(sets))
+    table.add('  longest time between two ticks', _text(max(gaps)))
+    table.add('  SIGINT meanwhile to exit', _text(took), f'{STOP:g} s', took <= STOP, wall=True)
+    table.add('  exit status', str(status), '0', status == 0)
+
+
+def _services(setting: Setting) -> None:
+    table, folder = setting.table, setting.folder / 'services'
+    with FabricProcess(
+        folder, SCENE, setting.domain, record__path=folder / 'bag'
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        times: dict[str, list[float]] = {}
+        for _ in range(20):
+            for service, fields in (
+                ('get_parameters', None), ('pause', {'data': True}), ('step', {}),
+                ('pause', {'data': False}), ('reset', {}), ('save_checkpoint', {}),
+                ('restore_checkpoint', {}), ('record', {'data': True}),
+            ):
+                if fields is None:
+                    took = graph.get('weave.size')
+                else:
+                    kind = 'SetBool' if fields else 'Trigger'
+                    answer, took = graph.call(service, kind, **fields)
+                    if not answer.success:
+                        table.add(f'~/{service}', answer.message[:26], '', False)
+                times.setdefault(service, []).append(took)
+        process.stop()
+    for service, found in times.items():
+        table.add(f'~/{service} to its answer, median, worst', _both(found))
+
+
+def slow_subscriber(setting: Setting) -> None:
+    """A reliable subscriber that is stopped with SIGSTOP beside a fabric of 10,206 bodies."""
+    table, watched = setting.table, setting.arguments.watched
+    table.begin('slow-subscriber', f'10,206 bodies, {watched:g} s each, wanted real-time factor '
+                f'{setting.arguments.factor:g}')
+    scene = {
+        'weave': {'size': [27, 27, 28]}, 'connector': {'stiffness': 20.0},
+        'contact': {'mode': 'never'},
+        'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
+        'solver': {'method': 'leapfrog', 'step': 1e-3, 'threads': 1},
+        'real_time_factor': setting.arguments.factor}
+    topics = [word for topic in (POSES, MARKERS) for word in topic]
+    with FabricProcess(
+        setting.folder, scene, setting.domain
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        alone = _factor(watch, watched)
+        listener = subprocess.Popen(
+            [sys.executable, '-m', LISTENER, *topics],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env=environment(setting.domain))
+        try:
+            assert listener.stdin is not None and listener.stdout is not None
+            print('listen', file=listener.stdin, flush=True)
+            listener.stdout.readline()
+            heard = _factor(watch, watched)
+            listener.send_signal(signal.SIGSTOP)
+            before = int(watch.figures['messages not taken in time'])
+            stopped = _factor(watch, watched)
+            again = _factor(watch, watched)
+            displaced = int(watch.figures['messages not taken in time']) - before
+        finally:
+            listener.kill()
+            listener.wait()
+        status, took = process.stop()
+        watch.end()
+    table.add('real-time factor without a subscriber', f'{alone:.3f}')
+    table.add('  with one that takes all', f'{heard:.3f}')
+    least = _KEPT * heard
+    table.add('  with the same one, stopped', f'{stopped:.3f}, then {again:.3f}',
+              f'at least {least:.3f} on average',
+              stopped + again >= 2.0 * least, wall=True)
+    table.add('  messages counted as not taken', f'{displaced:,}', 'some', displaced > 0)
+    _judge_end(table, process, status, took)
+
+
+def dying_subscribers(setting: Setting) -> None:
+    """
+    Reliable subscribers that are killed as they read, one after the other, beside a healthy one.
+    """
+    table, arguments = setting.table, setting.arguments
+    table.begin('dying-subscribers', f'1,014 bodies, {arguments.kills} subscribers')
+    scene = {
+        'weave': {'size': [13, 13, 12]}, 'contact': {'mode': 'never'},
+        'initial_random': {'velocity_sigma': 0.001},
+        'solver': {'method': 'leapfrog', 'step': 4e-4}, 'real_time_factor': 0.5}
+    topics = [word for topic in (POSES, MARKERS) for word in topic]
+    with FabricProcess(
+        setting.folder, scene, setting.domain
+    ) as process, Graph(setting.domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        _factor(watch, 1.0)
+        first = len(watch.ticks)
+        for _ in range(arguments.kills):
+            with subprocess.Popen(
+                [sys.executable, '-m', LISTENER, *topics],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                env=environment(setting.domain),
+            ) as listener:
+                assert listener.stdin is not None and listener.stdout is not None
+                print('listen', file=listener.stdin, flush=True)
+                listener.stdout.readline()
+                time.sleep(1.0)
+                listener.kill()
+        time.sleep(3.0)
+        walls = [wall for wall, _ in watch.ticks[first:]]
+        gaps = sorted(late - early for early, late in zip(walls, walls[1:]))
+        status, took = process.stop()
+        watch.end()
+    table.add('longest time between two ticks, heard by the other one', _text(gaps[-1]),
+              f'{GAP:g} s', gaps[-1] <= GAP, wall=True)
+    table.add('  of 1,000 the longest', _text(gaps[-1 - len(gaps) // 1000]))
+    _judge_end(table, process, status, took)
+
+
+def _factor(watch: Watch, wanted: float) -> float:
+    """Simulated over wall time for a while, once what began before is over."""
+    time.sleep(2.0)
+    first = watch.ticks[-1]
+    time.sleep(wanted)
+    last = watch.ticks[-1]
+    return (last[1] - first[1]) / 1e9 / (last[0] - first[0])
+
+
+def _judge_deeds(table: Table, driver: Driver, watch: Watch) -> None:
+    deeds = sum(count for name, count in driver.done.items() if ',' not in name)
+    table.add('done', f'{deeds:,} deeds')
+    table.details([', '.join(f'{name} {count}' for name, count in sorted(driver.done.items()))])
+    table.add('refused, or taken, against expectation', str(len(driver.problems)), '0',
+              not driver.problems)
+    table.details(driver.problems)
+    errors = sorted({status.message for _, status in watch.reports if status.level == ERROR})
+    table.add('reports of ERROR', str(len(errors)))
+    table.details(errors)
+
+
+def _judge_end(table: Table, process: FabricProcess, status: int, took: float) -> None:
+    table.add('exit status', str(status), '0', status == 0)
+    table.add('SIGINT to exit', _text(took), f'{STOP:g} s', took <= STOP, wall=True)
+    log = process.log()
+    table.add('tracebacks', str(log.count('Traceback')), '0', 'Traceback' not in log)
+    table.add('lines in the log', f'{len(log.splitlines()):,}')
+
+
+def _judge_memory(table: Table, watch: Watch, path: Path) -> None:
+    uses = watch.uses
+    times = [use.wall for use in uses]
+    memory = [use.memory for use in uses]
+    rise = slope(times, memory)
+    half = 0.5 * (times[-1] - times[0])
+    floor = MEMORY_FLOOR if half > 0.5 * TEN_MINUTES else MEMORY_FLOOR_SHORT
+    table.add('memory at first, half way, at last',
+              ' '.join(f'{memory[place]:.0f}' for place in (0, len(uses) // 2, -1)) + ' MB')
+    table.add('  rise over the second half', f'{TEN_MINUTES * rise:+.1f} MB in 10 min',
+              f'{MEMORY:g}, or {floor:g} in all',
+              TEN_MINUTES * rise <= MEMORY or rise * half <= floor)
+    # Threads and files come and go with bags and re-weaves.
+    for name, values in (('threads', [use.threads for use in uses]),
+                         ('open files', [use.files for use in uses])):
+        quarter = max(len(values) // 4, 1)
+        early, late = (statistics.median(part) for part in
+                       (values[quarter:2 * quarter] or values, values[-quarter:]))
+        table.add(f'{name}, median early and late', f'{early:g}, {late:g}', '+4',
+                  late <= early + 4)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file)
+        writer.writerow(['wall [s]', 'memory [MB]', 'threads', 'files'])
+        writer.writerows([f'{use.wall - times[0]:.1f}', f'{use.memory:.1f}', *use[2:]]
+                         for use in uses)
+
+
+def _judge_clock(table: Table, watch: Watch) -> None:
+    moments = moments_of(
+        ((event['event'], event['time'], event) for event in watch.events), watch.ticks[0][1])
+    faults = clock_faults([stamp for _, stamp in watch.ticks], moments, CLOCK_RATE)
+    table.add('ticks of /clock received', f'{len(watch.ticks):,}')
+    table.add('  missing, doubled or off the grid', str(len(faults)), '0', not faults)
+    table.details(faults)
+    pace = pace_of(watch.ticks, moments, CLOCK_RATE)
+    table.add('real-time factor, both halves', f'{pace.first:.4f}, {pace.second:.4f}',
+              f'drift {DRIFT:g}', abs(pace.drift) <= DRIFT, wall=True)
+    table.add('longest time between two ticks', _text(pace.longest))
+
+
+def _judge_bags(table: Table, bag: Path, threads: int) -> int:
+    """Wrenches that acted, by the bags."""
+    paths = sorted(path for path in bag.parent.glob('bag*') if not path.name.endswith('points'))
+    open_ones = [path for path in paths if not (path / 'metadata.yaml').is_file()]
+    checks = [check_bag(path, CLOCK_RATE, threads=threads) for path in paths]
+    table.add('bags, not closed', f'{len(paths)}, {len(open_ones)}', '0 not closed',
+              bool(paths) and not open_ones)
+    bad = [check for check in checks if check.verdict != 'identical']
+    span = sum(check.end - check.begin for check in checks) / 1e9
+    table.add('  verify identical', f'{len(checks) - len(bad)}, {span:.0f} s in all', 'all',
+              not bad)
+    table.details([f'{check.path.name}: {check.verdict}' for check in bad])
+    faults = [f'{check.path.name}: {fault}' for check in checks for fault in check.clock]
+    table.add('  ticks missing, doubled or off the grid', str(len(faults)), '0', not faults)
+    table.details(faults)
+    return sum(check.inputs for check in checks)
+
+
+def _text(seconds: float) -> str:
+    return f'{seconds:.2f} s' if seconds >= 0.1 else f'{1e3 * seconds:.1f} ms'
+
+
+def _both(times: list[float]) -> str:
+    return f'{_text(statistics.median(times))}, {_text(max(times))} of {len(times)}'
+
+
+PARTS: dict[str, Callable[[Setting], None]] = {
+    'soak': soak, 'verify60': verify60, 'kills': kills, 'latency': latency,
+    'slow-subscriber': slow_subscriber, 'dying-subscribers': dying_subscribers}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--part', choices=[*PARTS, 'all'], default='soak')
+    parser.add_argument('--minutes', type=float, default=30.0, help='wall time of soak')
+    parser.add_argument('--seconds', type=float, default=60.0, help='simulated, of verify60')
+    parser.add_argument('--kills', type=int, default=20)
+    parser.add_argument('--starts', type=int, default=10, help='of latency')
+    parser.add_argument(
+        '--large', type=int, nargs=3, default=[58, 58, 60], metavar='N',
+        help='weave.size of the large fabric of latency')
+    parser.add_argument('--watched', type=float, default=15.0, help='of slow-subscriber [s]')
+    parser.add_argument(
+        '--factor', type=float, default=1.0, help='real_time_factor of slow-subscriber')
+    parser.add_argument('--threads', type=int, default=0, help='to verify with')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--domain', type=int, help='ROS_DOMAIN_ID (default: one that is not used)')
+    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'soak' / 'soak.csv')
+    parser.add_argument('--keep', type=Path, help='folder for logs and bags, which are kept')
+    parser.add_argument(
+        '--no-wall-limits', action='store_true',
+        help='show figures in wall time without judging them: the machine does other things')
+    arguments = parser.parse_args()
+    # As Ctrl-C does: no node stays behind.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(130))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    print(f'{describe_machine()}, load {os.getloadavg()[0]:.1f}', flush=True)
+    table = Table(wall_limits=not arguments.no_wall_limits)
+    folder = arguments.keep or Path(tempfile.mkdtemp(prefix='icofabric_soak_'))
+    try:
+        for name in PARTS if arguments.part == 'all' else [arguments.part]:
+            domain = free_domain() if arguments.domain is None else arguments.domain
+            PARTS[name](Setting(folder / name, domain, arguments, table))
+    except Trouble as error:
+        table.add('the node', 'in trouble', '', False)
+        print(error, file=sys.stderr)
+    finally:
+        table.write(arguments.csv)
+    print(f'load {os.getloadavg()[0]:.1f}; written to {arguments.csv}')
+    if table.is_good and not arguments.keep:
+        shutil.rmtree(folder)
+    else:
+        print(f'logs and bags are kept in {folder}')
+    return 0 if table.is_good else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

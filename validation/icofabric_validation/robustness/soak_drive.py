@@ -1,0 +1,310 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""For soak.py: whatever a client may do to the node, and should not, at random moments."""
+
+from collections import Counter
+from collections.abc import Callable
+import random
+import struct
+import time
+from typing import Any
+
+from icofabric_sim.messages import ERROR, WrenchStampedBytes
+from icofabric_validation.robustness.soak_graph import Graph, NODE, Watch
+
+LOADS = ('tip', 'all_of_it')
+SCENE: dict[str, Any] = {
+    'weave': {'size': [4, 3, 3], 'connector_angle': 0.66},
+    'connector': {'stiffness': 1000.0},
+    'contact': {'mode': 'never'},
+    'gravity': [0.0, 0.0, -9.81],
+    'groups': {'wall': 'x_min', 'tip': 'x_max', 'everything': 'all'},
+    'supports': {'wall': {'group': 'wall', 'fix': 'all'}},
+    'loads': {'tip': {'group': 'tip', 'share': 'total'},
+              'all_of_it': {'group': 'everything', 'share': 'total', 'hold': 0.5}},
+    'publish_rate': 60.0,
+    'clock_rate': 100.0,
+}
+_WRENCH_TOPIC = f'{NODE}/wrench'
+_FORCE = 0.02  # [N], about the weight of a shell
+_OVERLOADS = (1e2, 1e4, 1e9, 1e300)  # [N]
+_LAST_BODY = 20  # some weaves have fewer
+# Chance after each deed without a bag that the next one is begun.
+_SWITCH_ON = 0.1
+# Messages of a burst may be sent again by the middleware: as many reports are waited for.
+_LATE = 4
+LONGEST_FRAME = 10_000  # characters
+_FILLINGS, _FILLING = 5, 5000
+# Wall time between two deeds [s].
+_REST = (0.01, 0.15)
+
+
+def wrench(
+    frame: str, force: tuple[float, ...] = (0.0, 0.0, 0.0),
+    torque: tuple[float, ...] = (0.0, 0.0, 0.0), stamp: int = 0,
+) -> bytes:
+    """A message."""
+    message = WrenchStampedBytes(frame)
+    message.force[:], message.torque[:] = force, torque
+    return message.stamped(stamp)
+
+
+class Driver:
+    """
+    Does things at random, and counts.
+
+    Wrenches are sent only while a bag is open, which has those that acted.
+    """
+
+    def __init__(self, graph: Graph, watch: Watch, generator: random.Random) -> None:
+        """Begin while a bag is open and time runs."""
+        self.graph, self.watch, self.generator = graph, watch, generator
+        self.done: Counter[str] = Counter()
+        self.sent = 0
+        # Of a burst longer than its queue the middleware keeps the last.
+        self.burst_count, self.displaced = 0, 0
+        self.problems: list[str] = []
+        self._recording = True
+        self._deeds: tuple[tuple[float, Callable[[], None]], ...] = (
+            (40.0, self.push), (6.0, self.push_ahead), (8.0, self.reweave), (6.0, self.retune),
+            (5.0, self.pause_and_step), (4.0, self.reset), (4.0, self.save), (3.0, self.restore),
+            (1.5, self.switch_recording), (8.0, self.send_nonsense), (1.0, self.burst),
+            (3.0, self.ask_nonsense), (0.7, self.overload))
+
+    def drive(self, until: Callable[[], bool], names: frozenset[str] = frozenset()) -> None:
+        """Go on `until` that is true, with all that can be done or with what is named."""
+        deeds = [(weight, deed) for weight, deed in self._deeds
+                 if not names or deed.__name__ in names]
+        weights, actions = zip(*deeds)
+        # Each once, so that nothing depends on luck; then at random.
+        for deed in self.generator.sample(actions, len(actions)):
+            if until():
+                return
+            self._do(deed)
+        while not until():
+            self._do(self.generator.choices(actions, weights)[0])
+
+    def _do(self, deed: Callable[[], None]) -> None:
+        deed()
+        self.done[deed.__name__] += 1
+        if not self._recording and self.generator.random() < _SWITCH_ON:
+            self.switch_recording()
+        time.sleep(self.generator.uniform(*_REST))
+
+    # Wrenches.
+
+    def push(self) -> None:
+        """Up to ten at once, on channels and single bodies."""
+        if self._recording:
+            for _ in range(self.generator.randint(1, 10)):
+                self._push(0)
+
+    def push_ahead(self) -> None:
+        """Some that act later, or whose stamp has passed."""
+        if self._recording:
+            for _ in range(5):
+                self._push(self.watch.now + self.generator.randint(-10**8, 3 * 10**8))
+
+    def _push(self, stamp: int) -> None:
+        force = tuple(self.generator.gauss(0.0, _FORCE) for _ in range(3))
+        torque = tuple(self.generator.gauss(0.0, 1e-5) for _ in range(3))
+        if self.generator.random() < 0.3:
+            force = torque = (0.0, 0.0, 0.0)
+        if self.generator.random() < 0.5:
+            topic = f'{NODE}/loads/{self.generator.choice(LOADS)}'
+            self._send(topic, wrench('', force, torque, max(stamp, 0)))
+        else:
+            body = self.generator.randint(0, _LAST_BODY)
+            self._send(
+                _WRENCH_TOPIC, wrench(f'icosahedron_{body}', force, torque, max(stamp, 0)))
+
+    def _send(self, topic: str, data: bytes) -> None:
+        self.graph.publish(topic, data)
+        self.sent += 1
+
+    def nonsense(self) -> tuple[str, bytes]:
+        """A topic, and a message that must be dropped there."""
+        generator, good = self.generator, wrench('icosahedron_0', (0.001, 0.0, 0.0))
+        broken = bytearray(good)
+        struct.pack_into('<I', broken, 12, generator.choice([0, 2**31, 2**32 - 1]))
+        text = bytearray(wrench('icosahedron_0'))
+        text[16:20] = b'\xff\xfe\x80\x00'
+        return generator.choice([_WRENCH_TOPIC, f'{NODE}/loads/tip']), generator.choice([
+            good[:generator.randint(4, len(good) - 9)],
+            bytes(broken),
+            bytes(text),
+            wrench('moon'),
+            wrench('x' * LONGEST_FRAME),
+            wrench('icosahedron_999999999'),
+            wrench('icosahedron_-1'),
+            wrench('icosahedron_0', (float('nan'), 0.0, 0.0)),
+            wrench('icosahedron_0', (0.0, 0.0, 0.0), (0.0, float('inf'), 0.0)),
+            good + b'\1' * 1000,
+            generator.randbytes(generator.randint(4, 200)),
+        ])
+
+    def send_nonsense(self) -> None:
+        """A few that must be dropped."""
+        for _ in range(self.generator.randint(1, 5)):
+            self._send(*self.nonsense())
+
+    def burst(self) -> None:
+        """Thousands of them at once."""
+        self._burst([self.nonsense() for _ in range(20)], self.generator.randint(2000, 5000))
+
+    def fill_queues(self) -> None:
+        """
+        The longest message, until the queues have held it everywhere.
+
+        The middleware keeps for each of the 1,000 places of a queue as much memory as its longest
+        message took: what grows later is something else.
+        """
+        longest = wrench('x' * LONGEST_FRAME)
+        for topic in (_WRENCH_TOPIC, f'{NODE}/loads/tip'):
+            for _ in range(_FILLINGS):
+                self._burst([(topic, longest)], _FILLING)
+
+    def _burst(self, messages: list[tuple[str, bytes]], count: int) -> None:
+        before = self.settle()
+        for number in range(count):
+            self._send(*messages[number % len(messages)])
+        arrived = self.settle(_LATE) - before
+        self.displaced += count - arrived
+        self.burst_count += count
+        if not 0 < arrived <= count:
+            self.problems.append(f'{arrived} of a burst of {count} were dropped')
+
+    def overload(self) -> None:
+        """A force that nothing stands: dropped, or the simulation stops, until a reset."""
+        if not self._recording:
+            return
+        first, before = len(self.watch.events), self.settle()
+        body = self.generator.randint(0, _LAST_BODY)
+        force = self.generator.choice(_OVERLOADS)
+        self._send(_WRENCH_TOPIC, wrench(f'icosahedron_{body}', (force, 0.0, 0.0)))
+        reports = self.watch.next_reports(2)
+        dropped = self.settle() > before
+        failed = any(event['event'] == 'failed' for event in self.watch.events[first:])
+        self.done['overload, dropped'] += dropped
+        self.done['overload, failed'] += failed
+        if failed and not any(status.level == ERROR for status in reports):
+            self.problems.append('the simulation has failed, and no report says so')
+        self._send(_WRENCH_TOPIC, wrench(f'icosahedron_{body}'))
+        self.expect('reset')
+
+    # What is done to the run.
+
+    def reweave(self) -> None:
+        """Another weave, by one change of several parameters or by several changes."""
+        generator = self.generator
+        wanted: dict[str, Any] = {}
+        for name, value in (
+            ('weave__size', [generator.randint(2, 6), *generator.choices(range(2, 5), k=2)]),
+            ('weave__variant', generator.randint(0, 3)),
+            ('connector__stiffness', round(generator.uniform(300.0, 2000.0), 1)),
+            ('shell__density', round(generator.uniform(600.0, 2400.0), 1)),
+        ):
+            if generator.random() < 0.4:
+                wanted[name] = value
+        wanted = wanted or {'weave__variant': generator.randint(0, 3)}
+        results, _ = self.graph.set(atomically=generator.random() < 0.6, **wanted)
+        for result in results:
+            if not result.successful:
+                self.problems.append(f'{wanted} was refused: {result.reason}')
+
+    def retune(self) -> None:
+        """Live values."""
+        generator = self.generator
+        results, _ = self.graph.set(
+            publish_rate=generator.choice([30.0, 60.0, 97.0]),
+            marker_rate=generator.choice([5.0, 10.0]), step_count=generator.randint(1, 50),
+            reset_time=generator.random() < 0.5)
+        if not results[0].successful:
+            self.problems.append(f'rates were refused: {results[0].reason}')
+
+    def pause_and_step(self) -> None:
+        """A pause, with steps in it or none, while wrenches come."""
+        self.expect('pause', data=True)
+        self.push()
+        for _ in range(self.generator.randint(0, 2)):
+            self.expect('step')
+        time.sleep(self.generator.uniform(0.0, 1.0))
+        self.expect('pause', data=False)
+
+    def reset(self) -> None:
+        """Of the state, and of the time where reset_time says so."""
+        self.expect('reset')
+
+    def save(self) -> None:
+        """A checkpoint."""
+        self.expect('save_checkpoint')
+
+    def restore(self) -> None:
+        """The last one, which is refused where another fabric was woven meanwhile."""
+        answer, _ = self.graph.call('restore_checkpoint')
+        self.done['restore, refused'] += not answer.success
+
+    def switch_recording(self) -> None:
+        """Off, or on again."""
+        if self._recording:
+            self.settle()
+            self._recording = False
+            self.expect('record', data=False)
+        else:
+            self.expect('record', data=True)
+            self._recording = True
+
+    def ask_nonsense(self) -> None:
+        """Changes that must be refused."""
+        name, value = self.generator.choice([
+            ('weave.size', [1000, 1000, 1000]), ('weave.size', [0, 3, 3]),
+            ('weave.size', [-2**62, 2**62, 3]), ('shell.density', float('nan')),
+            ('connector.stiffness', -1.0), ('no.such.thing', 1), ('weave.variant', 7),
+            ('groups.tip', 'x_mox'), ('groups.tip', '!!python/object/apply:os.system [true]'),
+            ('clock_rate', 0.0), ('weave.size', 'many'), ('loads.a-b.group', 'tip')])
+        results, _ = self.graph.set(
+            atomically=self.generator.random() < 0.5, **{name.replace('.', '__'): value})
+        if any(result.successful for result in results):
+            self.problems.append(f'{name} = {value!r} was taken')
+
+    # Between deeds.
+
+    def expect(self, service: str, **fields: Any) -> None:
+        """Call a service that must do what is asked for."""
+        answer, _ = self.graph.call(service, 'SetBool' if fields else 'Trigger', **fields)
+        if not answer.success:
+            self.problems.append(f'~/{service} {fields or ""}: {answer.message}')
+
+    def settle(self, count: int = 1) -> int:
+        """
+        Wait until all that was sent has acted or was dropped; returns how many were dropped.
+
+        That is so when `count` reports, one a second, say the same as the one before them.
+        """
+        for _ in range(2):  # messages that arrive first are handled first
+            self.graph.get('step_count')
+        before, same = -1, 0
+        while True:
+            values = self.watch.next_reports()[0].values
+            dropped = int(values['wrenches dropped'])
+            same = same + 1 if dropped == before and values['loads waiting'] == '0' else 0
+            if same >= count:
+                return dropped
+            before = dropped
+
+    def finish(self) -> int:
+        """Leave time running and a bag open; returns how many wrenches were dropped."""
+        if not self._recording:
+            self.switch_recording()
+        return self.settle(_LATE)

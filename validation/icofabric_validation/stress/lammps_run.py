@@ -1,0 +1,258 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A scene in LAMMPS: bodies of `fix rigid/nve`, connectors as harmonic bonds of atoms on these.
+
+Its method for rigid bodies that keeps energy (velocity Verlet with NO_SQUISH rotations), of order
+2. Lengths are in units of a, masses of that of a shell and times of the fastest motion. Each body
+has an atom at its centre and three at a along its axes, by which its state is read, and one for
+each end of a connector. Loads act on the first four, by its `fix external`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+import tempfile
+from typing import Any
+
+from icofabric_sim.geometry.rotations import (
+    cosines_from_quaternions,
+    quaternions_from_cosines,
+)
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_validation.stress import lammps_engine
+from icofabric_validation.stress.peer_loads import PeerLoads
+from icofabric_validation.stress.peer_state import State, Steps
+import numpy as np
+
+# Terms of a kind of scenes that are the same forces there.
+TERMS = ('heavy', 'held', 'attached', 'grouped', 'loaded')
+DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
+METHOD = 'LAMMPS rigid/nve'
+# Error of its method in a radian of an oscillation, over step times frequency to its order.
+ERROR, ORDER = 1.0 / 24.0, 2
+# Steps between two looks at where the bodies are.
+_LOOK = 64
+# Atoms of a body before those of its connectors.
+_MARKERS = 4
+
+
+class LammpsRun:
+    """A run with steps of one length, from the start of a scene."""
+
+    def __init__(self, scene: Scene, step: float, rate: float) -> None:
+        """
+        Take steps of `step` [s]; `rate` [rad/s] of the fastest motion is the unit of time.
+
+        Raises ValueError where LAMMPS cannot take the scene.
+        """
+        self.scene = scene
+        self.should_stop: Callable[[], bool] | None = None
+        self.step, self.step_count = step, 0
+        self._length, self._rate = scene.geometry.half_edge, rate
+        self._loads = PeerLoads(scene)
+        self._steps = Steps(step, self._loads.ends)
+        # The stretch of time of the steps that are taken, and the number of the first of them.
+        self._part = self._first = 0
+        self._intact = np.ones(scene.connector_count, dtype=bool)
+        ends = scene.connectors.bodies
+        # The ends of connectors, side by side, after the markers of all bodies.
+        self._bodies = np.concatenate([
+            np.repeat(np.arange(scene.body_count), _MARKERS), ends.ravel()])
+        self._engine: Any = lammps_engine.open_engine()
+        try:
+            self._start()
+        except Exception as error:
+            self.close()
+            raise ValueError(f'LAMMPS: {error}') from error
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present state."""
+        return self._steps.time(self.step_count)
+
+    def advance_to(self, time: float) -> None:
+        """Take whole steps, of which the last ends at a `time` [s] or after it."""
+        while self.time < time:
+            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
+
+    def advance_steps(self, count: int) -> None:
+        """Take so many steps; raises SimulationError where places are none, and Interrupted."""
+        if self.should_stop is not None and self.should_stop():
+            raise Interrupted
+        end = self.step_count + count
+        try:
+            while self.step_count < end:
+                self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
+        except Exception as error:
+            raise SimulationError(f'LAMMPS at t = {self.time:.9g} s: {error}') from error
+        if not np.isfinite(self._gather('x')).all():
+            raise SimulationError(
+                f'LAMMPS at t = {self.time:.9g} s, after steps of {self.step:.6g} s: places are '
+                'no numbers')
+
+    def _advance_alike(self, count: int) -> None:
+        """Take steps in one stretch of time, in which no load jumps."""
+        part, again = self._steps.part(self.step_count), 'no'
+        if part != self._part:
+            # Forces at the beginning of a step are those of its own stretch, so once more.
+            self._part, again = part, 'yes'
+            self._set_step()
+        self._first = self.step_count
+        self._engine.command(f'run {count} pre {again} post no')
+        self.step_count += count
+
+    def _set_step(self) -> None:
+        self._engine.command(f'timestep {self._steps.length(self.step_count) * self._rate!r}')
+
+    def _push(
+        self, caller: object, step: int, count: int, tags: np.ndarray, places: np.ndarray,
+        forces: np.ndarray
+    ) -> None:
+        """Give the loads after so many steps as forces on the first atoms of the bodies."""
+        loads = self._loads
+        atoms = np.argsort(tags)[:_MARKERS * self.scene.body_count].reshape(-1, _MARKERS)
+        atoms = atoms[loads.bodies]
+        axes = places[atoms[:, 1:]] - places[atoms[:, :1]]
+        force, torque = loads.at(
+            self._steps.time(step), self._steps.within(self._first), axes)
+        unit = self.scene.shell.mass * self._length * self._rate**2
+        # Of three axes at right angles: the sum of e x (N x e) is 2 N.
+        turning = 0.5 * np.cross(torque[:, None] / (unit * self._length), axes)
+        forces[:] = 0.0
+        forces[atoms[:, 1:]] = turning
+        forces[atoms[:, 0]] = force / unit - turning.sum(axis=1)
+
+    def snapshot(self) -> State:
+        """The present state."""
+        count, a, rate = self.scene.body_count, self._length, self._rate
+        place, speed = (
+            self._gather(name)[:_MARKERS * count].reshape(count, _MARKERS, 3)
+            for name in ('x', 'v'))
+        # Rows are the axes of the body in the world.
+        axes = place[:, 1:] - place[:, :1]
+        moved = speed[:, 1:] - speed[:, :1]
+        spin = 0.5 * np.cross(axes, moved).sum(axis=1)
+        return State(
+            a * place[:, 0], quaternions_from_cosines(axes), a * rate * speed[:, 0], rate * spin,
+            self._intact)
+
+    def saved(self) -> np.ndarray:
+        """Places and velocities of all atoms."""
+        return np.concatenate([self._gather('x'), self._gather('v')])
+
+    def close(self) -> None:
+        """Let go of its memory."""
+        if self._engine is not None:
+            self._engine.close()
+            self._engine = None
+
+    def _gather(self, name: str) -> np.ndarray:
+        return np.array(self._engine.gather_atoms(name, 1, 3)).reshape(-1, 3)
+
+    def _start(self) -> None:
+        """Give it the scene."""
+        scene, a, rate = self.scene, self._length, self._rate
+        with tempfile.TemporaryDirectory(prefix='icofabric_lammps_') as folder:
+            data, bodies = Path(folder) / 'fabric.data', Path(folder) / 'bodies.txt'
+            reach, laws = self._write_atoms(data)
+            self._write_bodies(bodies)
+            gravity = np.array(scene.parameters['gravity'], dtype=float) / (a * rate**2)
+            lines = [
+                'units lj', 'atom_style bond',
+                # No order of atoms but the given one, and no neighbours: nothing but bonds acts.
+                'atom_modify map array sort 0 0.0', 'boundary f f f',
+                f'comm_modify cutoff {reach!r}', 'bond_style harmonic', f'read_data {data}']
+            # LAMMPS leaves out the factor 1/2 of the energy.
+            unit = scene.shell.mass * rate**2
+            lines += [
+                f'bond_coeff {number + 1} {0.5 * float(stiffness) / unit!r} {float(length) / a!r}'
+                for number, (stiffness, length) in enumerate(laws)] or ['bond_coeff 1 0.0 1.0']
+            lines += ['neigh_modify once yes', 'group centres type 2']
+            if gravity.any():
+                lines.append('fix gravity centres addforce ' + _numbers(gravity))
+            if self._loads.bodies.size:
+                lines.append('fix loads all external pf/callback 1 1')
+            lines += [
+                f'fix rigid all rigid/nve molecule {self._held()} infile {bodies} reinit no',
+                'thermo_style custom step', 'thermo 0']
+            for line in lines:
+                self._engine.command(line)
+            if self._loads.bodies.size:
+                self._engine.set_fix_external_callback('loads', self._push, None)
+            self._set_step()
+            self._engine.command('run 0')
+
+    def _held(self) -> str:
+        """Forces and torques that supports take."""
+        supports = self.scene.supports
+        if supports is None:
+            return ''
+        words = []
+        for body in range(self.scene.body_count):
+            moving = ~np.asarray(supports.translation[body], dtype=bool)
+            turning = not supports.rotation[body]
+            if not (moving.all() and turning):
+                words.append(f'force {body + 1} ' + ' '.join(
+                    'on' if free else 'off' for free in moving))
+                words.append(f'torque {body + 1} ' + 3 * ('on ' if turning else 'off '))
+        return ' '.join(words)
+
+    def _write_atoms(self, path: Path) -> tuple[float, np.ndarray]:
+        """Atoms and bonds; returns how far bonds may reach, and their laws (m, 2)."""
+        scene, a = self.scene, self._length
+        connectors, start = scene.connectors, scene.initial
+        axes = cosines_from_quaternions(start.orientation)
+        markers = start.position[:, None] / a + np.concatenate(
+            [np.zeros((scene.body_count, 1, 3)), axes], axis=1)
+        ends = start.position[connectors.bodies] / a + np.einsum(
+            'cei,ceij->cej', connectors.points_body / a, axes[connectors.bodies])
+        atoms = np.concatenate([markers.reshape(-1, 3), ends.reshape(-1, 3)])
+        laws, which = np.unique(np.column_stack([
+            np.broadcast_to(values, scene.connector_count)
+            for values in (connectors.laws.extension, connectors.laws.natural_length)]),
+            axis=0, return_inverse=True)
+        size = float(np.ptp(atoms, axis=0).max()) + 1.0
+        low, high = atoms.min(axis=0) - 1e3 * size, atoms.max(axis=0) + 1e3 * size
+        lines = ['fabric', '', f'{len(atoms)} atoms', f'{scene.connector_count} bonds',
+                 '2 atom types', f'{max(len(laws), 1)} bond types', '']
+        lines += [f'{low[k]!s} {high[k]!s} {axis}lo {axis}hi' for k, axis in enumerate('xyz')]
+        # The file of bodies overrules these masses.
+        lines += ['', 'Masses', '', '1 1.0', '2 1.0', '', 'Atoms # bond', '']
+        for atom, (body, place) in enumerate(zip(self._bodies.tolist(), atoms.tolist())):
+            kind = 2 if atom < _MARKERS * scene.body_count and atom % _MARKERS == 0 else 1
+            lines.append(f'{atom + 1} {body + 1} {kind} ' + _numbers(place))
+        if scene.connector_count:
+            first = _MARKERS * scene.body_count + 1
+            lines += ['', 'Bonds', '']
+            lines += [f'{c + 1} {kind + 1} {first + 2 * c} {first + 2 * c + 1}'
+                      for c, kind in enumerate(which.ravel().tolist())]
+        path.write_text('\n'.join(lines) + '\n')
+        return 4.0 * size, laws
+
+    def _write_bodies(self, path: Path) -> None:
+        """Masses, inertias and motions of the bodies."""
+        scene, a, rate = self.scene, self._length, self._rate
+        inertia = scene.shell.inertia / (scene.shell.mass * a**2)
+        start, rows = scene.initial, [str(scene.body_count)]
+        for body in range(scene.body_count):
+            rows.append(f'{body + 1} 1.0 ' + _numbers([
+                *start.position[body] / a, *([inertia] * 3), 0.0, 0.0, 0.0,
+                *start.linear_velocity[body] / (a * rate),
+                *inertia * start.angular_velocity[body] / rate]) + ' 0 0 0')
+        path.write_text('\n'.join(rows) + '\n')
+
+
+def _numbers(values: Any) -> str:
+    return ' '.join(repr(float(value)) for value in values)

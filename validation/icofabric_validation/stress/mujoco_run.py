@@ -1,0 +1,226 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+A scene in MuJoCo: bodies on joints, connectors as spatial tendons with springs and dampers.
+
+Its Runge-Kutta method of order 4, in double precision. Lengths are in units of a, masses of that
+of a shell and times of the fastest motion, since it takes no mass below 1e-15. Loads act by its
+callback for passive forces, which it asks at each stage.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.libraries import install_command
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_validation.stress.peer_loads import PeerLoads
+from icofabric_validation.stress.peer_state import State, Steps
+import numpy as np
+
+# Terms of a kind of scenes that are the same forces there.
+TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped', 'loaded')
+DISTRIBUTION, INSTALL = 'mujoco', install_command('mujoco')
+METHOD = 'MuJoCo RK4'
+# Error of its method in a radian of an oscillation, over step times frequency to its order.
+ERROR, ORDER = 1.0 / 120.0, 4
+# Steps between two looks at what it warns of.
+_LOOK = 16
+
+
+class MuJoCoRun:
+    """A run with steps of one length, from the start of a scene."""
+
+    def __init__(self, scene: Scene, step: float, rate: float) -> None:
+        """
+        Take steps of `step` [s]; `rate` [rad/s] of the fastest motion is the unit of time.
+
+        Raises ValueError where MuJoCo cannot take the scene.
+        """
+        self.scene = scene
+        self.should_stop: Callable[[], bool] | None = None
+        self.step, self.step_count = step, 0
+        self._mujoco = import_module('mujoco')
+        self._length, self._second = scene.geometry.half_edge, rate
+        self._cosines = cosines_from_quaternions(scene.initial.orientation)
+        self._model = self._mujoco.MjModel.from_xml_string(self._text())
+        self._loads = PeerLoads(scene)
+        self._steps = Steps(step, self._loads.ends)
+        self._data = self._mujoco.MjData(self._model)
+        self._shown = self._mujoco.MjData(self._model)
+        self._start()
+        self._intact = np.ones(scene.connector_count, dtype=bool)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present state."""
+        return self._steps.time(self.step_count)
+
+    def advance_to(self, time: float) -> None:
+        """Take whole steps, of which the last ends at a `time` [s] or after it."""
+        while self.time < time:
+            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
+
+    def advance_steps(self, count: int) -> None:
+        """Take so many steps; raises SimulationError where it warns, and Interrupted."""
+        if self.should_stop is not None and self.should_stop():
+            raise Interrupted
+        end = self.step_count + count
+        while self.step_count < end:
+            self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
+        for kind in range(self._mujoco.mjtWarning.mjNWARNING):
+            if self._data.warning[kind].number:
+                words = self._mujoco.mju_warningText(
+                    kind, int(self._data.warning[kind].lastinfo))
+                raise SimulationError(
+                    f'MuJoCo at t = {self.time:.9g} s, after steps of {self.step:.6g} s: {words}')
+
+    def _advance_alike(self, count: int) -> None:
+        """Take steps in one stretch of time, in which no load jumps."""
+        mujoco, first = self._mujoco, self.step_count
+        self._model.opt.timestep = self._steps.length(first) * self._second
+        if self._loads.bodies.size:
+            within = self._steps.within(first)
+            mujoco.set_mjcb_passive(lambda model, data: self._push(model, data, within))
+        try:
+            mujoco.mj_step(self._model, self._data, count)
+        finally:
+            mujoco.set_mjcb_passive(None)
+        self.step_count += count
+
+    def _push(self, model: Any, data: Any, within: float) -> None:
+        """Add the loads to passive forces, where the bodies stand at the time of a stage."""
+        numbers = self._bodies[self._loads.bodies]
+        axes = data.xmat[numbers].reshape(-1, 3, 3).transpose(0, 2, 1)
+        force, torque = self._loads.at(data.time / self._second, within, axes)
+        unit = self.scene.shell.mass * self._length * self._second**2
+        for body, push, turn in zip(numbers, force / unit, torque / (unit * self._length)):
+            self._mujoco.mj_applyFT(
+                model, data, push, turn, data.xpos[body], int(body), data.qfrc_passive)
+
+    def snapshot(self) -> State:
+        """The present state."""
+        mujoco, model, data = self._mujoco, self._model, self._shown
+        mujoco.mj_copyData(data, model, self._data)
+        mujoco.mj_forward(model, data)
+        bodies = self._bodies
+        velocity = np.zeros((len(bodies), 6))
+        for row, body in zip(velocity, bodies):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, int(body), row, 0)
+        a, rate = self._length, self._second
+        return State(
+            a * data.xpos[bodies], data.xquat[bodies][:, [1, 2, 3, 0]],
+            a * rate * velocity[:, 3:], rate * velocity[:, :3], self._intact)
+
+    def saved(self) -> np.ndarray:
+        """All that steps to come depend on."""
+        kind = self._mujoco.mjtState.mjSTATE_FULLPHYSICS
+        numbers = np.zeros(self._mujoco.mj_stateSize(self._model, kind))
+        self._mujoco.mj_getState(self._model, self._data, numbers, kind)
+        return numbers
+
+    def restore(self, numbers: np.ndarray, step_count: int) -> None:
+        """Go on from there, after so many steps."""
+        self._mujoco.mj_setState(
+            self._model, self._data, numbers, self._mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        self.step_count = step_count
+
+    def _text(self) -> str:
+        """Description of the scene."""
+        scene, a, rate = self.scene, self._length, self._second
+        mass, inertia = 1.0, scene.shell.inertia / (scene.shell.mass * a**2)
+        laws, start = scene.connectors.laws, scene.initial
+        ends, points = scene.connectors.bodies.tolist(), scene.connectors.points_body / a
+        sites, bodies = [''] * scene.body_count, ''
+        for number, pair in enumerate(ends):
+            for side, body in enumerate(pair):
+                sites[body] += (
+                    f'<site name="s{number}_{side}" pos="{_numbers(points[number, side])}"/>')
+        for body in range(scene.body_count):
+            place, (x, y, z, w) = start.position[body] / a, start.orientation[body]
+            moving, turning = self._freedoms(body)
+            joints, quat = '<freejoint/>', (1.0, 0.0, 0.0, 0.0)
+            if not (all(moving) and turning):
+                joints = ''
+                axes = np.eye(3)
+                if not turning:
+                    quat = w, x, y, z
+                    axes = self._cosines[body].T
+                # In axes of the body as it stands here.
+                joints += ''.join(
+                    f'<joint type="slide" axis="{_numbers(axes[axis])}"/>'
+                    for axis in range(3) if moving[axis])
+                joints += '<joint type="ball"/>' if turning else ''
+            bodies += (
+                f'<body name="b{body}" pos="{_numbers(place)}" quat="{_numbers(quat)}">{joints}'
+                f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{_numbers([inertia] * 3)}"/>'
+                f'{sites[body]}</body>')
+        unit = scene.shell.mass * rate**2
+        stiffness, length, damping = (
+            np.broadcast_to(values, len(ends))
+            for values in (laws.extension, laws.natural_length, scene.connectors.damping))
+        tendons = ''.join(
+            f'<spatial stiffness="{float(stiffness[c]) / unit!r}" '
+            f'springlength="{float(length[c]) / a!r}" '
+            f'damping="{float(damping[c]) * rate / unit!r}">'
+            f'<site site="s{c}_0"/><site site="s{c}_1"/></spatial>' for c in range(len(ends)))
+        gravity = np.array(scene.parameters['gravity'], dtype=float) / (a * rate**2)
+        return (
+            '<mujoco><compiler balanceinertia="false" boundmass="0" boundinertia="0"/>'
+            f'<option gravity="{_numbers(gravity)}" integrator="RK4" jacobian="sparse"><flag '
+            'contact="disable" constraint="disable" sensor="disable" actuation="disable" '
+            'limit="disable" equality="disable" frictionloss="disable"/></option>'
+            f'<worldbody>{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>')
+
+    def _freedoms(self, body: int) -> tuple[list[bool], bool]:
+        """Along which axes of the world a body may move, and whether it may turn."""
+        supports = self.scene.supports
+        if supports is None:
+            return [True] * 3, True
+        return [not held for held in supports.translation[body]], not supports.rotation[body]
+
+    def _start(self) -> None:
+        """Put all bodies where the scene has them at its start."""
+        start, model, data = self.scene.initial, self._model, self._data
+        a, rate = self._length, self._second
+        self._bodies = np.array([
+            self._mujoco.mj_name2id(model, self._mujoco.mjtObj.mjOBJ_BODY, f'b{body}')
+            for body in range(self.scene.body_count)])
+        for body, number in enumerate(self._bodies):
+            x, y, z, w = start.orientation[body]
+            moving, turning = self._freedoms(body)
+            place, speed = start.position[body] / a, start.linear_velocity[body] / (a * rate)
+            # Joints turn in the axes of the body.
+            spin = self._cosines[body] @ start.angular_velocity[body] / rate
+            joint = int(model.body_jntadr[number])
+            if joint < 0:
+                continue
+            q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+            if all(moving) and turning:
+                data.qpos[q:q + 7] = *place, w, x, y, z
+                data.qvel[v:v + 6] = *speed, *spin
+                continue
+            free = [axis for axis in range(3) if moving[axis]]
+            data.qvel[v:v + len(free)] = speed[free]
+            if turning:
+                q, v = q + len(free), v + len(free)
+                data.qpos[q:q + 4] = w, x, y, z
+                data.qvel[v:v + 3] = spin
+        self._mujoco.mj_forward(model, data)
+
+
+def _numbers(values: Any) -> str:
+    return ' '.join(repr(float(value)) for value in values)

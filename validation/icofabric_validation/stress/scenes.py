@@ -1,0 +1,779 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Random scenes over the parameter tree: the same text for the same seed, on every machine.
+
+The kind is drawn first, then values, as multiples of the scales of the fabric: half edge a, mass,
+stiffness and their frequency. Some scenes are spoiled: one value cannot be taken, and its name is
+what the refusal must say.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from icofabric_sim import checks
+from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
+from icofabric_sim.geometry.shell import maximum_thickness, Shell
+from icofabric_sim.parameters.text import dump_parameters
+from icofabric_sim.scene.weave_geometry import geometry_from_angle
+from icofabric_sim.simulation.stepping.methods import IMPLICIT
+from icofabric_validation.stress.kinds import AUTO_DAMPED, Kind, KINDS
+import numpy as np
+
+# Seeds below each number draw among so many kinds, the first of the list. Where the list grows
+# another version follows: no seed means another scene.
+VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
+                   (2**38, 92), (2**39, 97), (2**40, 97))
+LARGEST_SEED: Final = VERSIONS[-1][0] - 1
+# Share of scenes with a value that must be refused.
+_SPOILED = 0.06
+# Share of scenes, of the version of seeds that has them, whose parameters change while they run,
+# and of these changes those that must be refused.
+_CHANGED, _SPOILED_CHANGE = 0.7, 0.08
+# Fabrics stay small, so that each can be judged in seconds.
+_MOST_PLACES = 120
+_EDGES = ('up', 'down', 'north', 'south', 'west', 'east')
+# Largest frequency of a fabric of identical springs over sqrt(k / M), about.
+_FASTEST = 4.0
+# A word in place of the path of a file that belongs to the scene.
+_FILE = 'FILE:'
+
+
+@dataclass(frozen=True)
+class StressScene:
+    """
+    A drawn scene: its parameters, the files that they name, and what must be refused.
+
+    Parameters may change while it runs, as by the services of a node: then a value that must be
+    refused is one of those to which they change.
+    """
+
+    seed: int
+    kind: int  # index in KINDS
+    parameters: dict[str, Any]  # dotted names; files as FILE:NAME
+    files: dict[str, str]  # name and text
+    spoiled: str = ''  # name of the parameter that cannot be taken; '': none
+    spoiled_with: tuple[str, ...] = ()  # names of all that was changed for it
+    change: dict[str, Any] = field(default_factory=dict)  # values that come while it runs
+    change_at: float = 0.0  # part of the duration after which they do
+
+    @property
+    def duration(self) -> float:
+        """Simulated time [s]."""
+        return float(self.parameters['duration'])
+
+    def placed(self, folder: Path) -> dict[str, Any]:
+        """Write the files into a folder, and return the parameters with their paths."""
+        for name, text in self.files.items():
+            (folder / name).write_text(text, encoding='utf-8')
+        return {name: _with_folder(value, folder) for name, value in self.parameters.items()}
+
+    def text(self) -> str:
+        """The scene as a parameter file, with its files named as if they lay beside it."""
+        kind = KINDS[self.kind]
+        head = (
+            f'# Seed {self.seed} of icofabric stress (seeds of version {version_of(self.seed)}), '
+            f'kind {self.kind}: {kind}.\n')
+        if self.change:
+            changed = ', '.join(f'{name}: {value}' for name, value in self.change.items())
+            head += f'# After {self.change_at * self.duration!r} s: {changed}.\n'
+        if self.spoiled:
+            head += f'# To be refused for {self.spoiled}.\n'
+        return head + dump_parameters(
+            {name: _with_folder(value, None) for name, value in self.parameters.items()})
+
+    def with_files_named(self, prefix: str) -> 'StressScene':
+        """The same scene with `prefix` before the names of its files; without unused files."""
+        used = {
+            name for name in self.files
+            if any(isinstance(value, str) and value.endswith(_FILE + name)
+                   for value in self.parameters.values())}
+        return replace(
+            self, files={prefix + name: self.files[name] for name in self.files if name in used},
+            parameters={
+                name: value.replace(_FILE, _FILE + prefix) if isinstance(value, str) else value
+                for name, value in self.parameters.items()})
+
+    def without(self, names: Collection[str]) -> 'StressScene':
+        """The same scene without some of its parameters."""
+        return replace(self, parameters={
+            name: value for name, value in self.parameters.items() if name not in names})
+
+
+def draw_scene(seed: int) -> StressScene:
+    """The scene of a seed, 0 to 2^40 - 1."""
+    seed = checks.count('seed', seed, 0, LARGEST_SEED)
+    generator, kind = _begun(seed)
+    return _Draw(generator, KINDS[kind]).scene(seed, kind)
+
+
+def kind_of(seed: int) -> int:
+    """Number of the kind that a seed draws."""
+    return _begun(seed)[1]
+
+
+def version_of(seed: int) -> int:
+    """Version of the seeds to which one belongs, from 1."""
+    return next(number for number, (end, _) in enumerate(VERSIONS, 1) if seed < end)
+
+
+def _begun(seed: int) -> tuple[np.random.Generator, int]:
+    """What draws the scene of a seed, and the kind that it drew first."""
+    version = version_of(seed)
+    generator = np.random.default_rng([version, seed])
+    return generator, int(generator.integers(VERSIONS[version - 1][1]))
+
+
+def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
+    """
+    The first `count` seeds, from `first` on, whose kinds are among `kinds`.
+
+    Where all of these are of later versions, from the first one that may draw them.
+    """
+    found, seed = 0, first
+    for end, drawn in VERSIONS:
+        if min(kinds) >= drawn:
+            seed = max(seed, end)
+    while found < count and seed <= LARGEST_SEED:
+        if kind_of(seed) in kinds:
+            found += 1
+            yield seed
+        seed += 1
+
+
+def _with_folder(value: Any, folder: Path | None) -> Any:
+    if not (isinstance(value, str) and _FILE in value):
+        return value
+    head, _, name = value.partition(_FILE)
+    return head + (name if folder is None else str(folder / name))
+
+
+class _Draw:
+    """One scene in the making."""
+
+    def __init__(self, generator: np.random.Generator, kind: Kind) -> None:
+        self.generator, self.kind = generator, kind
+        self.values: dict[str, Any] = {}
+        self.files: dict[str, str] = {}
+
+    def scene(self, seed: int, kind: int) -> StressScene:
+        self._weave()
+        for term in self.kind.terms:
+            getattr(self, f'_{term}')()
+        self._start()
+        self._solver()
+        if version_of(seed) >= 3:
+            self._refine()
+        if version_of(seed) >= 4:
+            self._refine_more()
+        if version_of(seed) >= 5:
+            self._refine_shell_and_anchors()
+        if version_of(seed) >= 9:
+            self._refine_sizes()
+        change: dict[str, Any] = {}
+        if version_of(seed) >= 4 and self.chance(_CHANGED):
+            change = self._reweave()
+        if change and self.chance(_SPOILED_CHANGE):
+            spoiled, change = self._impossible()
+            with_it = tuple(change)
+        elif not change and self.chance(_SPOILED):
+            spoiled, with_it = self._spoil()
+        else:
+            spoiled, with_it = '', ()
+        return StressScene(
+            seed, kind, self.values, self.files, spoiled, with_it, change,
+            self.uniform(0.1, 0.7) if change else 0.0)
+
+    # Numbers of plain Python, so that they can be written to files.
+
+    def chance(self, share: float) -> bool:
+        return bool(self.generator.random() < share)
+
+    def uniform(self, low: float, high: float) -> float:
+        return float(self.generator.uniform(low, high))
+
+    def log(self, low: float, high: float) -> float:
+        """A number whose decimal logarithm is between these."""
+        return 10.0 ** self.uniform(low, high)
+
+    def vector(self, size: float) -> list[float]:
+        return [float(x) for x in size * self.generator.standard_normal(3)]
+
+    def choice(self, *words: Any) -> Any:
+        return words[int(self.generator.integers(len(words)))]
+
+    def _weave(self) -> None:
+        values = self.values
+        kind = self.choice('orthogonal', 'orthogonal', 'bias', 'radial')
+        size = [1 + int(6.99 * self.generator.random() ** 2) for _ in range(3)]
+        if kind != 'orthogonal':
+            # Bands of a radial weave have several rows, and a turned slab few bodies in a corner.
+            size = [max(n, 3) for n in size]
+        while math.prod(size) > _MOST_PLACES:
+            size[size.index(max(size))] -= 1
+        # Half of the fabrics have the size of those that one can hold.
+        edge = self.log(-2.5, -1.0) if self.chance(0.5) else self.log(-5.7, 3.3)
+        self.a = 0.5 * edge
+        thickness = self.a * (self.log(-4.0, -1.0) if self.chance(0.3) else self.uniform(0.1, 1.4))
+        density = self.log(1.0, 4.0)
+        shell = Shell.from_thickness(edge, thickness, density)
+        self.mass, self.inertia = shell.mass, shell.inertia
+        low, high = (-0.36, 0.05) if self.chance(0.15) else (0.05, 0.75)
+        angle = self.uniform(low, high)
+        self.length = geometry_from_angle(self.a, angle).connector_length
+        values |= {
+            'weave.kind': kind, 'weave.size': size, 'weave.variant': int(
+                self.generator.integers(4)),
+            'shell.edge_length': edge, 'shell.density': density}
+        if self.chance(0.2):
+            values['shell.inner_edge_length'] = 2.0 * shell.inner_half_edge
+        else:
+            values['shell.thickness'] = thickness
+        if self.chance(0.3):
+            values['weave.connector_length'] = self.length
+        else:
+            values['weave.connector_angle'] = angle
+        if self.chance(0.15):
+            self.mass *= (factor := self.log(-1.0, 1.0))
+            self.inertia *= factor
+            values['shell.mass'] = self.mass
+        if self.chance(0.15):
+            self.inertia *= self.log(-0.7, 0.7)
+            values['shell.inertia'] = self.inertia
+        if kind == 'bias':
+            values['weave.boundary'] = self.choice('upright', 'fabric')
+            if self.chance(0.7):
+                values['weave.azimuth'] = self.uniform(-math.pi, math.pi)
+        if kind == 'radial' and self.chance(0.7):
+            values['weave.radius'] = self.length * self.uniform(3.0, 12.0)
+        if kind != 'radial' and self.chance(0.15):
+            width = self.length * max(size)
+            values['weave.region'] = self.choice(
+                f'sphere {0.6 * width!r}', f'cylinder {0.5 * width!r} {width!r}',
+                f'box {width!r} {0.8 * width!r} {width!r}')
+        # Ten decades of stiffness, of which most are soft enough for the shells' own scale.
+        self.k = self.mass * (self.log(1.0, 7.0) if self.chance(0.6) else self.log(-1.0, 9.0))
+        values['connector.stiffness'] = self.k
+        self.rate = math.sqrt(self.k / self.mass)
+        self.natural = self.length
+        if 'tabled' not in self.kind.terms and self.chance(0.5):
+            wide = self.chance(0.3)
+            self.natural *= self.uniform(0.5, 2.0) if wide else self.uniform(0.9, 1.1)
+            values['connector.natural_length'] = self.natural
+        values['contact.mode'] = 'never'
+
+    # One method for each term.
+
+    def _loaded(self) -> None:
+        force = self.k * self.a * self.log(-4.0, -0.7)
+        self.values |= {
+            'groups.pushed': self.choice('x_max', 'all', 'y_min', 'not z_max'),
+            'loads.push.group': 'pushed', 'loads.push.force': self.vector(force),
+            'loads.push.frame': self.choice('world', 'body'),
+            'loads.push.share': self.choice('each', 'total')}
+        if self.chance(0.5):
+            self.values['loads.push.torque'] = self.vector(0.5 * self.a * force)
+        if self.chance(0.5):
+            self.values['loads.push.point'] = self.vector(self.a)
+        self._profile('loads.push')
+
+    def _profile(self, prefix: str) -> None:
+        profile = self.choice('steady', 'ramp', 'half_sine', 'table')
+        length = 2.0 * math.pi / self.rate * self.log(-0.5, 1.3)
+        if profile == 'table':
+            times = length * np.cumsum(self.generator.uniform(0.05, 0.4, 6))
+            factors = self.generator.uniform(-1.0, 1.0, 6)
+            profile = f'table {self._file("profile.csv", times, factors)}'
+        elif profile != 'steady' or self.chance(0.5):
+            self.values[f'{prefix}.duration'] = length
+        if self.chance(0.5):
+            self.values[f'{prefix}.start'] = self.uniform(0.0, 1.0) * length
+        self.values[f'{prefix}.profile'] = profile
+
+    def _file(self, name: str, *columns: np.ndarray) -> str:
+        self.files[name] = ''.join(
+            ','.join(repr(float(x)) for x in row) + '\n' for row in zip(*columns))
+        return _FILE + name
+
+    def _heavy(self) -> None:
+        self.values['gravity'] = self.vector(self.a * self.rate**2 * self.log(-4.0, -1.5))
+
+    def _held(self) -> None:
+        self.values |= {
+            'groups.held': self.choice('z_max', 'ids 0', 'x_min'), 'supports.hold.group': 'held',
+            'supports.hold.fix': self.choice('all', 'tx ty tz', 'rotation', 'tz', 'tx rotation')}
+
+    def _bent(self) -> None:
+        self.values['connector.bending_stiffness'] = self.k * self.a**2 * self.log(-3.0, 0.0)
+
+    def _twisted(self) -> None:
+        self.values['connector.twisting_stiffness'] = self.k * self.a**2 * self.log(-3.0, 0.0)
+
+    def _attached(self) -> None:
+        if 'wrapped' in self.kind.terms:
+            self._attach_outside()
+            return
+        if self.chance(0.5):
+            self.values['connector.attachment_scale'] = self.uniform(0.6, 1.0)
+        for edge in _EDGES:
+            if self.chance(0.5):
+                self.values[f'connector.attachment.{edge}'] = self.vector(0.6 * self.a)
+
+    def _attach_outside(self) -> None:
+        """Attachment points on the shell or outside, where connectors lie around it."""
+        if self.chance(0.5):
+            self.values['connector.attachment_scale'] = self.uniform(1.0, 1.5)
+        faces = face_geometry(self.a)
+        for edge in _EDGES:
+            if self.chance(0.5):
+                way = np.array(self.vector(1.0))
+                on_shell = way * (inscribed_radius(self.a) / (faces.normals @ way).max())
+                out = 1.0 if self.chance(0.4) else self.uniform(1.0, 1.5)
+                self.values[f'connector.attachment.{edge}'] = [float(x) for x in out * on_shell]
+
+    def _kinked(self) -> None:
+        ratio = self.log(-1.0, 0.0) if self.chance(0.6) else self.log(-6.0, 0.0)
+        soft = self.choice('compression', 'compression', 'extension')
+        hard = 'extension' if soft == 'compression' else 'compression'
+        self.values[f'connector.stiffness_{hard}'] = self.k
+        self.values[f'connector.stiffness_{soft}'] = 0.0 if self.chance(0.1) else self.k * ratio
+
+    def _tabled(self) -> None:
+        lengths = self.length * np.concatenate((
+            [0.2], np.sort(self.generator.uniform(0.3, 1.9, 5)), [2.5]))
+        force = self.k * (lengths - self.length) * self.generator.uniform(0.3, 1.0, 7)
+        self.values['connector.law'] = self._file('law.csv', lengths, np.sort(force))
+
+    def _grouped(self) -> None:
+        self.values |= {
+            'groups.low': 'z_min', 'groups.high': 'not z_min',
+            'connector_groups.seam.between': 'low high',
+            'connector_groups.seam.stiffness': self.k * self.uniform(0.2, 1.0)}
+        if self.chance(0.5):
+            self.values['connector_groups.seam.natural_length'] = (
+                self.natural * self.uniform(0.9, 1.1))
+        for term, name, unit in (
+                ('bent', 'bending_stiffness', self.k * self.a**2),
+                ('twisted', 'twisting_stiffness', self.k * self.a**2),
+                ('damped', 'damping', self.mass * self.rate)):
+            if term in self.kind.terms and self.chance(0.5):
+                self.values[f'connector_groups.seam.{name}'] = unit * self.log(-2.0, 0.0)
+
+    def _damped(self) -> None:
+        # Critical at about 1; now and then far beyond.
+        if self._is_stiff:
+            # What implicit steps are for.
+            part = self.log(-2.0, 1.0) if self.chance(0.4) else self.log(1.0, 3.0)
+        else:
+            part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
+        self.values['connector.damping'] = self.mass * self.rate * part
+
+    def _relaxing(self) -> None:
+        # From next to a damper to next to a spring, and in between.
+        self.values |= {
+            'connector.maxwell_stiffness': self.k * self.log(-1.5, 1.0),
+            'connector.maxwell_time': self.log(-2.0, 2.0) / self.rate}
+        if 'grouped' in self.kind.terms and self.chance(0.5):
+            self.values |= {
+                'connector_groups.seam.maxwell_stiffness': self.choice(
+                    0.0, self.k * self.log(-1.5, 1.0)),
+                'connector_groups.seam.maxwell_time': self.log(-2.0, 2.0) / self.rate}
+
+    def _tumbling(self) -> None:
+        # None larger than the other two together, nor than all of the mass at the vertices has.
+        most = min(self.inertia, 3.0 * self.mass * self.a**2)
+        parts = [0.5, 0.5, 1.0] if self.chance(0.2) else [self.uniform(0.55, 1.1) for _ in 'xyz']
+        self.values['shell.principal_inertia'] = [most * part for part in parts]
+        self.values.pop('shell.inertia', None)
+
+    @property
+    def _is_stiff(self) -> bool:
+        """Whether steps may be implicit."""
+        return self.kind.method in IMPLICIT or self.kind in AUTO_DAMPED
+
+    def _dragged(self) -> None:
+        part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
+        if self.chance(0.8):
+            self.values['drag.linear'] = self.mass * self.rate * part
+        if 'drag.linear' not in self.values or self.chance(0.6):
+            self.values['drag.angular'] = self.inertia * self.rate * part
+
+    def _breaking(self) -> None:
+        self.values['connector.break_length_extension'] = self.natural * (
+            1.0 + self.log(-2.0, 0.0))
+        if self.chance(0.4):
+            self.values['connector.break_length_compression'] = self.natural * (
+                1.0 - self.log(-2.0, -0.2))
+
+    def _wrapped(self) -> None:
+        self.values['connector.obstruction'] = 'wrap'
+
+    def _charges(self) -> float:
+        """Give each body a charge [C] whose repulsion over L is a part of k a; return it."""
+        force = self.k * self.a * self.log(-4.0, -1.0)
+        charge = math.sqrt(force / 8.9875517923e9) * self.length
+        self.values['charge.per_body'] = self.choice(-1.0, 1.0) * charge
+        return charge
+
+    def _charged(self) -> None:
+        field = self.k * self.a * self.log(-4.0, -1.0) / self._charges()
+        self.values['field.electric'] = self.vector(field)
+
+    def _dipole(self) -> None:
+        moment = self.vector(1e-9 * self.a)
+        turn = self.k * self.a**2 * self.log(-4.0, -1.0)
+        self.values |= {
+            'charge.dipole': moment, 'field.electric': self.vector(turn / math.hypot(*moment))}
+
+    def _magnetic(self) -> None:
+        charge = self._charges()
+        self.values['field.magnetic'] = self.vector(
+            self.mass * self.rate * self.log(-3.0, 0.0) / charge)
+
+    def _mutual(self) -> None:
+        self._charges()
+        self.values['charge.mutual'] = True
+
+    def _pressed(self) -> None:
+        pressure = self.k / self.a * self.log(-4.0, -1.0)
+        self.values |= {
+            'groups.skin': self.choice('z_max', 'all', 'x_min'),
+            'tractions.wind.group': 'skin', 'tractions.wind.pressure': pressure,
+            'tractions.wind.faces': self.choice(
+                'exterior', 'all', 'numbers 1 5 7', 'toward 0 0 1'),
+            'tractions.wind.direction': self.choice('follower', 'fixed')}
+        if self.chance(0.4):
+            self.values['tractions.wind.shear'] = self.vector(0.3 * pressure)[:2]
+        if self.chance(0.3):
+            self.values['tractions.wind.frictionless'] = True
+        if self.chance(0.3):
+            self.values['tractions.wind.variation'] = '1.0 0.5 -0.3'
+        self._profile('tractions.wind')
+
+    def _anchored(self) -> None:
+        self.values |= {
+            'anchors.tie.body': int(self.generator.integers(3)),
+            'anchors.tie.edge': self.choice(*_EDGES),
+            'anchors.tie.position': self.vector(2.0 * self.length)}
+        if self.chance(0.5):
+            self.values['anchors.tie.velocity'] = self.vector(
+                self.a * self.rate * self.log(-4.0, -1.5))
+
+    def _driven(self) -> None:
+        motion = self.choice('hold', 'velocity', 'ramp', 'sine', 'table')
+        prefix, period = 'drives.table', 2.0 * math.pi / self.rate
+        self.values |= {'groups.table': 'z_min', f'{prefix}.group': 'table',
+                        f'{prefix}.motion': motion}
+        part = self.log(-3.5, -1.2)
+        if motion in ('velocity', 'ramp'):
+            self.values[f'{prefix}.linear'] = self.vector(self.a * self.rate * part)
+            if self.chance(0.5):
+                self.values[f'{prefix}.angular'] = self.vector(self.rate * part * 0.3)
+            if motion == 'ramp' or self.chance(0.5):
+                self.values[f'{prefix}.duration'] = period * self.log(-0.5, 1.0)
+        elif motion == 'sine':
+            self.values |= {
+                f'{prefix}.linear': self.vector(self.a * part),
+                f'{prefix}.frequency': self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)}
+            if self.chance(0.5):
+                self.values[f'{prefix}.phase'] = self.uniform(0.0, 6.0)
+        elif motion == 'table':
+            times = period * np.concatenate((
+                [0.0], np.cumsum(self.generator.uniform(0.3, 2.0, 5))))
+            path = self.a * part * self.generator.standard_normal((3, 6))
+            path[:, 0] = 0.0
+            self.values[f'{prefix}.file'] = self._file('path.csv', times, *path)
+        if motion != 'hold' and self.chance(0.4):
+            self.values[f'{prefix}.start'] = period * self.uniform(0.0, 2.0)
+
+    def _touching(self) -> None:
+        self.values |= {
+            'contact.mode': 'auto' if self.kind.method == 'auto' else 'always',
+            'contact.stiffness': self.k * self.log(0.3, 1.5)}
+
+    def _lossy(self) -> None:
+        if self.chance(0.7):
+            self.values['contact.damping'] = self.log(-2.0, 0.3) / (self.a * self.rate)
+        if 'contact.damping' not in self.values or self.chance(0.6):
+            self.values['contact.friction'] = self.uniform(0.05, 1.0)
+
+    def _floored(self) -> None:
+        size = self.values['weave.size']
+        down = 0.5 * size[2] * self.length + 3.0 * self.a
+        self.values |= {
+            'planes.floor.normal': [0.0, 0.0, 1.0],
+            'planes.floor.offset': -down * self.uniform(0.9, 1.3)}
+
+    def _loose(self) -> None:
+        reach = self.length * max(self.values['weave.size']) + 4.0 * self.a
+        self.values |= {
+            'bodies.ball.position': [0.0, 0.0, reach],
+            'bodies.ball.linear_velocity': [0.0, 0.0, -self.a * self.rate * self.log(-2.5, -0.7)],
+            'bodies.ball.angular_velocity': self.vector(self.rate * self.log(-3.0, -0.5))}
+
+    def _refine(self) -> None:
+        """What seeds draw since their third version, where their terms have a place for it."""
+        values, terms = self.values, self.kind.terms
+        if 'grouped' in terms and self.chance(0.5):
+            values['connector_groups.seam.direction'] = self.choice('up down', 'west east')
+        if 'anchored' in terms and self.chance(0.7):
+            values['anchors.tie.stiffness'] = self.k * self.log(-1.0, 0.5)
+            if self.chance(0.4):
+                side = self.choice('extension', 'compression')
+                values[f'anchors.tie.stiffness_{side}'] = self.k * self.choice(
+                    0.0, self.log(-1.0, 0.5))
+            if self.chance(0.6):
+                values['anchors.tie.natural_length'] = self.length * self.uniform(0.3, 3.0)
+        if 'loaded' in terms and self.chance(0.3):
+            values['loads.push.profile'] = f'sine {self._frequency()!r}'
+        if {'charged', 'dipole'} & {*terms} and 'magnetic' not in terms:
+            if self.chance(0.5):
+                values['field.profile'] = self.choice(
+                    f'sine {self._frequency()!r}', 'ramp', 'half_sine')
+                values['field.duration'] = 2.0 * math.pi / self.rate * self.log(0.0, 1.0)
+            if self.chance(0.3):
+                values['field.start'] = 2.0 * math.pi / self.rate * self.uniform(0.0, 2.0)
+        if {'charged', 'mutual', 'magnetic', 'dipole'} & {*terms} and self.chance(0.5):
+            values |= {'groups.some': 'y_min', 'charges.some.group': 'some'}
+            if 'charge.per_body' in values and self.chance(0.7):
+                values['charges.some.charge'] = values['charge.per_body'] * self.uniform(-1.0, 1.0)
+            if 'charge.dipole' in values:
+                values['charges.some.dipole'] = [
+                    self.uniform(-1.0, 1.0) * part for part in values['charge.dipole']]
+        if self._is_stiff:
+            return  # implicit steps have neither of these
+        if 'driven' in terms and self.chance(0.6):
+            self._free_some()
+        if self.chance(0.3):
+            values |= {
+                'groups.others': self.choice('x_max', 'z_max', 'ids 0'),
+                'masses.others.group': 'others',
+                'masses.others.mass': (mass := self.mass * self.log(-1.0, 1.0))}
+            if self.chance(0.4):
+                values['masses.others.inertia'] = mass * self.inertia / self.mass * self.log(
+                    -0.7, 0.0)
+        if 'loose' in terms and self.chance(0.6):
+            values['bodies.ball.mass'] = (mass := self.mass * self.log(-1.0, 2.0))
+            if self.chance(0.4):
+                values['bodies.ball.inertia'] = mass * self.inertia / self.mass * self.log(
+                    -0.7, 0.0)
+
+    def _refine_more(self) -> None:
+        """What seeds draw since their fourth version, where their terms have a place for it."""
+        values, terms, seam = self.values, self.kind.terms, 'connector_groups.seam'
+        if 'grouped' in terms and 'kinked' in terms and self.chance(0.7):
+            values[f'{seam}.stiffness_{self.choice("extension", "compression")}'] = (
+                self.k * self.log(-1.0, 0.0))
+        if 'grouped' in terms and 'breaking' in terms and self.chance(0.7):
+            natural = values.get(f'{seam}.natural_length', self.natural)
+            values[f'{seam}.break_length_extension'] = natural * (1.0 + self.log(-2.0, 0.0))
+            if self.chance(0.5):
+                values[f'{seam}.break_length_compression'] = natural * (
+                    1.0 - self.log(-2.0, -0.2))
+        if 'grouped' in terms and 'tabled' in terms and self.chance(0.7):
+            lengths = self.length * np.array([0.1, 0.7, 1.0, 1.4, 3.0])
+            force = self.k * (lengths - self.length) * self.uniform(0.2, 1.0)
+            values[f'{seam}.law'] = self._file('seam.csv', lengths, force)
+            for name in ('stiffness', 'natural_length'):
+                values.pop(f'{seam}.{name}', None)
+        if 'anchored' in terms and self.chance(0.4):
+            times = 2.0 * math.pi / self.rate * np.cumsum(self.generator.uniform(0.3, 2.0, 5))
+            path = self.a * self.log(-3.0, -0.5) * self.generator.standard_normal((3, 5))
+            path[:, 0] = 0.0
+            values['anchors.tie.file'] = self._file('tie.csv', times - times[0], *path)
+            values.pop('anchors.tie.velocity', None)
+        if 'loose' in terms:
+            turn = self.generator.standard_normal(4)
+            values['bodies.ball.orientation'] = [
+                float(x) for x in turn / np.linalg.norm(turn)]
+        if values['weave.kind'] == 'orthogonal' and self.chance(0.1):
+            # A box as large as the fabric of that size.
+            values['weave.box'] = [self.length * n for n in values['weave.size']]
+
+    def _refine_shell_and_anchors(self) -> None:
+        """What seeds draw since their fifth version, where their terms have a place for it."""
+        values = self.values
+        if 'anchored' in self.kind.terms and self.chance(0.6):
+            natural = values.get('anchors.tie.natural_length', self.natural)
+            values['anchors.tie.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
+            if self.chance(0.4):
+                values['anchors.tie.break_length_compression'] = natural * (
+                    1.0 - self.log(-1.5, 0.0))
+        if self.chance(0.2):
+            # Layers of the same mean density, about, so that scales stay those of the fabric.
+            faces = maximum_thickness(self.a)
+            inner = faces - values['shell.thickness'] if 'shell.thickness' in values else (
+                faces * values['shell.inner_edge_length'] / values['shell.edge_length'])
+            count = 2 + int(self.generator.integers(4))
+            # A core in the hollow of a thick shell, now and then.
+            cored = inner < 0.5 * faces and self.chance(0.5)
+            distances = np.linspace(0.0 if cored else inner, faces, count)
+            values['shell.layers'] = self._file(
+                'layers.csv', distances,
+                values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
+
+    def _refine_sizes(self) -> None:
+        """What seeds draw since their ninth version: shells of sizes that some body can have."""
+        values = self.values
+        if 'shell.inertia' in values:
+            # The vertices are 1.9 a from the centre; some of the mass is nearer.
+            values['shell.inertia'] = min(values['shell.inertia'], self.mass * self.a**2)
+        if 'loose' in self.kind.terms and self.chance(0.7):
+            values['bodies.ball.edge_length'] = 2.0 * self.a * self.log(-0.5, 0.3)
+        if ('masses.others.group' in values and 'tractions.wind.group' not in values
+                and values.get('connector.obstruction') != 'wrap' and self.chance(0.7)):
+            values['masses.others.edge_length'] = 2.0 * self.a * self.log(-0.3, 0.1)
+
+    def _frequency(self) -> float:
+        return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
+
+    def _free_some(self) -> None:
+        """Let the drive move some freedoms, and no others."""
+        prefix = 'drives.table'
+        words = self.choice(('tx', 'ty'), ('tz',), ('tx', 'ty', 'tz'), ('tx', 'rotation'))
+        self.values[f'{prefix}.freedoms'] = ' '.join(words)
+        if f'{prefix}.linear' in self.values:
+            self.values[f'{prefix}.linear'] = [
+                part if axis in words else 0.0
+                for axis, part in zip(('tx', 'ty', 'tz'), self.values[f'{prefix}.linear'])]
+        if 'rotation' not in words:
+            self.values.pop(f'{prefix}.angular', None)
+
+    def _parted(self) -> None:
+        self.values['weave.connected'] = False
+
+    def _start(self) -> None:
+        """Random velocities from gentle to wild, and a group that starts elsewhere."""
+        speed, spin = self.log(-4.0, -0.6), self.log(-4.0, -0.3)
+        if self.chance(0.9):
+            self.values |= {
+                'initial_random.velocity_sigma': self.a * self.rate * speed,
+                'initial_random.spin_sigma': min(self.rate * spin, 1e4),
+                'initial_random.seed': int(self.generator.integers(2**31))}
+        if self.chance(0.3):
+            self.values |= {'groups.first': 'ids 0', 'initial.kick.group': 'first'}
+            for name, unit in (
+                    ('displacement', self.a), ('rotation', 1.0),
+                    ('linear_velocity', self.a * self.rate), ('angular_velocity', self.rate)):
+                if self.chance(0.5):
+                    self.values[f'initial.kick.{name}'] = self.vector(unit * self.log(-4.0, -0.7))
+
+    def _solver(self) -> None:
+        values = self.values
+        values['solver.method'] = self.kind.method
+        values['solver.threads'] = 1
+        if not self.chance(0.15):
+            # For each radian of the fastest motion from 1e-10 to 1e-3; below, rounding rules.
+            # Of order 4 steps are for the looser ones.
+            powers = (-6.5, -2.0) if self._is_stiff else (-9.5, -3.0)
+            values['solver.tolerance'] = min(self.rate * self.log(*powers), 1e9)
+        if self.kind.method in IMPLICIT and self.chance(0.25):
+            values['solver.step'] = self.log(-1.3, 1.2) * 2.0 / (_FASTEST * self.rate)
+        elif self.kind.method not in IMPLICIT and self.chance(0.25):
+            # Around the limit of leapfrog, 2 over the largest frequency.
+            values['solver.step'] = self.log(-1.3, 0.2) * 2.0 / (_FASTEST * self.rate)
+        if self.chance(0.1):
+            values['solver.energy_limit'] = self.log(-3.0, 0.0)
+        if 'connector.obstruction' not in values and self.chance(0.1):
+            values['connector.obstruction'] = 'stop'
+        values['duration'] = 2.0 * math.pi / (_FASTEST * self.rate) * self.log(0.5, 1.7)
+
+    def _reweave(self) -> dict[str, Any]:
+        """Draw one to three changes of what the scene has; after some the motion begins anew."""
+        values, terms = self.values, self.kind.terms
+        size = values['weave.size']
+        axis = int(self.generator.integers(3))
+        least = 1 if values['weave.kind'] == 'orthogonal' else 3
+        other = [
+            max(n + self.choice(-1, 1), least) if k == axis else n for k, n in enumerate(size)]
+        ways: list[Callable[[], dict[str, Any]]] = [
+            lambda: {'weave.size': other},
+            lambda: {'weave.variant': int(self.generator.integers(4))},
+            lambda: {'shell.density': values['shell.density'] * self.log(-0.5, 0.5)},
+            lambda: {'initial_random.seed': int(self.generator.integers(2**31))}]
+        if 'weave.connector_angle' in values:
+            ways.append(lambda: {
+                'weave.connector_angle': values['weave.connector_angle'] + self.uniform(
+                    0.0, 0.03)})
+        # Springs of friction keep their past where the motion goes on, and no other run has it.
+        if 'lossy' not in terms:
+            ways += [
+                partial(self._scaled, name, 0.5) for name in (
+                    'connector.stiffness', 'connector.stiffness_extension',
+                    'connector.stiffness_compression', 'connector.bending_stiffness',
+                    'connector.twisting_stiffness', 'connector.damping', 'drag.linear',
+                    'drag.angular', 'solver.tolerance', 'contact.stiffness',
+                    'connector_groups.seam.stiffness', 'anchors.tie.stiffness',
+                    'connector.maxwell_stiffness', 'connector.maxwell_time')
+                if values.get(name)]
+            ways += [
+                partial(self._scaled, name, 0.02) for name in (
+                    'connector.natural_length', 'anchors.tie.natural_length',
+                    'connector.break_length_extension') if values.get(name)]
+            if 'gravity' in values:
+                ways.append(lambda: {'gravity': self.vector(math.hypot(*values['gravity']))})
+            if 'loads.push.force' in values:
+                ways.append(lambda: {
+                    'loads.push.force': self.vector(math.hypot(*values['loads.push.force']))})
+        change: dict[str, Any] = {}
+        for _ in range(1 + int(self.generator.integers(3))):
+            change |= ways[int(self.generator.integers(len(ways)))]()
+        return change
+
+    def _scaled(self, name: str, most: float) -> dict[str, Any]:
+        """Another value of a parameter, larger or smaller by up to that power of 10."""
+        return {name: self.values[name] * self.log(-most, most)}
+
+    def _impossible(self) -> tuple[str, dict[str, Any]]:
+        """Draw a change that cannot be; return the name of its parameter, and the change."""
+        ways: tuple[tuple[str, dict[str, Any]], ...] = (
+            ('shell.thickness', {'shell.thickness': 1.6 * self.a, 'shell.inner_edge_length': 0.0}),
+            ('weave.connector_angle', {
+                'weave.connector_angle': -0.4, 'weave.connector_length': 0.0}),
+            ('weave.size', {'weave.size': [3, 0, 2]}),
+            ('weave.kind', {'weave.kind': 'knitted'}),
+            ('connector.stiffness', {'connector.stiffness': -self.k}),
+            ('gravity', {'gravity': [0.0, math.inf, 0.0]}),
+            ('groups.strange', {'groups.strange': 'east of here'}))
+        return self.choice(*ways)
+
+    def _spoil(self) -> tuple[str, tuple[str, ...]]:
+        """Make one value impossible; return the name of its parameter, and all that changed."""
+        ways: tuple[tuple[str, Callable[[], Mapping[str, Any]]], ...] = (
+            ('solver.step', lambda: {
+                'solver.step': 50.0 / self.rate, 'weave.connected': True,
+                'solver.method': 'leapfrog'}),
+            ('shell.thickness', lambda: {
+                'shell.thickness': 1.6 * self.a, 'shell.inner_edge_length': 0.0}),
+            ('weave.connector_angle', lambda: {
+                'weave.connector_angle': -0.4, 'weave.connector_length': 0.0}),
+            ('weave.connector_length', lambda: {'weave.connector_length': 0.5 * self.a}),
+            ('weave.size', lambda: {'weave.size': [3, 0, 2]}),
+            ('connector.damping', lambda: {'connector.damping': -self.mass}),
+            ('gravity', lambda: {'gravity': [0.0, math.nan, 0.0]}),
+            ('solver.method', lambda: {
+                'solver.method': 'leapfrog', 'drag.linear': self.mass * self.rate}),
+            ('loads.lost.group', lambda: {'loads.lost.group': 'nowhere'}),
+            ('connector.break_length_extension', lambda: {
+                'connector.break_length_extension': 0.5 * self.natural,
+                'weave.connected': True, 'solver.method': 'dop8'}),
+            ('groups.strange', lambda: {'groups.strange': 'east of here'}))
+        name, change = ways[int(self.generator.integers(len(ways)))]
+        changed = change()
+        self.values |= changed
+        return name, tuple(changed)
