@@ -149,5 +149,5 @@ def _slab_tables(found: Found) -> list[Table]:
           fixed(row['endless_y'], 3), fixed(row['endless_z'], 3)) for row in slab_rows(found)])]
 
 
-SLABS = Part('slabs', 'Slabs between two held ends beside the endless fabric', _slabs,
+SLABS = Part('slabs', 'Slabs between two held ends and the endless fabric', _slabs,
              _slab_tables)

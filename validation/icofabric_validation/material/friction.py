@@ -165,24 +165,24 @@ def _tables(found: Found) -> list[Table]:
     finer = {friction_of(row): lost_of(row) for row in found['finer'] if row['state'] == 'done'}
     note = ', '.join(f'{friction:g}: {fixed(lost, 4)}' for friction, lost in finer.items())
     return [
-        Table('The endless fabric about its rest, without friction and with it: what presses '
-              'sticks, whatever the coefficient', (
+        Table('The endless fabric at equilibrium, without and with friction: pairs in '
+              'contact stick, whatever the coefficient', (
                   'angle', 'K/k', 'D / L', 'C11 W / k', 'with', 'C12 W / k', 'with', 'C44 W / k',
                   'with', 'highest frequency, with over without', 'all waves cost energy'),
               _endless_rows(found)),
         Table(f'Slabs between two held ends at the least angle, K/k = {CONTACT:g}, sheared by '
               f'{FAR:g} in {STEPS} steps, and back', (
                   'D / L', 'coefficient', 'G W / k', 'beyond 0.0003', f'up to {FAR:g}',
-                  'first slip', 'work [uJ]', 'lost over work'),
+                  'first slip', 'work [uJ]', 'dissipated over work'),
               [_slab_row(*both) for both in zip(found['slab'], found['cycles'], strict=True)],
-              f'Lost over work at D / L = {RATIO:g} in twice as many steps, by coefficient: '
+              f'Dissipated over work at D / L = {RATIO:g} in twice as many steps, by coefficient: '
               f'{note}.'),
-        Table(f'Connectors that only pull, bending stiffness {BENDING:g} k a^2, break at '
-              f'{BREAKS_AT:g} L: through the shells, and around them', (
-                  'angle', 'kind', 'way', 'first one in the way of a shell', 'first break',
-                  'broken at the end', 'most stress W / k', 'at', 'reached'),
+        Table(f'Connectors without stiffness in compression, bending stiffness {BENDING:g} k a^2, '
+              f'break at {BREAKS_AT:g} L: through shells, and wrapped over them', (
+                  'angle', 'kind', 'way', 'first connector at a shell', 'first break',
+                  'broken at the end', 'largest stress W / k', 'at', 'reached'),
               _around_rows(found))]
 
 
 FRICTION = Part(
-    'friction', 'What friction and connectors around shells change', _stages, _tables)
+    'friction', 'Friction and connectors wrapped over shells', _stages, _tables)

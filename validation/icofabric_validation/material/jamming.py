@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The "However" of the document: pre-tension and face contact, without bending stiffness.
+Pre-tension and face contact, without bending stiffness.
 
 Connectors shorter than the weave (D < L) pull shells together until faces meet. And one figure of
 it by an independent code.
@@ -158,25 +158,25 @@ def _tables(found: Found) -> list[Table]:
         row[f'curve.{kind}.x.most_at']) for row in found['far']
         for kind in ('shear', 'push', 'pull')]
     return [
-        Table('Free slabs at the least angle: motions without energy', (
-            'D / L', 'without contact', f'with contact, K/k = {CONTACT:g}', 'pairs that press',
-            'deepest overlap over a', 'largest tension [N]'), counted),
+        Table('Free slabs at the least angle: mechanisms', (
+            'D / L', 'without contact', f'with contact, K/k = {CONTACT:g}', 'pairs in contact',
+            'largest overlap over a', 'largest tension [N]'), counted),
         Table('Shear modulus in k / W between two held ends, from a strain of 0.0001 to 0.0003, '
               'and to 0.001 where that is another one',
               ('contact', *(f'D / L = {ratio:g}' for ratio in ratios)),
               [(_named(stiffness), *(values.get(ratio, '-') for ratio in ratios))
                for stiffness, values in held.items()]),
         Table(f'By size, D / L = {RATIO:g}', (
-            'positions', 'contact', 'G W / k', 'pairs that press',
+            'positions', 'contact', 'G W / k', 'pairs in contact',
             'verdict'), size),
         Table(f'Shear modulus in k / W by angle [rad] and D / L, with contact (K/k = {CONTACT:g}) '
               'and without; "jams below" is L_min / L', *_map_table(found)),
-        Table(f'How far it holds, D / L = {RATIO:g}', (
-            'contact', 'kind', 'first fall', 'pairs that press at most', 'reached',
-            'most stress W / k', 'at'), far),
-        Table('The endless fabric about its rest', (
+        Table(f'Load cases, D / L = {RATIO:g}', (
+            'contact', 'kind', 'first load drop', 'most pairs in contact', 'reached',
+            'largest stress W / k', 'at'), far),
+        Table('The endless fabric at equilibrium', (
             'angle', 'contact', 'D / L', 'size over woven', 'C11 W / k', 'C12 W / k', 'C44 W / k',
-            'neighbours that press', 'soft strains', 'waves'), [
+            'neighbours in contact', 'soft strains', 'waves'), [
                 _endless_row(row) for row in found['endless']])]
 
 
@@ -188,7 +188,7 @@ def _endless_row(row: Row) -> tuple[Any, ...]:
     unit = modulus_unit(row['weave.connector_angle'])
     lowest, none = float(row['bands.grid.lowest']), 1e-6 * float(row['bands.highest'])
     waves = 'all cost energy' if lowest > none else (
-        'some lower it' if lowest < -none else 'some cost none')
+        'some lower the energy' if lowest < -none else 'some cost none')
     return (
         fixed(row['weave.connector_angle'], 4), _named(contact_of(row)), f'{ratio_of(row):g}',
         fixed(row['elasticity.size'], 4), *(
@@ -234,7 +234,7 @@ def _short(value: float) -> str:
     return '0' if abs(value) < 1e-6 else f'{value:.2g}'
 
 
-JAM = Part('jam', 'However: pre-tension and face contact', _stages, _tables)
+JAM = Part('jam', 'Pre-tension and face contact', _stages, _tables)
 
 
 def _check(level: Level) -> dict[str, Stage]:
@@ -260,8 +260,8 @@ def _check_tables(found: Found) -> list[Table]:
     return [Table(
         'A slab of 3 x 3 x 3 positions sheared between held ends, D / L = 0.97, K/k = 200: the '
         'engine, and SciPy with energies written anew', (
-            'strain', 'energy [J]: engine', 'SciPy', 'its slope [J]: engine', 'SciPy',
-            'bodies apart over a', 'gradient left', 'pairs that overlap'), rows)]
+            'strain', 'energy [J]: engine', 'SciPy', 'derivative [J]: engine', 'SciPy',
+            'distance of bodies over a', 'residual gradient', 'overlapping pairs'), rows)]
 
 
 CHECK = Part('check', 'One figure by an independent code', _check, _check_tables)

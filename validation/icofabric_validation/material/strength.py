@@ -109,8 +109,8 @@ def events_of(row: Row, kind: str) -> list[Any]:
         row[f'{name}.reached']]
 
 
-_EVENTS = ('first touch', 'first connector through a shell', 'first fall (buckling)',
-           'first break', 'broken at the end', 'most stress W / k', 'at', 'reached')
+_EVENTS = ('first contact', 'first connector through a shell', 'first load drop (buckling)',
+           'first break', 'broken at the end', 'largest stress W / k', 'at', 'reached')
 
 
 def _tables(found: Found) -> list[Table]:
@@ -134,15 +134,15 @@ def _tables(found: Found) -> list[Table]:
                 fixed(row[f'{name}.lost'] / row[f'{name}.work'], 2), row[f'{name}.broken']))
     return [
         Table(f'Slabs between two held ends, bending stiffness {BENDING:g} k a^2, connectors that '
-              f'break at {BREAKS_AT:g} L: strains at which things happen',
+              f'break at {BREAKS_AT:g} L: strains of events',
               ('weave', 'angle [rad]', 'kind', *_EVENTS), rows),
-        Table(f'How sure that is, at {angle:g} rad', ('', 'kind', *_EVENTS), checks),
-        Table(f'One way to a strain of {CYCLE_STRAIN:g} and back [mJ]', (
-            'angle [rad]', 'kind', 'work', 'comes back', 'lost', 'of it in breaks',
-            'left in the slab', 'lost over work', 'broken'), cycles)]
+        Table(f'Sensitivity at {angle:g} rad', ('', 'kind', *_EVENTS), checks),
+        Table(f'Cycle to a strain of {CYCLE_STRAIN:g} [mJ]', (
+            'angle [rad]', 'kind', 'work', 'recovered', 'dissipated', 'by breaks',
+            'left in the slab', 'dissipated over work', 'broken'), cycles)]
 
 
-STRENGTH = Part('strength', 'Strength, and energy taken in a cycle', _stages, _tables)
+STRENGTH = Part('strength', 'Strength and energy dissipated in a cycle', _stages, _tables)
 
 
 def _falling(angle: float, size: list[int], **more: Any) -> dict[str, Any]:
@@ -202,16 +202,16 @@ def _fall_tables(found: Found) -> list[Table]:
     return [
         Table(
             f'Slabs thrown at a floor at {SPEED:g} m/s, without any damping', (
-                '', 'angle [rad]', 'speed back over speed', 'energy taken', 'largest stretch',
-                'largest compression', 'energy balance'), rows,
+                '', 'angle [rad]', 'rebound over impact speed', 'energy absorbed',
+                'largest stretch', 'largest compression', 'energy balance'), rows,
             f'Shells of 2a = {2e3 * HALF_EDGE:g} mm, k = {K:g} N/m, bending stiffness '
-            f'{BENDING:g} k a^2; nothing dissipates: what is taken is in vibrations.'),
+            f'{BENDING:g} k a^2; without dissipation: the absorbed energy is in vibrations.'),
         Table(
-            f'The slab of {angle:g} rad of connectors that relax, with arms of {_ARM:g} k', (
-                'relaxation time [ms]', 'speed back over speed', 'energy taken',
+            f'The slab of {angle:g} rad with Maxwell arms of {_ARM:g} k', (
+                'relaxation time [ms]', 'rebound over impact speed', 'energy absorbed',
                 'dissipated by the end', 'largest stretch', 'energy balance'),
             [_relaxing_row(row) for row in found['relaxing']],
-            'Standard linear solids: what is dissipated is part of what is taken.')]
+            'Standard linear solids: the absorbed energy includes the dissipated energy.')]
 
 
 def _relaxing_row(row: Row) -> tuple[Any, ...]:
@@ -223,4 +223,4 @@ def _relaxing_row(row: Row) -> tuple[Any, ...]:
         f'{row["run.balance_worst"]:.1g}')
 
 
-FALL = Part('fall', 'Energy taken in a fall', _falls, _fall_tables)
+FALL = Part('fall', 'Energy absorbed in a fall', _falls, _fall_tables)

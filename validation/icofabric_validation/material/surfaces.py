@@ -101,12 +101,12 @@ def _tables(found: Found) -> list[Table]:
             ('(111), the top of bias', (1.0, 1.0, 1.0)), ('(100), a face of a slab', (1, 0, 0)),
             ('(110)', (1, 1, 0)), ('(211)', (2, 1, 1)), ('(210), the most', (2, 1, 0)))]
     return [
-        Table('Mechanisms of orthogonal slabs, and freedoms of a body (of 6) that are in them', (
-            'positions', 'angle [rad]', 'freedoms', 'connectors', 'mechanisms',
-            '2 (xy + yz + zx) - (x + y + z) + 3 if all odd', 'self-stresses', 'share of turns',
-            *PLACES), rows),
-        Table('Bias slabs: all their surfaces by the formula below, without edges', (
-            'positions', 'freedoms', 'connectors', 'mechanisms', 'self-stresses',
+        Table('Mechanisms of orthogonal slabs, and degrees of freedom of a body (of 6) in them', (
+            'positions', 'angle [rad]', 'degrees of freedom', 'connectors', 'mechanisms',
+            '2 (xy + yz + zx) - (x + y + z) + 3 if all odd', 'self-stresses',
+            'fraction of rotations', *PLACES), rows),
+        Table('Bias slabs: sum over all surfaces, without edges', (
+            'positions', 'degrees of freedom', 'connectors', 'mechanisms', 'self-stresses',
             'surface formula'), bias),
         Table('Mechanisms of a free surface per W^2', ('surface', '(2 n1 + n2) / 2'), surfaces)]
 

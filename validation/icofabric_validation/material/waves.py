@@ -79,7 +79,7 @@ def _tables(found: Found) -> list[Table]:
         by_angle.setdefault(angle, {})[bending] = gap_of(row)
     bendings = sorted({bending for gaps in by_angle.values() for bending in gaps})
     return [Table(
-        'Gap above the third band over its middle, by bending stiffness / (k a^2)',
+        'Gap above the third band over its centre frequency, by bending stiffness / (k a^2)',
         ('angle [rad]', *(f'{bending:g}' for bending in bendings)),
         [(fixed(angle, 3), *(fixed(gaps[bending], 3) for bending in bendings))
          for angle, gaps in sorted(by_angle.items())],
@@ -87,4 +87,4 @@ def _tables(found: Found) -> list[Table]:
         f'{unsure_by(found):.1g}: the edges of the bands lie on the path along its symmetries.')]
 
 
-WAVES = Part('waves', 'Gaps between waves of places and of rotations', _stages, _tables)
+WAVES = Part('waves', 'Gaps between translational and rotational waves', _stages, _tables)
