@@ -46,10 +46,11 @@ def terms() -> list[Term]:
     for name, kind in kinds.items():
         result.append(Term(f'pressure, {name}', {'tractions': {'air': {**air, **kind}}}))
         result.append(Term(
-            f'pressure, {name}, by a profile', {'tractions': {'air': {**air, **kind, **pulse}}}))
+            f'pressure, {name}, with a time profile',
+            {'tractions': {'air': {**air, **kind, **pulse}}}))
     for rows in (5, 100):
         result.append(Term(
-            f'connectors by a table of {rows} rows', {'connector': {'law': law_table(rows)}}))
+            f'connector law, table of {rows} rows', {'connector': {'law': law_table(rows)}}))
     return result
 
 

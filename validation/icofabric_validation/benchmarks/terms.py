@@ -41,7 +41,7 @@ import numpy as np
 Size = tuple[int, int, int]
 BARE = 'bare scene: springs alone'
 # What needs a method for forces that depend on velocities is compared with this.
-ADAPTIVE = 'bare scene by dop8'
+ADAPTIVE = 'bare scene with dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without health checks', 'springs-only kernel', 'springs-only kernel, one kick a step')
 # Steps that are timed, with two health checks, after so many that are not. Some health checks
@@ -90,19 +90,19 @@ def terms(body: int) -> list[Term]:
         Term('one side held', {
             'groups': wall, 'supports': {'wall': {'group': 'wall'}}}),
         Term('two stiffnesses', {'connector': {'stiffness_compression': 100.0}}),
-        Term('connectors with laws of their own', {
+        Term('individual connector laws', {
             'groups': wall,
             'connector_groups': {'soft': {'between': 'wall all', 'stiffness': 100.0}}}),
-        *(Term(f'connectors by a table of {rows} rows', {
+        *(Term(f'connector law, table of {rows} rows', {
             'connector': {'law': law_table(rows)}}, warm_up=_TABLE_WARM_UP) for rows in (5, 100)),
-        Term('connectors that resist bending', {'connector': {'bending_stiffness': 0.1}}),
-        Term('connectors that resist twisting', {'connector': {'twisting_stiffness': 0.1}}),
+        Term('bending stiffness', {'connector': {'bending_stiffness': 0.1}}),
+        Term('twisting stiffness', {'connector': {'twisting_stiffness': 0.1}}),
         Term('load on one body', {'groups': {'pushed': f'ids {body}'}, 'loads': loads}),
         Term('loads on all bodies', {'groups': {'pushed': 'all'}, 'loads': loads}),
-        Term('turning loads on all bodies', {
+        Term('loads in body axes on all bodies', {
             'groups': {'pushed': 'all'},
             'loads': {'push': {**loads['push'], 'frame': 'body', 'point': [0.0, 0.0, 1e-3]}}}),
-        Term('loads on all bodies by a profile', {
+        Term('loads on all bodies with a time profile', {
             'groups': {'pushed': 'all'},
             'loads': {'push': {**loads['push'], 'profile': 'half_sine', 'duration': 1e3}}}),
         Term('pressure on exterior faces', {
@@ -118,14 +118,14 @@ def terms(body: int) -> list[Term]:
             'charge': {'per_body': 1e-8}, 'field': {'electric': [0.0, 0.0, 1e4]}}),
         Term('dipoles in an electric field', {
             'charge': charge, 'field': {'electric': [0.0, 0.0, 1e4]}}),
-        Term('charges on each other', {
+        Term('mutual charges', {
             'charge': {'per_body': 1e-8, 'mutual': True}}, steps=_FEW_STEPS,
             warm_up=_SHORT_WARM_UP),
-        Term('contact watch', {'contact': {'mode': 'auto'}}, warm_up=_BEFORE_CONTACT),
-        Term('shells near each other', {
+        Term('contact detection', {'contact': {'mode': 'auto'}}, warm_up=_BEFORE_CONTACT),
+        Term('shells near each other, no contact', {
             'weave': {'connector_angle': -0.3}, 'contact': _SOFT_CONTACT,
             'initial_random': _CALM}),
-        Term('faces that press on each other', {
+        Term('faces in contact', {
             'weave': {'connector_angle': _FACES}, 'contact': _SOFT_CONTACT,
             'connector': {**FABRIC['connector'], 'natural_length': _FACES_LENGTH},
             'initial_random': _CALM}, steps=_FEW_STEPS, warm_up=_SHORT_WARM_UP),
@@ -139,13 +139,13 @@ def terms(body: int) -> list[Term]:
         Term('damped connectors', {'connector': {'damping': 1e-3}}, method='dop8'),
         Term('standard linear solids', {
             'connector': {'maxwell_stiffness': 200.0, 'maxwell_time': 1e-3}}, method='dop8'),
-        Term('inertias that are not isotropic', {
+        Term('anisotropic inertias', {
             'shell': {**FABRIC['shell'], 'principal_inertia': [9e-7, 1e-6, 1.2e-6]}},
             method='dop8'),
-        Term('connectors with damping of their own', {
+        Term('individual connector damping', {
             'groups': wall, 'connector_groups': {'soft': {
                 'between': 'wall all', 'damping': 1e-3}}}, method='dop8'),
-        Term('connectors that can break', {
+        Term('breakable connectors', {
             'connector': {'break_length_extension': 1.0}}, method='dop8'),
         Term('drag', {'drag': {'linear': 1e-4, 'angular': 1e-8}}, method='dop8'),
         Term('charges and dipoles in a magnetic field', {
@@ -156,8 +156,8 @@ def terms(body: int) -> list[Term]:
             _pull_all, compiled=False), steps=_FEW_STEPS, warm_up=_SHORT_WARM_UP),
         Term('an anchor', {'anchors': {'hook': {
             'body': 0, 'edge': 'up', 'position': [0.0, 0.0, 0.0485]}}}),
-        Term('connectors around their shells', {'connector': {'obstruction': 'wrap'}}),
-        Term('attachment points anywhere', {'connector': {'attachment': {
+        Term('connectors wrapped over shells', {'connector': {'obstruction': 'wrap'}}),
+        Term('arbitrary attachment points', {'connector': {'attachment': {
             'up': [0.0, 0.001, 0.0162]}}}),
     ]
 

@@ -94,7 +94,7 @@ def test_bare_scene_computes_what_the_springs_only_kernel_does(bare):
 def some_terms(body, every=terms.terms):
     """Fewer terms, that need fewer kernels."""
     labels = (
-        terms.BARE, 'gravity', 'one side held', 'contact watch', terms.ADAPTIVE, 'drag',
+        terms.BARE, 'gravity', 'one side held', 'contact detection', terms.ADAPTIVE, 'drag',
         'body force, called by Python')
     return [term for term in every(body) if term.label in labels]
 
@@ -157,7 +157,7 @@ second:
 def test_terms_from_end_to_end(tmp_path, costs):
     result = costs
     lines = '\n'.join(terms_report.lines(result))
-    for word in ('gravity', 'one side held', 'contact watch', 'push', 'drift', terms.KERNEL):
+    for word in ('gravity', 'one side held', 'contact detection', 'push', 'drift', terms.KERNEL):
         assert word in lines
     assert result.ratio(result.rows[0]) == Spread(1.0, 1.0, 1.0)
     # What needs another method is compared with the bare scene by that.
