@@ -266,7 +266,7 @@ def integrate_volume(
     degree
         The result is exact for polynomials up to this total degree. There is no error
         estimate: for a function that is no polynomial compare two degrees, and for a mass
-        distribution use `mass_distribution.integrate_density`, which does so by itself.
+        distribution use `mass_distribution.integrate_density`, which estimates its error.
 
     Returns
     -------

@@ -49,7 +49,7 @@ _UNSEEN_SHARE: Final = 0.1
 _INSET: Final = 1e-6
 _SMALLEST_AREA: Final = 1e-12
 # Two images of a ray with integrals this close, relative to the largest possible, are equal.
-_SAME: Final = 1e-11
+_EQUAL_IMAGE_RATIO: Final = 1e-11
 # Intervals to start with on each ray. A ray that grazes a ball has too short a chord in it to be
 # noticed; what is lost so goes with the third power of the spacing, and 16 intervals lose about
 # 1e-7 of the mass. So once a jump has been seen, their number follows the tolerance.
@@ -59,7 +59,7 @@ _PANELS_LIMIT: Final = 100
 
 
 class MassDistribution(NamedTuple):
-    """What the integration found, in body axes."""
+    """Result of the integration, in body axes."""
 
     mass: float                # [kg]
     centre_of_mass: np.ndarray  # [m], (3,)
@@ -87,9 +87,9 @@ def integrate_density(
     include_interior
         Also integrate inside the inner surface: bracing, or a ball in the hollow.
     tolerance
-        Wanted relative error of mass and inertia.
+        Required relative error of mass and inertia.
     evaluation_limit
-        Stops the refinement; the result then says that it has not converged.
+        Largest number of densities to evaluate; beyond it the result has `converged` False.
     """
     probe = DensityProbe(density, half_edge, evaluation_limit)
     depths = [0.0, thickness / inscribed_radius(half_edge)]
@@ -262,7 +262,7 @@ class _Cells:
             wanted = np.concatenate([ends[:, self._chosen], ends[row, spots][:, None]], axis=1)
             radial, errors = self._integrate(wanted)
             difference = np.abs(radial[:, -1] - radial[row, self._stand_in[spots]])
-            if difference.max() <= _SAME * self._largest_integral():
+            if difference.max() <= _EQUAL_IMAGE_RATIO * self._largest_integral():
                 return radial[:, self._stand_in], errors[:, self._stand_in]
             # The images differ after all. What was taken for equal so far was found equal.
             self._chosen = self._stand_in = np.arange(120)
@@ -280,7 +280,7 @@ class _Cells:
         stand_in = np.empty(120, dtype=int)
         for image in range(120):
             difference = np.abs(seen[:, chosen] - seen[:, image:image + 1]).max(axis=(0, 2))
-            equal = np.flatnonzero(difference <= _SAME * self._largest_integral())
+            equal = np.flatnonzero(difference <= _EQUAL_IMAGE_RATIO * self._largest_integral())
             stand_in[image] = equal[0] if equal.size else len(chosen)
             if not equal.size:
                 chosen.append(image)

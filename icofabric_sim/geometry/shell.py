@@ -169,7 +169,7 @@ class Shell:
         Make a shell whose density depends on the position (eqs 12, 33 and 34).
 
         The density may jump. It must leave the centre of mass at the centre and the inertia
-        isotropic, both to 1e-9; anything else is refused with what was found.
+        isotropic, both to 1e-9; other densities raise ValueError with the values found.
 
         Parameters
         ----------
@@ -180,11 +180,11 @@ class Shell:
         include_interior
             The density also counts inside the inner surface: bracing, a ball in the hollow.
         tolerance
-            Wanted relative accuracy of mass and inertia. A smooth density, and one that jumps
+            Required relative accuracy of mass and inertia. A smooth density, and one that jumps
             on spheres or icosahedra about the centre, comes out far better. `relative_error`
             keeps the estimate reached.
         evaluation_limit
-            How many densities may be asked for before this is given up as not converged.
+            Largest number of densities to evaluate before ValueError is raised.
         """
         half_edge = _half('shell.edge_length', edge_length)
         inner = inner_half_edge(half_edge, thickness)

@@ -47,7 +47,8 @@ def bounce(normal, rotation, velocity, spin, stiffness, damping=0.0):
         q = y[9:] / np.linalg.norm(y[9:])
         touching, out = touch_floor(normal, 0.0, y[:3], Rotation.from_quat(q).as_matrix())
         rate = laws.depth_rate(out, y[3:6], y[6:9], REST, REST)
-        push = stiffness * laws.damping_factor(damping, rate) * out[:6]
+        c = laws.effective_damping(damping, rate, out[10], 1.0 / np.sqrt(stiffness))
+        push = stiffness * laws.damping_factor(c, rate) * out[:6]
         turn = 0.5 * quaternion_product(y[6:9], q)
         return np.concatenate([y[3:6], push[:3] / MASS, push[3:] / INERTIA, turn])
 
@@ -58,7 +59,7 @@ def bounce(normal, rotation, velocity, spin, stiffness, damping=0.0):
 
     left.terminal, left.direction = True, 1.0
     end = solve_ivp(rates, (0.0, 40.0 / np.sqrt(stiffness)), start, method='DOP853', rtol=1e-10,
-                    atol=1e-13, events=left)
+                    atol=1e-13, events=left, max_step=0.1 / np.sqrt(stiffness))
     assert end.status == 1
     return end.y[3:6, -1], end.y[6:9, -1]
 
@@ -108,7 +109,9 @@ def test_restitution_is_what_the_damping_says(damping):
     for speed in (0.2, 1.0):
         velocity, spin = bounce(normal, rotation, -speed * normal, REST, 1e6, damping)
         expected = contact.restitution(damping, share * speed)
-        assert velocity[2] / speed == pytest.approx(expected, abs=1e-6)
+        # The slider that damps slow contacts acts here too, where delta hardly changes.
+        assert velocity[2] / speed == pytest.approx(
+            expected, abs=3e-5 if damping * share * speed < 0.01 else 1e-6)
         assert np.abs(velocity[:2]).max() < 1e-9 and np.abs(spin).max() < 1e-9
         assert 0.05 < expected < 0.999
         assert contact.damping_for(expected, share * speed) == pytest.approx(damping, rel=1e-9)
@@ -116,10 +119,12 @@ def test_restitution_is_what_the_damping_says(damping):
 
 def test_restitution_in_its_limits():
     assert contact.restitution(0.0, 1.0) == 1.0 and contact.damping_for(1.0, 2.0) == 0.0
-    # Where the series takes over.
-    below, above = contact.restitution(0.999999e-4, 1.0), contact.restitution(1.000001e-4, 1.0)
-    assert 0.0 < below - above < 1e-9
+    # Slow collisions: the slider withholds a thousandth of the push.
+    assert contact.restitution(1e-7, 1.0) == pytest.approx(np.sqrt(0.999 / 1.001), abs=1e-9)
+    assert contact.restitution(2e-3, 1.0) == pytest.approx(1.0 - 2.0 * 2e-3 / 3.0, abs=2e-6)
     assert contact.restitution(1e6, 1.0) == pytest.approx(1e-6)
+    with pytest.raises(ValueError, match='below 0.999, which damped contacts return at most'):
+        contact.damping_for(0.9995, 1.0)
     for bad in (lambda: contact.restitution(-1.0, 1.0), lambda: contact.restitution(1.0, 0.0),
                 lambda: contact.damping_for(0.0, 1.0), lambda: contact.damping_for(0.5, -1.0)):
         with pytest.raises(ValueError, match='must be'):
@@ -140,7 +145,9 @@ def test_rate_of_the_depth_is_its_derivative_and_damping_takes_energy(kind):
         rate = laws.depth_rate(out, va, wa, vb, wb)
         assert rate == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=1e-4, abs=1e-4)
         for damping in (0.1, 10.0):
-            factor = laws.damping_factor(damping, rate)
+            c = laws.effective_damping(damping, rate, out[10], 1e-3)
+            assert c >= damping
+            factor = laws.damping_factor(c, rate)
             assert factor >= 0.0
             # Power of what the damping adds to the push.
             push = (factor - 1.0) * out

@@ -58,7 +58,9 @@ def test_a_collision_in_one_point_has_the_restitution_that_its_damping_is_for(wa
     assert snapshot.linear_velocity[1, 2] == pytest.approx(wanted * speed, rel=1e-7)
     assert np.abs(snapshot.linear_velocity[1, :2]).max() < 1e-12 * speed
     energy = snapshot.energy
-    assert energy['dissipated'] == pytest.approx((1.0 - wanted**2) * before, rel=1e-7)
+    # Next to the formula, the slider that damps slow contacts takes 7e-8 of the energy.
+    assert energy['dissipated'] == pytest.approx(
+        (1.0 - wanted**2) * before, abs=1e-7 * before)
     # The kink at first touch, sharper with damping: velocities may err by solver.tolerance, 1e-6 a
     # per second, so energies by twice that over the speed.
     assert abs(energy['balance_error']) < (1e-7 if wanted < 0.5 else 2e-6 * A / speed) * before

@@ -21,7 +21,10 @@ pair's momentum and angular momentum stay what they are.
 
 Damping multiplies the push by 1 + c d(delta)/dt, and never pulls (K. H. Hunt and F. R. E.
 Crossley, J. Appl. Mech. 42, 440, 1975). It takes the power c K delta (d(delta)/dt)^2 >= 0, and
-its force begins with 0 at first touch as the push does.
+its force begins with 0 at first touch as the push does. Slow motion on a light contact loses next
+to nothing by that alone, and may last for ever where a load does work. Where c d(delta)/dt is
+below a thousandth, a dashpot behind a slider takes over that yields at a thousandth of the push
+(`effective_damping`).
 
 Friction is a slider behind a spring of stiffness k and a dashpot k tau beside it (P. A. Cundall
 and O. D. L. Strack, Geotechnique 29, 47, 1979, with the dashpot). With the slip v along the
@@ -47,6 +50,13 @@ Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 # A disc that is pressed on evenly resists being spun as all of it would there, in radii.
 _SPUN = 2.0 / 3.0
+# Part of the push at which the slider yields that damps slow motion, and the time constant [s] of
+# the dashpot behind it over the lag of friction: little, so that the force changes smoothly where
+# delta stops growing.
+SLIDER_RATIO = 1e-3
+_DASHPOT_RATIO = 0.02
+# Squared rate [m^2/s^2] below which nothing moves; beyond it no power overflows.
+_SMALLEST_SQUARE_RATE = 1e-100
 
 
 @compiled
@@ -66,8 +76,26 @@ def depth_rate(out: np.ndarray, va: Any, wa: Any, vb: Any, wb: Any) -> float:
 
 
 @compiled
+def effective_damping(damping: float, rate: float, depth: float, lag: float) -> float:
+    """
+    Return the damping [s/m] at a depth delta [m] and its rate [m/s]; 0 where `damping` c is 0.
+
+    (c^4 + s^4)^(1/4) with s = r / sqrt(rate^2 + (r delta / T)^2), r = SLIDER_RATIO and
+    T = _DASHPOT_RATIO tau for the `lag` tau [s]: next to c where c rate is above a few r.
+    """
+    if not damping > 0.0:
+        return 0.0
+    yield_rate = SLIDER_RATIO / _DASHPOT_RATIO * depth / lag
+    square_rate = rate * rate + yield_rate * yield_rate
+    if not square_rate > _SMALLEST_SQUARE_RATE:
+        return damping
+    square = SLIDER_RATIO**2 / square_rate
+    return math.sqrt(math.sqrt(damping**4 + square * square))
+
+
+@compiled
 def damping_factor(damping: float, rate: float) -> float:
-    """What the push is multiplied by, for a damping c [s/m] and the rate of delta [m/s]."""
+    """Return the factor of the push, for a damping [s/m] and the rate of delta [m/s]."""
     return max(0.0, 1.0 + damping * rate)
 
 

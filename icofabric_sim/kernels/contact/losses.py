@@ -35,6 +35,7 @@ from icofabric_sim.kernels.contact.forces import add_up, part_of, touch_all, tou
 from icofabric_sim.kernels.contact.laws import (
     damping_factor,
     depth_rate,
+    effective_damping,
     Four,
     patch_radius,
     pull,
@@ -129,7 +130,8 @@ def lose_some(
             vb, wb = column(velocity, t), column(spin, t)
             size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
             deepening = depth_rate(out, va, wa, vb, wb)
-            factor = damping_factor(losses.damping, deepening)
+            damping = effective_damping(losses.damping, deepening, out[10], losses.lag)
+            factor = damping_factor(damping, deepening)
             power[p] = contacts.stiffness * out[10] * deepening * (factor - 1.0)
             for k in range(9):
                 out[k] *= factor
@@ -244,8 +246,8 @@ def lose_ahead(
         mobility = bodies * inverse_mass * size * size + inverse_inertia * (
             out[3] * out[3] + out[4] * out[4] + out[5] * out[5]
             + out[6] * out[6] + out[7] * out[7] + out[8] * out[8])
-        part = step * losses.damping * contacts.stiffness * mobility / out[10]
-        damping = losses.damping
+        damping = effective_damping(losses.damping, deepening, out[10], losses.lag)
+        part = step * damping * contacts.stiffness * mobility / out[10]
         if part > _MOST_DAMPED:
             damping *= _MOST_DAMPED / part
         factor = damping_factor(damping, deepening)
