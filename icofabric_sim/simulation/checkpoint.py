@@ -52,7 +52,7 @@ FORMAT = 2
 
 
 class Run(Protocol):
-    """What a checkpoint says of the run that it is of."""
+    """The parts of a simulation that a checkpoint describes."""
 
     @property
     def scene(self) -> Scene: ...
@@ -70,29 +70,38 @@ class Run(Protocol):
 @dataclass(frozen=True, eq=False, repr=False)
 class Checkpoint:
     """
-    A run at one time: `header` in words and numbers, and the `arrays` of its tree.
+    State of a run at one time: a `header` of words and numbers, and `arrays`.
 
-    `Simulation.checkpoint` makes one; `Simulation.restore` goes on from it.
+    `Simulation.checkpoint` makes one; `Simulation.restore` continues from it.
     """
 
     header: dict[str, Any]
     arrays: dict[str, np.ndarray]
 
     def __post_init__(self) -> None:
-        """Refuse a header that lacks what everyone reads."""
+        """Raise for a header without its required entries, or arrays of another type."""
         _check_header(checks.mapping('header', self.header))
         for array in checks.mapping('arrays', self.arrays).values():
             if checks.instance('arrays', array, np.ndarray).dtype != np.float64:
                 raise TypeError(f'arrays must be of doubles, got the type {array.dtype}')
 
     def __repr__(self) -> str:
-        """Say of when it is and how large, without what it holds."""
+        """Return time and size in words."""
         size = sum(array.nbytes for array in self.arrays.values())
         return f'<Checkpoint at t = {self.time:.9g} s: arrays of {size:,} bytes>'
 
     @classmethod
     def of(cls, simulation: Run, tree: dict[str, Any]) -> Self:
-        """Make a checkpoint from what the `simulation` remembers."""
+        """
+        Return a checkpoint of a simulation.
+
+        Parameters
+        ----------
+        simulation
+            The run.
+        tree
+            Its state, as `Simulation.checkpoint` collects it.
+        """
         arrays: dict[str, np.ndarray] = {}
         _require_simulation(simulation)
         values = _split(checks.mapping('tree', tree), '', arrays)
@@ -104,20 +113,32 @@ class Checkpoint:
         return float(self.header['time'])
 
     def parameters(self) -> Parameters:
-        """Parameters of its scene; ValueError where this version cannot take them."""
+        """Return the parameters of its scene; ValueError if this version does not accept them."""
         return scene_parameters(self.header)
 
     def state_tree(self) -> StateTree:
-        """What was remembered."""
+        """Return the state as a tree of numbers and arrays."""
         return StateTree(_joined(self.header['memory'], self.arrays))
 
     def to_bytes(self) -> bytes:
-        """All of it, for a file or a message."""
+        """Return the checkpoint as bytes, for a file or a message."""
         return b''.join(encode(self.header, self.arrays))
 
     @classmethod
     def from_bytes(cls, data: bytes | bytearray | memoryview) -> Self:
-        """Read it back; ValueError says what is wrong with the bytes."""
+        """
+        Return the checkpoint that `to_bytes` has written.
+
+        Parameters
+        ----------
+        data
+            Bytes.
+
+        Raises
+        ------
+        ValueError
+            The bytes are damaged, or no checkpoint.
+        """
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError(f'data must be the bytes of a checkpoint, got {checks.shown(data)}')
         try:
@@ -126,7 +147,14 @@ class Checkpoint:
             raise ValueError(f'this is not a checkpoint that can be read: {error}') from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file that is either complete or not there; one of that name is replaced."""
+        """
+        Write a file, which appears only when it is complete.
+
+        Parameters
+        ----------
+        path
+            The file; an existing one is replaced.
+        """
         target = Path(checks.path('path', path))
         beside = target.with_name(f'.{uuid.uuid4().hex}.checkpoint')
         try:
@@ -146,7 +174,21 @@ class Checkpoint:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a file; OSError where that fails, ValueError where it holds no checkpoint."""
+        """
+        Return the checkpoint in a file.
+
+        Parameters
+        ----------
+        path
+            The file.
+
+        Raises
+        ------
+        OSError
+            The file cannot be read.
+        ValueError
+            It contains no checkpoint, or a damaged one.
+        """
         checks.path('path', path)
         try:
             return cls.from_bytes(_read(path))
@@ -155,10 +197,15 @@ class Checkpoint:
 
     def difference(self, other: 'Checkpoint') -> str:
         """
-        Say in words where two runs first differ, '' where they continue to the same bits.
+        Return in words where two runs first differ, '' if their continuations are bit-identical.
 
-        On which machine they were computed, and what the motion does not depend on (rates,
-        threads, ...), does not count.
+        Machines, rates, numbers of threads and other things that the motion does not depend on are
+        not compared.
+
+        Parameters
+        ----------
+        other
+            The checkpoint to compare with.
         """
         checks.instance('other', other, Checkpoint)
         words = 'in the first', 'in the second'
@@ -166,7 +213,7 @@ class Checkpoint:
             [(each.header, each.arrays) for each in (self, other)], words)
 
     def unlike_machine(self) -> str:
-        """Say how its processor and libraries differ from those here, '' where they do not."""
+        """Return how its processor and libraries differ from the present ones, '' if equal."""
         there, here = _flat_machine(self.header), _flat_machine(machine())
         return '; '.join(
             f'{name} {there.get(name, "?")} in it, {here[name]} here'
@@ -174,7 +221,12 @@ class Checkpoint:
 
     def require_fit(self, simulation: Run) -> None:
         """
-        Refuse a checkpoint of another scene, method or version; ValueError names what differs.
+        Raise ValueError with the difference if scene, method or version are others.
+
+        Parameters
+        ----------
+        simulation
+            The run that is to continue from this checkpoint.
         """
         _require_simulation(simulation)
         different = scene_difference(self.header, _identity(simulation), ('in it', 'here'))
@@ -192,7 +244,7 @@ def _require_simulation(simulation: Any) -> None:
 
 def machine() -> dict[str, Any]:
     """
-    On what bits may depend beside the version: processor, numbers computed at once, libraries.
+    Return what bits may depend on besides the version: processor, vector lanes, libraries.
     """
     return {
         'processor': host_processor(),
@@ -205,7 +257,7 @@ def machine() -> dict[str, Any]:
 
 
 def _identity(simulation: Run) -> dict[str, Any]:
-    """Of what a checkpoint is."""
+    """Return the fingerprint of the scene and run that a checkpoint belongs to."""
     scene = simulation.scene
     return {
         'format': FORMAT,

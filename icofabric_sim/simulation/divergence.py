@@ -107,9 +107,17 @@ class Growth(AsTable):
 
     def final_error(self, tolerance: float) -> float:
         """
-        Bound of the error at the end: what was added, or may be added each second, times growth.
+        Return a bound of the error at the end: the added error times its amplification.
 
-        Say `tolerance` 0 where the step was given: then it promises nothing.
+        Parameters
+        ----------
+        tolerance
+            `solver.tolerance` [1/s]; 0 for given steps, whose error has no such limit.
+
+        Returns
+        -------
+        float
+            Position over a, or angle in rad.
         """
         tolerance = checks.number('tolerance', tolerance, least=0.0)
         added = np.maximum(tolerance * max(float(self.time[-1]), 1.0), float(self.error[-1]))
@@ -222,10 +230,27 @@ def measure_growth(
     scene: Scene, duration: float, *, progress: Callable[[float], None] = lambda time: None
 ) -> Growth:
     """
-    Simulate `scene` for `duration` [s] and measure how a small displacement of it grows.
+    Measure how a small displacement of a scene is amplified (finite-time Lyapunov growth).
 
-    It takes about twice as long as the run alone; `progress` gets the simulated time [s]. Raises
-    SimulationError where the run itself fails.
+    Takes about twice the time of the run alone.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    duration
+        Simulated time [s].
+    progress
+        Called with the simulated time [s].
+
+    Returns
+    -------
+    Growth
+
+    Raises
+    ------
+    SimulationError
+        The run itself fails.
     """
     require_scene(scene)
     duration = checks.positive('duration', duration, 's')

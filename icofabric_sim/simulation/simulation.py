@@ -82,22 +82,39 @@ def compile_scene(
     body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
 ) -> 'Simulation':
     """
-    Turn a scene into something fast, once.
+    Compile a scene into a simulation at its initial state.
 
-    `rotation` replaces `solver.rotation` of the scene: 'quaternion' (eqs 21-27, 10 N) or
-    'direction_cosines' (eqs 16-20, 15 N). `body_force`: a Python function, or a BodyForce, that
-    acts on all bodies beside what the scene says. `ranks`: the processes of MPI that take the
-    steps together; what they cannot share is refused by name.
-    Raises ValueError where `solver.step` is beyond the stability limit.
+    Parameters
+    ----------
+    scene
+        The scene.
+    rotation
+        Equations of rotation, instead of `solver.rotation` of the scene: 'quaternion' (eqs 21-27,
+        10 N equations) or 'direction_cosines' (eqs 16-20, 15 N).
+    body_force
+        A BodyForce, or a Python function for one, that acts on all bodies in addition to the
+        forces of the scene.
+    ranks
+        MPI processes that share the bodies of the scene.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ParameterError
+        A ValueError: `solver.step` is beyond the stability limit, or `ranks` or `solver.device` do
+        not support a parameter, which the message names.
     """
     return Simulation(scene, rotation=rotation, body_force=body_force, ranks=ranks)
 
 
 def use_all_kernels(simulation: 'Simulation') -> None:
     """
-    Call every kernel that a run comes to: of steps, of one that ends at an input, of reports.
+    Call every kernel that a run needs: for steps, for steps that end at an input, for reports.
 
-    The `simulation` moves a part of a step.
+    Advances the `simulation` by half a step.
     """
     simulation.warm_up()
     begin, step = simulation.time, simulation.status.step
@@ -115,7 +132,7 @@ def use_all_kernels(simulation: 'Simulation') -> None:
 
 
 class Simulation:
-    """Motion of one scene from its initial state on; not for use by several threads at once."""
+    """Motion of one scene from its initial state; only one thread may use it at a time."""
 
     def __init__(
         self, scene: Scene, *, rotation: str | None = None,
@@ -167,7 +184,7 @@ class Simulation:
         self._cells: LoadCells | None = None
 
     def __repr__(self) -> str:
-        """Say what it is of and how it steps."""
+        """Return time, size, method and step in words."""
         return (f'<Simulation at t = {self.time:.9g} s: {counted(self.scene.body_count, "body")}, '
                 f'{counted(self.scene.connector_count, "connector")}, {self.status.method_name}, '
                 f'steps of {self.status.step:.6g} s>')
@@ -185,7 +202,7 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        """Simulated time [s] that was asked for last."""
+        """Simulated time [s], as last requested."""
         return self._event_loop.time
 
     @property
@@ -195,16 +212,32 @@ class Simulation:
 
     @property
     def error_estimate(self) -> float:
-        """Errors added since the start, as if none of them had grown: position over a, or rad."""
+        """Estimated error since the start, without amplification: position over a, or rad."""
         return self._status.error_estimate
 
     @property
     def balance(self) -> EnergyBalance:
-        """How well the energy balanced at the health checks."""
+        """Energy balance at the health checks."""
         return self._status.balance
 
     def advance_to(self, time: float) -> None:
-        """Advance to `time` [s]; in pieces it gives the same bits as in one go."""
+        """
+        Advance to a time; several calls give the bits of a single one.
+
+        Parameters
+        ----------
+        time
+            Simulated time [s], not before the present one.
+
+        Raises
+        ------
+        ValueError
+            The time is in the past.
+        SimulationError
+            The run failed; the simulation is at the last sound state.
+        Interrupted
+            `should_stop` returned True.
+        """
         time = checks.number('time', time, unit='s')
         if time < self.time:
             raise ValueError(
@@ -215,9 +248,17 @@ class Simulation:
 
     def advance_steps(self, count: int) -> int:
         """
-        Take `count` solver steps; an input that acts in between ends a step, which counts.
+        Take solver steps; an input that acts in between ends a step, which counts as one.
 
-        Returns how many were taken: a step that is taken anew makes it more.
+        Parameters
+        ----------
+        count
+            Number of steps.
+
+        Returns
+        -------
+        int
+            Number of steps taken: more than `count` if the last one had to be repeated.
         """
         count = checks.count('count', count, 1)
         with self._deferred:
@@ -229,7 +270,7 @@ class Simulation:
             return self._status.step_count - before
 
     def snapshot(self) -> Snapshot:
-        """Copy of the state at the present time."""
+        """Return a copy of the state at the present time."""
         if self._cached is None or self._cached_at != self._event_loop.changes:
             there = self._event_loop.state()
             state, rest = self.packed.layout.unpack(there), self.packed.rest_lengths(there)
@@ -244,23 +285,23 @@ class Simulation:
         return self._cached
 
     def reactions(self) -> Reactions:
-        """What supports, drives, anchors and planes bear at the present time."""
+        """Return the reactions of supports, drives, anchors and planes at the present time."""
         with self._deferred:
             state = self._event_loop.state()
             return self._load_cells.reactions(
                 self._driver, state, self.time, self.inputs.anchor_points(self.time))
 
     def contacts(self) -> ContactForces:
-        """What touches at the present time: where, and the force, with damping and friction."""
+        """Return the contacts at the present time: points and forces, damping and friction too."""
         with self._deferred:
             return self._load_cells.contacts(self._driver, self._event_loop.state())
 
     def tensions(self) -> np.ndarray:
         """
-        Forces [N] along the connectors at the present time, (c,), positive where they pull.
+        Return the forces [N] along the connectors at the present time, (c,), positive in tension.
 
-        By their laws and dampers; moments apart. 0 of broken ones, NaN of damped ones that
-        lie around a shell.
+        Sums of their laws and dampers, without bending and twisting moments. Broken connectors
+        have 0, damped ones that are wrapped over a shell NaN.
         """
         return tensions_of(self.scene, self.snapshot())
 
@@ -279,10 +320,23 @@ class Simulation:
         time: float | None = None,
     ) -> float:
         """
-        Put a wrench [N], [N m] on the load channel `channel`, from now or a later `time` [s] on.
+        Apply a wrench to a load channel, until another one replaces it.
 
-        Frame, point, share and hold time are the channel's (`loads.NAME.*`). Returns the time from
-        which it acts.
+        Parameters
+        ----------
+        channel
+            NAME of `loads.NAME.*`, which define frame, point, share and hold time.
+        force
+            Force [N], (3,).
+        torque
+            Torque [N m], (3,).
+        time
+            Start [s], not in the past; None: the present time.
+
+        Returns
+        -------
+        float
+            Time [s] at which the wrench starts to act.
         """
         target = ChannelTarget(checks.text('channel', channel))
         return self._apply(target, Wrench.checked(force, torque), time)
@@ -296,9 +350,23 @@ class Simulation:
         time: float | None = None,
     ) -> float:
         """
-        Put a wrench [N], [N m] on one body, on its own axes as they turn, about its centre.
+        Apply a wrench to one body, until another one replaces it; zero removes it.
 
-        Held until replaced; zero clears. Returns the time from which it acts.
+        Parameters
+        ----------
+        body
+            Index of the body, 0 to n - 1.
+        force
+            Force [N], (3,), body axes, at the centre.
+        torque
+            Torque [N m], (3,), body axes.
+        time
+            Start [s], not in the past; None: the present time.
+
+        Returns
+        -------
+        float
+            Time [s] at which the wrench starts to act.
         """
         target = BodyTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         return self._apply(target, Wrench.checked(force, torque), time)
@@ -312,26 +380,53 @@ class Simulation:
         time: float | None = None,
     ) -> float:
         """
-        Move a drive with one velocity [m/s] and spin [rad/s] from now or a later `time` [s] on.
+        Move the bodies of a drive as one rigid body, until another twist or a reset.
 
-        Of the middle of its bodies and about it, world axes; until another one takes over, or a
-        reset. Returns the time from which it acts.
+        Parameters
+        ----------
+        drive
+            NAME of `drives.NAME.*`.
+        linear
+            Velocity of the mean position of its bodies [m/s], (3,), world axes.
+        angular
+            Angular velocity about the mean position [rad/s], (3,), world axes.
+        time
+            Start [s], not in the past; None: the present time.
+
+        Returns
+        -------
+        float
+            Time [s] at which the twist starts to act.
         """
         target = DriveTarget(checks.text('drive', drive))
         return self._apply(target, Twist.checked(linear, angular), time)
 
     def pull(self, body: int, point: Vector) -> None:
         """
-        Draw a body towards a `point` [m] of the world from now on, by a capped spring and damper.
+        Pull a body towards a point by a spring with limited force and a damper.
 
-        Until `release`, or a reset; another point aims anew. See simulation/pulls.py for the law,
-        which is scaled to the fabric and by `pull.strength`.
+        Acts until `release` or a reset; a second call moves the point. simulation/pulls.py has the
+        law, which is scaled to the fabric and by `pull.strength`.
+
+        Parameters
+        ----------
+        body
+            Index of the body, 0 to n - 1.
+        point
+            Target of its centre [m], (3,), world frame.
         """
         target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         self._apply(target, Pull(checks.array('point', point, (3,))), None)
 
     def release(self, body: int) -> None:
-        """Let a body go that is pulled; nothing happens to another one."""
+        """
+        End the pull of a body; a body that is not pulled stays as it is.
+
+        Parameters
+        ----------
+        body
+            Index of the body, 0 to n - 1.
+        """
         target = PullTarget(checks.count('body', body, 0, self.scene.body_count - 1))
         self._apply(target, Pull(np.full(3, np.nan)), None)
 
@@ -345,10 +440,21 @@ class Simulation:
         relaxed: bool = False,
     ) -> None:
         """
-        Replace parts of the state at the present time; (n, 3) and (n, 4), world frame, SI units.
+        Replace parts of the state at the present time; broken connectors stay broken.
 
-        What is broken stays broken. Dashpots of Maxwell arms keep their lengths; where it is
-        `relaxed`, they are as long as if it had been held for ever so long.
+        Parameters
+        ----------
+        position
+            Centres [m], (n, 3), world frame. None, here and below: unchanged.
+        orientation
+            Unit quaternions x, y, z, w, (n, 4), from body to world axes.
+        linear_velocity
+            Velocities [m/s], (n, 3), world frame.
+        angular_velocity
+            Angular velocities [rad/s], (n, 3), world frame.
+        relaxed
+            True: Maxwell arms carry no force at this state. False: their dashpots keep their
+            lengths.
         """
         snapshot, relaxed = self.snapshot(), checks.flag('relaxed', relaxed)
         state = complete_state(snapshot, {
@@ -359,10 +465,13 @@ class Simulation:
 
     def reset(self, *, time: float | None = None) -> None:
         """
-        Go back to the initial state, with every connector whole; received wrenches are forgotten.
+        Return to the initial state, with all connectors whole and without received wrenches.
 
-        The time runs on, from a later `time` [s] where one is given: after a failure the present
-        one is that of the last good state.
+        Parameters
+        ----------
+        time
+            Simulated time [s] at which the motion restarts, not in the past; None: the present
+            time, which after a failure is that of the last sound state.
         """
         if time is not None:
             time = checks.number('time', time, unit='s')
@@ -376,18 +485,28 @@ class Simulation:
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
-        """Go back to the initial state and to time 0."""
+        """Return to the initial state and to time 0."""
         self._event_loop.time = 0.0
         self._event_loop.driver.forget()
         self.reset()
 
     def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
         """
-        Go on where a run of an earlier scene stands: its time, and its wrenches where they fit.
+        Continue from the time and the wrenches of a simulation of an earlier scene.
 
-        With `keep_motion` also its state and its broken connectors, which needs the same number of
-        bodies; else from the initial state. Maxwell arms of connectors that joined the same edges
-        go on; others begin without a pull.
+        Parameters
+        ----------
+        previous
+            The simulation to continue.
+        keep_motion
+            True: continue from its state and broken connectors, too. Maxwell arms continue where
+            connectors join the same edges; others start without force. False: start from the
+            initial state.
+
+        Raises
+        ------
+        ValueError
+            `keep_motion` with another number of bodies.
         """
         checks.instance('previous', previous, Simulation, _WAY)
         keep_motion = checks.flag('keep_motion', keep_motion)
@@ -414,7 +533,12 @@ class Simulation:
 
     def break_like(self, other: 'Simulation') -> None:
         """
-        Have the connectors broken that are broken in `other`, a simulation of the same fabric.
+        Break the connectors and anchors that are broken in another simulation; repair all others.
+
+        Parameters
+        ----------
+        other
+            A simulation of the same fabric.
         """
         checks.instance('other', other, Simulation, _WAY)
         if other.scene.connector_count != self.scene.connector_count:
@@ -432,9 +556,9 @@ class Simulation:
 
     def warm_up(self) -> None:
         """
-        Make every kernel that a step needs ready, without taking one.
+        Compile or load every kernel that a step needs, without taking a step.
 
-        Those that may be needed later, for contacts and inputs, are compiled by another process.
+        Another process compiles kernels that contacts and inputs may need later.
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
@@ -447,13 +571,21 @@ class Simulation:
 
     def prepare_contacts(self, *, load: bool = True) -> ContactKernels | None:
         """
-        Have what the first contact needs made ready beside the run, and never by the run itself.
+        Compile the kernels of the first contact in another process, never in the run itself.
 
-        After `warm_up`. Until it is ready, an advance that needs it ends with KernelsAwaited. With
-        `load` what is on disk is loaded too, and what reports need. None where there is nothing to
-        make ready, no process that could compile it, a body force, which one thread alone may
-        call, or ranks that share the steps, whose kernels are others: then it is compiled where it
-        is needed.
+        Call it after `warm_up`. Until these kernels are ready, an advance that needs them raises
+        KernelsAwaited.
+
+        Parameters
+        ----------
+        load
+            True: load kernels from disk, too, and those of reports.
+
+        Returns
+        -------
+        ContactKernels or None
+            None if nothing is to be compiled, no process can compile it, or the scene has a body
+            force, ranks or a device. The first contact then compiles what it needs.
         """
         load = checks.flag('load', load)
         if self._is_elsewhere or self.body_force is not None:
@@ -473,7 +605,7 @@ class Simulation:
 
     @property
     def _is_elsewhere(self) -> bool:
-        """Whether ranks or a device take the steps."""
+        """True if ranks or a device take the steps."""
         return self._driver.trajectory.method.holder is not None
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
@@ -482,7 +614,7 @@ class Simulation:
             present=self._status.method_name, rotation=self.rotation)
 
     def _load_kernels(self, may_touch: bool) -> None:
-        """Have all of them called by simulations of the same kinds."""
+        """Call all kernels by simulations with the same kernel variants."""
         kinds = kinds_of_steps(
             self._event_loop.touching_method, present=self._status.method_name,
             may_touch=may_touch)
@@ -493,17 +625,26 @@ class Simulation:
                 rotation=self.rotation))
 
     def checkpoint(self) -> Checkpoint:
-        """All that the run continues from; the run itself does not notice."""
+        """Return a checkpoint of the present time; the run is unchanged."""
         with self._deferred:
             return Checkpoint.of(self, self._event_loop.state_tree())
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """
-        Go on from a checkpoint of the same scene, at its time, to the bits of the run it is of.
+        Continue from a checkpoint of the same scene, bit-identical to the run that made it.
 
-        That run may have had another number of threads, and other rates or a bag. ValueError says
-        what does not fit or is damaged; then nothing has changed. Where its processor or libraries
-        were others the last bits of what follows may be too, which is logged as a warning.
+        That run may have had other numbers of threads, rates or bags. With another processor or
+        other libraries, the last bits may differ; a warning is logged.
+
+        Parameters
+        ----------
+        checkpoint
+            From `checkpoint()` or `Checkpoint.load`.
+
+        Raises
+        ------
+        ValueError
+            The checkpoint is damaged or of another scene; nothing has changed.
         """
         checks.instance(
             'checkpoint', checkpoint, Checkpoint,
@@ -551,7 +692,7 @@ class Simulation:
         return at
 
     def _books(self, state: InitialState) -> dict[str, float]:
-        """What a snapshot needs for its balance [J]."""
+        """Return the energies and works [J] that the balance of a snapshot needs."""
         shown, ledger, force = (
             self._driver.shown, self._driver.trajectory.ledger, self.body_force)
         books = {

@@ -48,19 +48,45 @@ def sweep(
     progress: Callable[[int, int], None] | None = None
 ) -> SweepTable:
     """
-    Run a scene for many values of its parameters; returns a table with a row a run.
+    Run a scene for many values of its parameters.
 
-    `vary`: values of each parameter, `{'connector.stiffness': [300.0, 500.0]}`, or a range,
-    `{'weave.connector_angle': '0.1..0.7/13'}`; together they are a grid. Ranges without a count
-    are sampled: `sample={'method': 'sobol', 'count': 64, 'seed': 0}`. `cases`: dictionaries of
-    values that go together. `verbs`: run, statics, modes, elasticity, bands, curve; `keep`: what
-    is kept of them, such as 'energies', 'displacement tip', 'frequencies 6', 'bag'.
+    Results are bit-identical for any number of workers.
 
-    Runs are shared out among `workers` processes by Dask (extra `sweep`; None: one a core), or
-    the workers of a `scheduler`; 0: this process does them all. What is in the `store` is not done
-    again, but for what has failed with `retry`. `progress` hears how many of how many are done.
-    Results are the same bits for any number of workers. Raises ValueError before anything starts
-    where a run cannot be had as described.
+    Parameters
+    ----------
+    scene
+        The scene.
+    vary
+        Values of each parameter, `{'connector.stiffness': [300.0, 500.0]}`, or a range,
+        `{'weave.connector_angle': '0.1..0.7/13'}`; several parameters span a grid.
+    verbs
+        Computations of each run: run, statics, modes, elasticity, bands, curve.
+    keep
+        Results to keep, such as 'energies', 'displacement tip', 'frequencies 6', 'bag'.
+    cases
+        Sets of parameter values that belong together.
+    sample
+        Sampling of ranges without a count: `{'method': 'sobol', 'count': 64, 'seed': 0}`.
+    workers
+        Number of Dask processes (extra `sweep`); None: one a core; 0: this process.
+    scheduler
+        Address of a Dask scheduler whose workers compute the runs.
+    store
+        Folder of the results; runs found there are not repeated.
+    retry
+        True: repeat runs of the store that failed.
+    progress
+        Called with the number of finished runs and of all runs.
+
+    Returns
+    -------
+    SweepTable
+        A row for each run.
+
+    Raises
+    ------
+    ValueError
+        A run is not possible as described; nothing has started.
     """
     if progress is not None:
         checks.function('progress', progress)

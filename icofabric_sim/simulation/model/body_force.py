@@ -84,7 +84,19 @@ class BodyForce:
 
     def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
         """
-        Compile it if it can be, and try it at the start, `numbers` (n, 13); ValueError if wrong.
+        Compile the function if possible, and call it once.
+
+        Parameters
+        ----------
+        layout
+            Slots of the bodies.
+        numbers
+            Initial state, (n, 13): position, orientation, velocity, angular velocity.
+
+        Raises
+        ------
+        ValueError
+            The function fails, or does not return finite forces and torques.
         """
         checks.instance('layout', layout, Layout)
         numbers = checks.array('numbers', numbers, ('n', 13))
@@ -119,7 +131,18 @@ class BodyForce:
         return external
 
     def energy(self, time: float, position: np.ndarray, orientation: np.ndarray) -> float:
-        """Potential energy [J] of all bodies; 0 without a potential."""
+        """
+        Return the potential energy [J] of all bodies; 0 without a potential.
+
+        Parameters
+        ----------
+        time
+            Simulated time [s].
+        position
+            Centres [m], (n, 3), world frame.
+        orientation
+            Unit quaternions x, y, z, w, (n, 4).
+        """
         time = checks.number('time', time, unit='s')
         position = checks.array('position', position, ('n', 3), 'm')
         orientation = checks.array('orientation', orientation, (len(position), 4))
@@ -137,7 +160,14 @@ class BodyForce:
             for each in map(self.potential, itertools.repeat(time), position, orientation)))
 
     def explain(self, external: External) -> str:
-        """Sentence on why it failed."""
+        """
+        Return a sentence on why the function failed.
+
+        Parameters
+        ----------
+        external
+            The record that `prepare` has made.
+        """
         checks.instance('external', external, External)
         error: BaseException | None = self._error
         if error is None:

@@ -41,16 +41,30 @@ def surface_force(
     axes: str = 'face', degree: int = 6
 ) -> BodyForce:
     """
-    Make a body force of a traction on faces of the bodies of a group, for `compile_scene`.
+    Return the body force of a traction on faces of the bodies of a group, for `compile_scene`.
 
-    `traction(face, xi, eta, time)` is called with the numbers (1 to 20) of m points' faces, their
-    coordinates (m,), and the time [s]; it returns the traction there [Pa], (m, 3). `axes` says
-    along what: 'face' (pressure against the outward normal, shear along the first side of the
-    face, shear across, as `tractions.NAME`), 'body', or 'world' (it keeps its direction as the
-    body turns). `faces` is a selector as in `tractions.NAME.faces`.
+    Parameters
+    ----------
+    scene
+        The scene.
+    traction
+        Called as `traction(face, xi, eta, time)` with the numbers (1 to 20) of the faces of m
+        points, their coordinates (m,) and the time [s]. Returns the traction [Pa], (m, 3).
+    group
+        NAME of `groups.NAME`, or 'all'.
+    faces
+        Selector of faces, as `tractions.NAME.faces`.
+    axes
+        Axes of the traction. 'face': pressure against the outward normal, shear along the first
+        side of the face, shear across it, as `tractions.NAME`. 'body' or 'world': components along
+        these axes.
+    degree
+        Polynomial degree in xi and eta up to which forces and torques are exact.
 
-    The integral over a face is exact for tractions that are polynomials of a `degree` in xi and
-    eta (torques too). Raises ValueError for what names no group or no faces.
+    Raises
+    ------
+    ValueError
+        There is no such group, or no such faces.
     """
     parameters = require_scene(scene).parameters
     checks.function('traction', traction)
