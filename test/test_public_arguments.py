@@ -400,8 +400,8 @@ def table(t):
             'relaxed': flag(False, np.True_)}),
         'solve_equilibrium': (ico.solve_equilibrium, {
             'scene': scene, **statics, 'load_factor': from_zero(1.0, 0, np.int64(1)),
-            **body_force, **progress, 'objective': text(
-                'energy', 'resultants', None, optional=True, bad=['', 'work'])}),
+            **body_force, 'objective': text(
+                'energy', 'resultants', None, optional=True, bad=['', 'work']), **progress}),
         'step_loads': (ico.step_loads, {
             'scene': scene, 'factors': Argument(
                 [[0.5, 1], np.array([1.0]), (1,)], [
