@@ -21,7 +21,6 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.equilibrium import solve_equilibrium
 from icofabric_sim.statics.modes import solve_modes
 from icofabric_sim.statics.periodic import homogenise
-from icofabric_validation.commands.benchmark import read_tables
 import numpy as np
 import pytest
 
@@ -97,10 +96,3 @@ def test_numbers_that_json_lacks_are_null(capsys):
     print_json({'a': np.array([1.0, np.nan]), 'b': float('inf'), 'c': (1, 'x', None, np.True_)})
     assert json.loads(capsys.readouterr().out) == {
         'a': [1.0, None], 'b': None, 'c': [1, 'x', None, True]}
-
-
-def test_benchmarks_report_their_tables(tmp_path):
-    path = tmp_path / 'speed.csv'
-    path.write_text('who,bodies,ns\nours,63,1.5\n', 'utf-8')
-    assert read_tables([path, tmp_path / 'picture.png']) == {
-        'speed': [{'who': 'ours', 'bodies': 63, 'ns': 1.5}]}

@@ -41,6 +41,7 @@ from icofabric_validation.benchmarks.scenes import (
 )
 from icofabric_validation.benchmarks.solver import StepSolver, ToleranceSolver, Unusable
 from icofabric_validation.benchmarks.timing import in_rounds, Spread
+from icofabric_validation.commands.benchmark import read_tables
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -398,3 +399,10 @@ def test_step_speed_from_end_to_end(tmp_path, monkeypatch):
 def test_bad_input(words, told, capsys):
     assert main(['benchmark', *words]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_benchmarks_report_their_tables(tmp_path):
+    path = tmp_path / 'speed.csv'
+    path.write_text('who,bodies,ns\nours,63,1.5\n', 'utf-8')
+    assert read_tables([path, tmp_path / 'picture.png']) == {
+        'speed': [{'who': 'ours', 'bodies': 63, 'ns': 1.5}]}
