@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check bench lint docs films clean
+.PHONY: help run test test-long check bench lint language docs films clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -47,6 +47,7 @@ help:
 	echo 'make test-long  what takes too long for make test, and whether pages say what commands print'
 	echo 'make bench   time this checkout and another commit in turns (REF=HEAD~1; ARGS="--cases S1")'
 	echo 'make lint    set up .venv, then lint and types only'
+	echo 'make language  count what docs/style.md asks of names and texts (ARGS="--rooms")'
 	echo 'make docs    set up .venv, then build the documentation site in build/site'
 	echo 'make films   set up .venv, then make the films of docs/gallery.md anew (half an hour)'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
@@ -65,6 +66,10 @@ lint:
 	.ci/environment test
 	$(call stage,lint (ruff),.venv/bin/ruff check .)
 	$(call stage,types (mypy),.venv/bin/mypy)
+
+language:
+	.ci/environment test
+	.venv/bin/python docs/language.py $(ARGS)
 
 ifneq ($(ARGS),)
 test: lint

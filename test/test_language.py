@@ -1,0 +1,71 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Names and texts keep to docs/style.md: counts of docs/language.py have ceilings."""
+
+from collections import Counter
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+# Pages are done. Breaches of docstrings, constants and words in code may only become fewer.
+CODE_CEILINGS = {'sections': 15, 'docstrings': 971, 'constants': 251, 'words': 565}
+
+
+@pytest.fixture(scope='module')
+def language():
+    spec = importlib.util.spec_from_file_location('language', ROOT / 'docs/language.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='module')
+def counts(language):
+    return language.count(ROOT)
+
+
+def test_pages_are_read_once(counts):
+    assert counts.examined['sentences'] > 1000 and counts.mean_length <= 18.0
+    pages = [place for place in counts.places if place.path.suffix == '.md']
+    assert not [str(place) for place in pages]
+
+
+def test_breaches_in_code_become_fewer(counts):
+    found = Counter(place.rule for place in counts.places if place.path.suffix == '.py')
+    assert {rule: found[rule] for rule, most in CODE_CEILINGS.items() if found[rule] > most} == {}
+
+
+@pytest.mark.parametrize('rule, text', [
+    ('docstrings', 'def f():\n    """Whether it is so."""\n'),
+    ('words', 'def f():\n    """Return names that nobody has."""\n'),
+    ('words', 'TEXT = "the run goes on by another method"\n'),
+    ('constants', '_MOST = 3\n')])
+def test_a_breach_is_found(language, tmp_path, rule, text):
+    path = tmp_path / 'module.py'
+    path.write_text(text)
+    counts = language.Counts([], Counter(), {})
+    language.examine_code(counts, path, {})
+    assert [place.rule for place in counts.places] == [rule]
+
+
+def test_a_long_sentence_and_a_long_cell_are_found(language, tmp_path):
+    page = tmp_path / 'page.md'
+    long = 'word ' * 36
+    page.write_text(f'One {long}.\n\n| {long}|\n\nA short sentence stands here.\n')
+    counts = language.Counts([], Counter(), {})
+    language.examine_page(counts, page)
+    assert [place.rule for place in counts.places] == ['sentences', 'sentences']
+    assert counts.lengths[page][-1] == 5
