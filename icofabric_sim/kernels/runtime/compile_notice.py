@@ -26,7 +26,7 @@ from icofabric_sim.kernels.runtime.wait_notice import Patience
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # With figures in docs/performance.md, "The first start".
-COMPILING = 'compiling the kernels of this kind of scene, which takes 20 s to a minute'
+COMPILING = 'compiling the kernels of this kind of scene, which takes 20 s to two minutes'
 STILL_COMPILING = 'still compiling the kernels'
 _ONCE = 'once on a machine: later starts take them from disk'
 _ALWAYS = (
