@@ -39,6 +39,7 @@ from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.layout import aligned_empty, copy_state
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
+from icofabric_sim.simulation.model.shared_kinds import BESIDE_DRIVES, TERMS, without
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
 import numpy as np
@@ -326,7 +327,8 @@ class LoadCells:
         for moment in (time - span, time + span):
             there = layout.like(state)
             copy_state(state, there)
-            place_driven(self._model, loads, there, moment)
+            place_driven(
+                without(self._model, *TERMS), without(loads, *BESIDE_DRIVES), there, moment)
             ends.append(np.concatenate([
                 layout.gather(there.linear_velocity), layout.gather(there.angular_velocity)],
                 axis=1))

@@ -42,6 +42,13 @@ from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
+from icofabric_sim.simulation.model.shared_kinds import (
+    BESIDE_ACCELERATIONS,
+    BESIDE_CONNECTORS,
+    BESIDE_DRIVES,
+    TERMS,
+    without,
+)
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
@@ -105,7 +112,8 @@ class StaticFabric:
             loads.anchors, tuple(anchor.body for anchor in scene.anchors.values()),
             inputs.anchor_points(time), time)
         state = self.layout.pack(scene.initial)
-        place_driven(model, loads, state, time)
+        place_driven(
+            without(model, *TERMS), without(loads, *BESIDE_DRIVES), state, time)
         position, orientation, _, _ = self.layout.unpack(state)
         self.own_force = None if body_force is None else OwnForce(
             body_force, self.layout, position, orientation, self.half_edge, time, load_factor)
@@ -118,6 +126,7 @@ class StaticFabric:
             self.free[drive.bodies] &= ~drive.freedoms
         # Forces on held freedoms are wanted too: the supports bear them.
         self.model = model._replace(supports=None)
+        self.springs = without(self.model, 'bending', 'twisting', *BESIDE_CONNECTORS)
         self.laws = TangentLaws(self.packed)
         self.lever = lever_of(scene.geometry.connector_angle)
         self.work = self.layout.room(model.links)
@@ -147,8 +156,9 @@ class StaticFabric:
         if masses.alike:
             self.root = self.root[0]
         # Forces on held freedoms are wanted too: the supports bear them.
-        self.unheld = self.model if masses.alike else self.model._replace(
+        unheld = self.model if masses.alike else self.model._replace(
             supports=pack_supports(masses, None, self.layout))
+        self.unheld = without(unheld, *BESIDE_ACCELERATIONS)
 
     def without_contacts(self) -> 'StaticFabric':
         """Return the same fabric, whose shells and planes do not push each other."""
@@ -536,7 +546,7 @@ class Configuration:
         points, turns = fabric.room
         self._placed()
         hessian_times(
-            self.tangent, self.state, fabric.work.points, points, turns, 1.0, 1.0, None,
+            self.connectors, self.state, fabric.work.points, points, turns, 1.0, 1.0, None,
             vector, product)
         for slots, blocks in self.own_blocks:
             add_own_blocks(slots, blocks, vector, product)
@@ -584,6 +594,11 @@ class Configuration:
             self.stretched, self.slope, self.wrapped.of)._replace(supports=None)
 
     @cached_property
+    def connectors(self) -> Any:
+        """The same model with the laws of connectors alone."""
+        return without(self.tangent, *BESIDE_CONNECTORS)
+
+    @cached_property
     def pulled(self) -> Pulled:
         return self.fabric.anchors.act(self.position, self.axes, self.fabric.lever)
 
@@ -598,6 +613,7 @@ class Configuration:
         """The state, with the attachment points in the room that all configurations share."""
         fabric = self.fabric
         if fabric.placed is not self:
-            place_all(fabric.model, self.state, fabric.work, 0, len(fabric.layout.blocks.slot))
+            place_all(
+                fabric.springs, self.state, fabric.work, 0, len(fabric.layout.blocks.slot))
             fabric.placed = self
         return self.state

@@ -37,6 +37,7 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, without
 from icofabric_sim.simulation.stepping.portions import Portions
 import numpy as np
 
@@ -102,7 +103,8 @@ class Lanczos:
         the Hessian of the connectors, scaled by the roots of masses and inertias; 0 for what is
         held. `coulomb`: charges that count.
         """
-        self._model, self._state, self._work = model, state, work
+        self._model, self._state = without(model, *BESIDE_CONNECTORS), without(state, 'rest')
+        self._work = work
         self._terms = own, pairs, coulomb
         # Slots without a body are read too: they must hold numbers.
         self._moved, self._turns = np.zeros_like(work.points), np.zeros((3, start.shape[1]))

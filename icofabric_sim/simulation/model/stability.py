@@ -33,6 +33,7 @@ from icofabric_sim.simulation.model.lanczos import (
     start_vector,
 )
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, without
 import numpy as np
 
 # Relative accuracy of the squared frequency at which the Lanczos iteration stops. A slightly
@@ -82,12 +83,11 @@ def largest_frequency(
         return Frequency(math.sqrt(more), (), 0)
     count = layout.body_count
     work = layout.room(model.links)
-    place_all(model, state, work, 0, len(layout.blocks.slot))
+    springs, poses = without(model, *BESIDE_CONNECTORS), without(state, 'rest')
+    place_all(springs, poses, work, 0, len(layout.blocks.slot))
     if model.wrapping is not None:
         more += largest_wrapping_bound(model, state, work)
-    upper = frequency_bound(
-        model._replace(dipole=None, coulomb=None, wrapping=None, maxwell=None),
-        state._replace(rest=None), work)
+    upper = frequency_bound(springs, poses, work)
     if not math.isfinite(upper + more):
         # Numbers too large to multiply: nothing is safe.
         return Frequency(math.inf, (), 0)
@@ -168,7 +168,7 @@ def hessian_product(
 
     Returns forces [N] and torques [N m], (n, 3); supports do not count.
     """
-    model, layout = packed.model, packed.layout
+    model, layout = without(packed.model, *BESIDE_CONNECTORS), packed.layout
     work = layout.room(model.links)
     place_all(model, state, work, 0, len(layout.blocks.slot))
     vector = layout.spread(np.hstack([shift, turn]))

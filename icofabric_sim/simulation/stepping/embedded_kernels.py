@@ -41,6 +41,8 @@ class EmbeddedKernels(NamedTuple):
     sum: Callable[..., Any]
     slopes: tuple[int, ...]
     prepare_count: int = 0  # evaluations of the forces in `prepare`
+    # Whether `state` depends on the terms of a model, and on loads that are not drives.
+    reads_terms: bool = True
 
 
 def kernels_of(pair: Pair) -> EmbeddedKernels:
@@ -50,4 +52,4 @@ def kernels_of(pair: Pair) -> EmbeddedKernels:
         partial(dense_sum, pair), tuple(
             k for k in range(len(dop853.STAGES) + 1)
             if any(len(row) > k and row[k] for row in (*dop853.DENSE_STAGES, *dop853.DENSE))),
-        len(pair.dense_stages))
+        len(pair.dense_stages), reads_terms=False)

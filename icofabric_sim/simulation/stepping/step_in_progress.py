@@ -19,6 +19,12 @@ from typing import Any
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail
 from icofabric_sim.simulation.model.layout import copy_state
+from icofabric_sim.simulation.model.shared_kinds import (
+    BESIDE_DRIVES,
+    TERMS,
+    Without,
+    without,
+)
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -44,6 +50,9 @@ class StepInProgress:
         self._trajectory, self._contact, self._trials = trajectory, contact, trials
         self._has_dense = False
         self._room: State | None = None
+        # For states within it, which need paths of drives only.
+        self._bodies = without(trajectory.model, *TERMS)
+        self._drives_of: Without[Loads] = Without(*BESIDE_DRIVES)
 
     @property
     def control(self) -> EmbeddedControl:
@@ -124,9 +133,11 @@ class StepInProgress:
             self._room = trajectory.packed.layout.like(trajectory.state)
             copy_state(trajectory.state, self._room)
         target = self._room
+        model, loads = trajectory.model, trajectory.loads
+        if not self._kernels.reads_terms:
+            model, loads = self._bodies, self._drives_of(loads)
         trajectory.thread_team.run(lambda team: self._kernels.state(
-            trajectory.model, trajectory.loads, trajectory.state, team, trail,
-            trajectory.time, length, part, target))
+            model, loads, trajectory.state, team, trail, trajectory.time, length, part, target))
         return target
 
     def state_within(self, rest: float) -> State:

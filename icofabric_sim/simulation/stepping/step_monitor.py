@@ -17,7 +17,6 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.state_tree import StateTree
@@ -164,7 +163,7 @@ class StepMonitor:
         trajectory = self._trajectory
         model, ledger = trajectory.model, trajectory.ledger
         numbers = ledger.numbers.copy()
-        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        trajectory.place_points()
         status = monitor.examine(
             model, trajectory.loads, trajectory.state, trajectory.work, time, numbers)
         if status & monitor.UNSOUND:

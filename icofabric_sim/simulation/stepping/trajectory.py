@@ -39,6 +39,14 @@ from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.model.layout import copy_state, has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
+from icofabric_sim.simulation.model.shared_kinds import (
+    BESIDE_ACCELERATIONS,
+    BESIDE_CONNECTORS,
+    BESIDE_DRIVES,
+    TERMS,
+    Without,
+    without,
+)
 from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -86,6 +94,10 @@ class Trajectory:
         self.broken = Broken(packed)
         # Of what acts, which knows of them when it is packed; None: no anchor breaks.
         self.anchor_breaks = anchor_breaks
+        # For looks at the state, which do not depend on what takes the steps.
+        self._room_of: Without[Work] = Without('trail', 'breakage', 'external', 'kinks')
+        self._forces_of: Without[Model] = Without(*BESIDE_ACCELERATIONS)
+        self._springs = without(packed.model, 'bending', 'twisting', *BESIDE_CONNECTORS)
         self._work = packed.layout.room(
             packed.model.links, None if method.symplectic else state, differences=differences,
             damped=packed.model.damping is not None, metered=packed.spends)
@@ -323,7 +335,7 @@ class Trajectory:
         model = model or self.model
         last = len(model.blocks.slot)
         self.evaluations.add()
-        place_all(model, self.state, self.work, 0, last)
+        self.place_points()
         losses = contact_losses(model.contacts)
         if self._loses(model) and losses is not None:
             losses.lead[:] = 0.0
@@ -335,7 +347,14 @@ class Trajectory:
                 model.contacts, self.state.position, self.state.orientation,
                 self.thread_team.alone())
         keep_accelerations(
-            model, self.state, self.work, self.time if time is None else time, 0, last)
+            self._forces_of(model), self.state, self._room_of(self.work),
+            self.time if time is None else time, 0, last)
+
+    def place_points(self, state: State | None = None) -> None:
+        """Have the attachment points of the present state, or of a given one, in the room."""
+        place_all(
+            self._springs, self.state if state is None else state, self._room_of(self.work), 0,
+            len(self._springs.blocks.slot))
 
     def refresh_places(self, *, anew: bool = False) -> None:
         """
@@ -372,7 +391,9 @@ class Trajectory:
     def place_driven(self) -> None:
         """Put driven bodies where their paths are."""
         if self._loads.drives is not None:
-            place_driven(self.model, self.loads, self.state, self.time)
+            place_driven(
+                without(self.model, *TERMS), without(self.loads, *BESIDE_DRIVES), self.state,
+                self.time)
 
     def clear_meters(self) -> None:
         """Nothing has flowed yet."""

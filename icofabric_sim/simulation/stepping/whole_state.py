@@ -21,7 +21,6 @@ process looks at it. The sums are the same bits.
 import math
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.group_sums import note_squares, note_sums
 from icofabric_sim.kernels.lanczos import added_up
 from icofabric_sim.kernels.masses import units_of
@@ -60,7 +59,7 @@ class WholeState:
             return
         model = trajectory.model
         # A state that comes from ranks or a device comes without its attachment points.
-        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        trajectory.place_points()
         monitor.examine(
             model, trajectory.loads, trajectory.state, trajectory.work, trajectory.time, numbers)
 

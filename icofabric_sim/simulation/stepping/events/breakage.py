@@ -21,7 +21,6 @@ from typing import Any
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.breakage import doubt_of
-from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Breakage as Limits
 from icofabric_sim.kernels.records import Connectors, State
@@ -121,7 +120,7 @@ class Breakage:
         """Energy [J] in the connectors of the present state."""
         trajectory = self._trajectory
         numbers, model = trajectory.ledger.numbers.copy(), trajectory.model
-        place_all(model, trajectory.state, trajectory.work, 0, len(model.blocks.slot))
+        trajectory.place_points()
         monitor.examine(
             model, trajectory.loads, trajectory.state, trajectory.work, self._step.end, numbers)
         return float(numbers[monitor.STORED])
@@ -136,7 +135,7 @@ class Breakage:
                 connectors.first_edge[chosen], connectors.second_edge[chosen],
                 np.ones(len(chosen), np.uint8), length, rate)
             return length, rate
-        place_all(model, state, work, 0, len(model.blocks.slot))
+        self._trajectory.place_points(state)
         points = work.points.reshape(6, 3, -1)
         ends = []
         for edges, slot in zip(
