@@ -110,6 +110,7 @@ def test_drives_do_the_energy_of_contact_as_work(tmp_path, kind):
     require_balance(meeting(tmp_path, kind), 1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('method, worst', [('leapfrog', 1e-3), ('srkn6', 1e-3)])
 def test_steps_of_one_length_do_so_too(tmp_path, method, worst):
     require_balance(meeting(tmp_path, 'both driven', **{

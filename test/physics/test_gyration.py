@@ -158,10 +158,10 @@ def test_a_fabric_moves_as_an_independent_right_hand_side_says(changes):
     momenta = [RunMonitor(simulation).momentum(one) for one in (first, s)]
     assert np.abs(momenta[1].angular - momenta[0].angular).max() < 1e-8 * (
         momenta[0].angular_scale)
-    # Not what isotropic bodies do.
-    other = ico.compile_scene(changed(scene, {
-        'shell.principal_inertia': [0.0, 0.0, 0.0], 'solver.method': 'dop8'} | {
-            name: [0.0, 0.0, 0.0] for name in changes if name.endswith('principal_inertia')}))
+    # Not what nearly isotropic bodies do.
+    round_inertia = [INERTIA, INERTIA, 1.001 * INERTIA]
+    other = ico.compile_scene(changed(scene, {'shell.principal_inertia': round_inertia} | {
+        name: round_inertia for name in changes if name.endswith('principal_inertia')}))
     other.advance_to(end)
     assert np.abs(other.snapshot().position - s.position).max() > 1e-3 * a
 

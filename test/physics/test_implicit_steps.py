@@ -186,7 +186,7 @@ PRESSED = {
 }
 
 
-@pytest.mark.parametrize('tolerance', [1e-2, 1e-3])
+@pytest.mark.parametrize('tolerance', [1e-2, pytest.param(1e-3, marks=pytest.mark.long)])
 def test_the_tolerance_is_kept_where_shells_touch(tolerance):
     """For as long as errors do not grow: later bounces make them a hundred times as large."""
     duration = 0.01

@@ -491,7 +491,7 @@ def main():
                 if which is run:
                     stopping = STOPPING if names is SCENES else STOPPING_LONG
                     found[count]['stopped'] = {name: stop(name, ranks) for name in stopping}
-                if names is SCENES:
+                if names is SCENES and count == COUNTS[-1]:
                     found[count]['gathered'] = [
                         gathered(ranks, 300, method='leapfrog', step=2e-4),
                         gathered(ranks, 300, method='leapfrog', tolerance=1e-2),
@@ -500,6 +500,7 @@ def main():
                         gathered(ranks, 300, KINKED, method='leapfrog', tolerance=1e-2),
                         gathered(ranks, 40, KINKED, method='srkn4', tolerance=1e-3)]
                     found[count]['pair_gathered'] = pair_gathered(ranks)
+                if names is SCENES:
                     found[count]['frequencies'] = frequencies(ranks)
                     found[count]['jumps'] = [jumps(ranks, mode) for mode in ('never', 'auto')]
                 left = steps_taken(ranks)

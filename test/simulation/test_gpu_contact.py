@@ -141,7 +141,7 @@ BOX = {
 @pytest.mark.parametrize('solver', [
     {'solver.method': 'leapfrog', 'solver.step': 2e-5},
     {'solver.method': 'leapfrog', 'solver.tolerance': 1e-2},
-    {'solver.method': 'srkn6', 'solver.step': 4e-5},
+    pytest.param({'solver.method': 'srkn6', 'solver.step': 4e-5}, marks=pytest.mark.long),
     pytest.param({'solver.method': 'dop8', 'solver.step': 1e-4}, marks=pytest.mark.long),
     {'solver.method': 'dop8', 'solver.tolerance': 1e-2},
     pytest.param(

@@ -95,7 +95,8 @@ def check(problem):
     return curves
 
 
-@pytest.mark.parametrize('problem', [pleiades.PROBLEM, arenstorf.PROBLEM])
+@pytest.mark.parametrize('problem', [
+    pytest.param(pleiades.PROBLEM, marks=pytest.mark.long), arenstorf.PROBLEM])
 def test_orbits_by_the_kernel_and_the_controller_of_dop8(problem):
     chosen, given = check(problem)
     # The controller takes steps of very different lengths: far fewer than equal ones.

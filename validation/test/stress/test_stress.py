@@ -750,7 +750,7 @@ def described(findings):
 @pytest.mark.examples
 def test_random_scenes_of_kinds_that_other_tests_compile():
     kinds = {KINDS.index(Kind(method)) for method in ('srkn4', 'srkn6', 'dop8')}
-    count = 50 * FACTOR
+    count = 25 * FACTOR
     findings = [judge(draw_scene(seed)) for seed in seeds_of(2000, count, kinds)]
     assert len(findings) == count and not described(findings)
     assert sum(finding.compared for finding in findings) >= 0.7 * count
