@@ -28,6 +28,8 @@ import numpy as np
 _PLACE, _TURN = ('x_m', 'y_m', 'z_m'), ('qx', 'qy', 'qz', 'qw')
 _VELOCITY, _SPIN = ('vx_m_s', 'vy_m_s', 'vz_m_s'), ('wx_rad_s', 'wy_rad_s', 'wz_rad_s')
 _BODY_SPIN = ('wx_body_rad_s', 'wy_body_rad_s', 'wz_body_rad_s')
+# Spins in both axes may differ by this ratio, as a table with few digits has them.
+_SPIN_RATIO = 1e-2
 
 
 class InitialState(NamedTuple):
@@ -135,12 +137,19 @@ def _replace(
     _check_motion(name, table, parameters, supports)
     if _VELOCITY in values:
         state.linear_velocity[bodies] = values[_VELOCITY]
+    if _BODY_SPIN in values:
+        # Eq 18: body axes are the rows.
+        state.angular_velocity[bodies] = spin = np.einsum(
+            'bi,bij->bj', values[_BODY_SPIN], cosines_from_quaternions(state.orientation[bodies]))
     if _SPIN in values:
         state.angular_velocity[bodies] = values[_SPIN]
-    elif _BODY_SPIN in values:
-        # Eq 18: body axes are the rows.
-        state.angular_velocity[bodies] = np.einsum(
-            'bi,bij->bj', values[_BODY_SPIN], cosines_from_quaternions(state.orientation[bodies]))
+        if _BODY_SPIN in values:
+            off = np.linalg.norm(values[_SPIN] - spin, axis=1)
+            if (wrong := off > _SPIN_RATIO * np.linalg.norm(spin, axis=1)).any():
+                raise ParameterError(
+                    name, f'{name}: {parameters[name]} has two spins for body '
+                    f'{bodies[np.flatnonzero(wrong)[0]]}: {" ".join(_SPIN)} and '
+                    f'{" ".join(_BODY_SPIN)} disagree; leave one set out')
 
 
 def _check_motion(

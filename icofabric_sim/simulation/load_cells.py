@@ -58,7 +58,8 @@ class ContactForces(AsTable):
     force: np.ndarray  # (m, 3) [N] on the first body, damping and friction included, world
     overlap: np.ndarray  # (m,) [m]
     planes: tuple[str, ...]  # names
-    # (m, 6) force [N] and torque about its centre [N m] on the first body, and on the second.
+    # (m, 6) force [N] and torque about its centre [N m] on the first body, and on the second; the
+    # torque is 0 on a plane, which has no centre.
     first: np.ndarray
     second: np.ndarray
     # (m,) push N and friction T [N], and margin 1 - T / (mu N) of the friction cone, 1 where none
@@ -67,6 +68,10 @@ class ContactForces(AsTable):
     push: np.ndarray | None = None
     friction: np.ndarray | None = None
     margin: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """Leave out torques on planes."""
+        self.second[self.bodies[:, 1] < 0, 3:] = 0.0
 
     def __repr__(self) -> str:
         """Say how many there are, without the numbers."""

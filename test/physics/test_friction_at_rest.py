@@ -321,6 +321,33 @@ def test_contact_forces_of_a_dense_slab_are_admissible_and_balance():
     assert np.abs(left).max() < 1e-7 * found.force_scale
 
 
+def test_a_plane_has_a_force_and_no_torque():
+    """A plane has no centre: `reactions` has the torque on it."""
+    scene = ico.Scene.from_parameters(SLIDER)
+    for found in (ico.solve_equilibrium(scene), next(iter(ico.step_loads(scene, [1.0])))[1]):
+        contacts = found.contacts
+        assert contacts.bodies.tolist() == [[0, -1]]
+        assert np.abs(contacts.second[0, :3]).max() > 0.5
+        assert not contacts.second[0, 3:].any()
+        assert np.array_equal(contacts.second[:, :3], -contacts.first[:, :3])
+
+
+def test_differences_of_friction_take_two_calls(monkeypatch):
+    scene = dense(0.3)
+    fabric = StaticFabric(scene, friction=FrictionPath.of(scene))
+    here = fabric.start
+    path = fabric.friction.advanced(fabric.contacts, here.position, here.axes, 0.05)
+    calls, wrenches = [], FrictionPath._wrenches
+
+    def counted(self, places, turns):
+        calls.append(len(places))
+        return wrenches(self, places, turns)
+
+    monkeypatch.setattr(FrictionPath, '_wrenches', counted)
+    path.blocks(here.position, here.axes)
+    assert calls == [len(path.pairs), 24 * len(path.pairs)] and calls[0] > 20
+
+
 def test_small_motions_stick():
     # Along the floor the spring of friction, 2/7 K, holds the slider beside its ties.
     scene = ico.Scene.from_parameters(SLIDER)

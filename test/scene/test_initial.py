@@ -249,6 +249,8 @@ def test_state_of_one_run_is_the_start_of_another(tmp_path):
     # Python's float takes these for 10 and for 1.
     ('body,x_m,y_m,z_m\n1,1_0,0,0\n', 'line 2, must be 4 finite numbers'),
     ('body,x_m,y_m,z_m\n1,\u0661,0,0\n', 'line 2, must be 4 finite numbers'),
+    ('body,wx_rad_s,wy_rad_s,wz_rad_s,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n'
+     '1,1,0,0,1,0,0\n2,1,0,0,0,1,0\n', 'has two spins for body 2'),
 ])
 def test_tables_that_give_no_state_are_refused(tmp_path, text, message):
     (tmp_path / 'state.csv').write_text(text, encoding='utf-8')
