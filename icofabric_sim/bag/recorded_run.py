@@ -34,7 +34,7 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.input_topics import target_of
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.parameters.named_files import with_recorded
+from icofabric_sim.parameters.named_files import with_recorded_files
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 from icofabric_sim.scene.scene import Scene
@@ -270,7 +270,7 @@ class RecordedRun:
         parameters = ParameterSet('/icofabric')
         try:
             parameters.add_file(text.encode(), 'its scene')
-            return with_recorded(make_parameters(parameters.parameters()), text)
+            return with_recorded_files(make_parameters(parameters.parameters()), text)
         except ValueError as error:
             raise self._unknown_scene(error) from error
 

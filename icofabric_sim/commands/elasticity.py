@@ -166,10 +166,10 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 def _without_constants(scene: 'Scene') -> str:
     """Why there is no endless fabric of a scene, of which there are curves; '': there is."""
-    from icofabric_sim.scene.connector_groups import alike_everywhere
+    from icofabric_sim.scene.connector_groups import differ_by_direction_only
     if scene.parameters['weave.kind'] == 'radial':
         return 'a radial weave does not repeat in space'
-    if not alike_everywhere(scene.parameters):
+    if not differ_by_direction_only(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
     if scene.electric.mutual and scene.electric.charge.any():
         return 'of charge.mutual the sum over all charges has no end'
@@ -279,12 +279,13 @@ def lattice_text(rest: 'LatticeRest', scene: 'Scene') -> list[str]:
 
 def rest_text(scene: 'Scene') -> list[str]:
     """Where pre-tensioned point springs would take the fabric if nothing held it."""
-    from icofabric_sim.scene.attachments import are_given
+    from icofabric_sim.scene.attachments import has_own_attachments
     from icofabric_sim.scene.weave_geometry import geometry_from_length, MINIMUM_LENGTH_RATIO
 
     given, woven = scene.parameters, scene.geometry
     natural = given['connector.natural_length']
-    unlike = are_given(given) or given['connector.law'] or given.names('connector_groups')
+    unlike = has_own_attachments(given) or given['connector.law'] or given.names(
+        'connector_groups')
     plain = not unlike and all(
         given[f'connector.{name}'] == value for name, value in (
             ('bending_stiffness', 0.0), ('twisting_stiffness', 0.0), ('attachment_scale', 1.0)))

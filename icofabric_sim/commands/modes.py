@@ -103,7 +103,7 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
     from icofabric_sim.scene.summary import size_text
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
-    from icofabric_sim.statics.resultants import LEAST
+    from icofabric_sim.statics.resultants import LEAST_RESULTANTS
 
     began = time.monotonic()
     with bad_input():
@@ -113,7 +113,7 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
         if arguments.equilibrium:
             found = solve_equilibrium(scene, time=arguments.time)
             print(f'verdict     {found.verdict} (residual {found.residual:.2g})')
-            if not found.converged or found.verdict == LEAST:
+            if not found.converged or found.verdict == LEAST_RESULTANTS:
                 raise FileSaysNo(
                     'no equilibrium was found to vibrate about; icofabric statics shows why')
             at = found.snapshot

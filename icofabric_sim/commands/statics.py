@@ -192,8 +192,8 @@ def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> l
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     """Lines for the terminal."""
     from icofabric_sim.checks import counted
-    from icofabric_sim.statics.contacts import MEANT
-    from icofabric_sim.statics.resultants import LEAST
+    from icofabric_sim.statics.contacts import MAX_INTENDED_OVERLAP_RATIO
+    from icofabric_sim.statics.resultants import LEAST_RESULTANTS
     import numpy as np
 
     lines = [
@@ -206,7 +206,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())
         lines.append(f'left over  up to {most:.4g} N, most on bodies {worst}')
         lines.append(f'reason     {result.reason}')
-    elif result.verdict == LEAST:
+    elif result.verdict == LEAST_RESULTANTS:
         worst, left = ', '.join(map(str, result.worst_bodies)), result.leftover
         lines.append(
             f'left over  up to {float(np.linalg.norm(left[:, :3], axis=1).max()):.4g} N and '
@@ -246,7 +246,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             f'contact    {len(touching.pairs):,} pairs of shells and '
             f'{sum(map(len, touching.planes)):,} shells on planes; deepest overlap '
             f'{touching.depth / scene.geometry.half_edge:.2g} a')
-        deep = touching.depth / (MEANT * scene.geometry.half_edge)
+        deep = touching.depth / (MAX_INTENDED_OVERLAP_RATIO * scene.geometry.half_edge)
         if deep > 1.0:
             lines.append(
                 '           more than the 1 % of a that contact is meant for: shells would not '

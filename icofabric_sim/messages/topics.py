@@ -34,7 +34,7 @@ from icofabric_sim.messages.markers import (
     StrainClass,
 )
 from icofabric_sim.messages.transforms import TransformsBytes
-from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
@@ -267,7 +267,7 @@ class Outputs:
         They are those of the scene, but for rates and the like that may have changed since.
         """
         if self._described is None or self._described[0] is not parameters:
-            text = with_files(dump_parameters(parameters.complete()), self.scene.files)
+            text = append_files(dump_parameters(parameters.complete()), self.scene.files)
             self._described = parameters, StringBytes(text).to_bytes()
         return self._described[1]
 

@@ -22,7 +22,7 @@ from collections.abc import Iterable
 from icofabric_sim.parameters.table import Change
 from icofabric_sim.parameters.validation import find_specification, ParameterError, Parameters
 
-_LEAST_FIRST = tuple(Change)
+_BY_SEVERITY = tuple(Change)
 
 
 def changed_names(before: Parameters, after: Parameters) -> set[str]:
@@ -30,7 +30,7 @@ def changed_names(before: Parameters, after: Parameters) -> set[str]:
     return {name for name in {*before, *after} if before.get(name) != after.get(name)}
 
 
-def concerns_motion(name: str) -> bool:
+def affects_motion(name: str) -> bool:
     """Return True if the motion depends on the parameter, False if only its output does."""
     return find_specification(name).change in (Change.REBUILDS, Change.RESTARTS)
 
@@ -43,7 +43,7 @@ def effect_of(before: Parameters, after: Parameters) -> Change:
     driven = {f'groups.{after[f"drives.{name}.group"]}' for name in after.names('drives')}
     if names & driven:
         effects.append(Change.RESTARTS)
-    return max(effects, key=_LEAST_FIRST.index, default=Change.AT_ONCE)
+    return max(effects, key=_BY_SEVERITY.index, default=Change.AT_ONCE)
 
 
 def rebuilds(before: Parameters, after: Parameters) -> bool:
@@ -56,11 +56,11 @@ def restarts_motion(before: Parameters, after: Parameters) -> bool:
     return effect_of(before, after) is Change.RESTARTS
 
 
-def with_rates(current: Parameters, wanted: Parameters) -> Parameters:
+def with_immediate_changes(current: Parameters, wanted: Parameters) -> Parameters:
     """Return the `current` set with those of the `wanted` values that need no new simulation."""
     changes = {
         name: wanted[name] for name in changed_names(current, wanted)
-        if not concerns_motion(name)}
+        if not affects_motion(name)}
     return current.with_changes(changes) if changes else current
 
 

@@ -28,7 +28,7 @@ import stat
 from typing import NamedTuple
 
 from icofabric_sim.parameters.rcl_parameters import full_node_name, section_matches, Value
-from icofabric_sim.parameters.ready_scenes import meant
+from icofabric_sim.parameters.ready_scenes import suggest_scene
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 from icofabric_sim.parameters.yaml_events import ParameterFileError
@@ -38,19 +38,19 @@ __all__ = [
     'ParameterFileError', 'parse_parameter_override', 'Value']
 
 _LOGGER = logging.getLogger('icofabric_sim')
-_LARGEST_FILE = 16 * 1024 * 1024  # bytes
+_MAX_FILE_BYTES = 16 * 1024 * 1024  # bytes
 
 # Grammar of names on the command line, from rcl/src/rcl/lexer.c.
-_WORD = ('(?:[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*_?'
+_NAME_PATTERN = ('(?:[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*_?'
          '|_(?!_)(?:[A-Za-z0-9]+(?:_[A-Za-z0-9]+)*_?)?)')
 _LEXEMES = re.compile(
     r'(?P<special>__ns|__node|__name|rosservice://|rostopic://)'
-    rf'|(?P<word>{_WORD})|(?P<dot>\.)|(?P<slash>/)', re.ASCII)
-_NODE_PREFIX = re.compile(rf'(?!rosservice://|rostopic://)({_WORD}):(?!=)', re.ASCII)
+    rf'|(?P<word>{_NAME_PATTERN})|(?P<dot>\.)|(?P<slash>/)', re.ASCII)
+_NODE_PREFIX = re.compile(rf'(?!rosservice://|rostopic://)({_NAME_PATTERN}):(?!=)', re.ASCII)
 _REMAP = re.compile(
-    rf'(?:(?P<prefix>{_WORD}):)?'
-    rf'(?:(?:__node|__name):=(?P<node>{_WORD})'
-    rf'|__ns:=(?P<namespace>/(?:{_WORD}/)*(?:{_WORD})?))', re.ASCII)
+    rf'(?:(?P<prefix>{_NAME_PATTERN}):)?'
+    rf'(?:(?:__node|__name):=(?P<node>{_NAME_PATTERN})'
+    rf'|__ns:=(?P<namespace>/(?:{_NAME_PATTERN}/)*(?:{_NAME_PATTERN})?))', re.ASCII)
 
 _OPTIONS_WITH_VALUE = {
     '--log-level', '--log-file-name', '--log-config-file', '-e', '--enclave'}
@@ -194,16 +194,16 @@ def _read(path: str | os.PathLike[str]) -> bytes:
             raise ParameterFileError(
                 f'{name} is not a regular file; write the parameters into one, because the file '
                 'is read twice')
-        if status.st_size > _LARGEST_FILE:
+        if status.st_size > _MAX_FILE_BYTES:
             raise ParameterFileError(
                 f'{name}: {status.st_size} bytes, but a parameter file has at most '
-                f'{_LARGEST_FILE}; give the right file')
+                f'{_MAX_FILE_BYTES}; give the right file')
         with open(name, 'rb') as file:
             return file.read()
     except FileNotFoundError:
         raise ParameterFileError(
             f'{name}: there is no such parameter file (searched from {os.getcwd()}); '
-            f'{meant(str(name))}check the path') from None
+            f'{suggest_scene(str(name))}check the path') from None
     except (OSError, ValueError) as error:
         if isinstance(error, ParameterFileError):
             raise

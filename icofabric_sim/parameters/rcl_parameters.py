@@ -29,8 +29,8 @@ Value = Scalar | list[bool] | list[int] | list[float] | list[str]
 # The order in which rclpy reads the slots of a parameter.
 _SLOTS = [(is_list, kind) for is_list in (False, True) for kind in (bool, int, float, str)]
 # rmw/validate_namespace.h, rmw/validate_node_name.h
-_LONGEST_NAMESPACE, _LONGEST_NODE_NAME = 245, 255
-_WORD = re.compile('[A-Za-z_][A-Za-z0-9_]*')
+_MAX_NAMESPACE_LENGTH, _MAX_NODE_NAME_LENGTH = 245, 255
+_NAME_PATTERN = re.compile('[A-Za-z_][A-Za-z0-9_]*')
 
 
 class Origin(NamedTuple):
@@ -61,7 +61,7 @@ class Entries:
     Values that one section gives to one parameter, as rcl stores them.
 
     rcl adds an entry each time the name is reached through a map. A name written with dots adds
-    an entry only if there is none; otherwise its value goes into the first entry. The last entry
+    only the first entry; otherwise its value goes into that first entry. The last entry
     counts. An entry has a slot for each type, and rclpy takes the first filled slot, so an
     earlier value can hide a later one.
     """
@@ -76,21 +76,21 @@ class Entries:
         first = value[0] if isinstance(value, list) else value
         self._entries[-1 if in_map else 0][isinstance(value, list), type(first)] = setting
 
-    def kept(self) -> Setting:
+    def effective(self) -> Setting:
         """Return the value that a node gets."""
         return next(self._entries[-1][slot] for slot in _SLOTS if slot in self._entries[-1])
 
 
-def what_is_wrong_with_section(name: str) -> str:
+def section_name_error(name: str) -> str:
     """Return the reason why ROS refuses a section name, or '' if the name is valid."""
     namespace, found, node_name = name.rpartition('/')
     if found and name not in ('/**', '/*'):
         for token in namespace.removeprefix('/').split('/') if namespace else []:
             if token not in ('*', '**') and not (
-                    _WORD.fullmatch(token) and len(token) < _LONGEST_NAMESPACE):
+                    _NAME_PATTERN.fullmatch(token) and len(token) < _MAX_NAMESPACE_LENGTH):
                 return f'{token!r} is not a valid part of a namespace'
     if node_name not in ('*', '**') and not (
-            _WORD.fullmatch(node_name) and len(node_name) <= _LONGEST_NODE_NAME):
+            _NAME_PATTERN.fullmatch(node_name) and len(node_name) <= _MAX_NODE_NAME_LENGTH):
         return f'{node_name!r} is not a valid name'
     return ''
 

@@ -54,7 +54,7 @@ _SPECIAL = re.compile(
 # 2^-1022 is the smallest normal double. A number less than half a unit in the last place below it
 # rounds up to it, so there is no underflow.
 _SMALLEST_NORMAL = sys.float_info.min
-_UNDERFLOW = Fraction(1, 2**1022) - Fraction(1, 2**1076)
+_UNDERFLOW_LIMIT = Fraction(1, 2**1022) - Fraction(1, 2**1076)
 
 
 def resolve_scalar(text: str, *, quoted: bool = False, tag: str | None = None) -> Scalar:
@@ -119,7 +119,7 @@ def _strtod(text: str) -> float | None:
         if value == 0.0:
             return None
         exact = abs(_exact_hexadecimal(match) if hexadecimal else Fraction(Decimal(text.strip())))
-        if exact != abs(value) and exact < _UNDERFLOW:
+        if exact != abs(value) and exact < _UNDERFLOW_LIMIT:
             return None
     return value
 

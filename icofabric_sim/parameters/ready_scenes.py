@@ -42,13 +42,13 @@ def find_scene(scene: str) -> Path:
         reason = 'is a folder' if path.is_dir() else 'does not exist'
         names = ', '.join(ready) or 'none is installed'
         raise ValueError(
-            f'{scene} {reason}: {meant(scene)}give the parameter file (.yaml) of a scene, '
+            f'{scene} {reason}: {suggest_scene(scene)}give the parameter file (.yaml) of a scene, '
             f'or the name of an example scene ({names})'
         )
     return path
 
 
-def meant(scene: str) -> str:
+def suggest_scene(scene: str) -> str:
     """Return a question that suggests the example scene with the nearest name, or ''."""
     near = difflib.get_close_matches(scene, ready_scenes(), 1)
     return f'did you mean {near[0]}? ' if near else ''

@@ -34,14 +34,14 @@ from icofabric_sim.parameters.rcl_parameters import (
     Origin,
     origin,
     section_matches,
+    section_name_error,
     Setting,
     unused_notice,
     Value,
-    what_is_wrong_with_section,
 )
 from icofabric_sim.parameters.rcl_scalars import Scalar
 from icofabric_sim.parameters.yaml_events import (
-    FORM,
+    FILE_FORM_HINT,
     make_trees,
     ParameterFileError,
     read_events,
@@ -82,11 +82,11 @@ class ParameterSet:
         trees = make_trees(read_events(data, source))
         sections: dict[str, None] = {}
         if not trees:
-            raise ParameterFileError(f'{source}: the file is empty; {FORM}')
+            raise ParameterFileError(f'{source}: the file is empty; {FILE_FORM_HINT}')
         for tree in trees:
             if not tree.is_map:
                 raise ParameterFileError(
-                    f'{source}:{tree.line}: expected the name of a node; {FORM}')
+                    f'{source}:{tree.line}: expected the name of a node; {FILE_FORM_HINT}')
             self._written.clear()
             self._walk_names(tree, '', source, sections)
         if not any(section_matches(name, self.node) for name in sections):
@@ -98,7 +98,7 @@ class ParameterSet:
         if len(trees) != 1:
             raise ParameterFileError(
                 f'{source}: parameter {name!r} has no single value; write {name}:=value')
-        self._take_value(trees[0], name, section, Origin(source), in_map=False)
+        self._add_value(trees[0], name, section, Origin(source), in_map=False)
 
     def parameters(self, *, with_ros_own: bool = False) -> dict[str, Value]:
         """Return the names and values that ROS gives the node, without ROS's own by default."""
@@ -123,7 +123,7 @@ class ParameterSet:
             f'{setting.origin} has no effect: ROS takes {name!r} from {kept[name].origin}, whose '
             f'section comes later; write -p {self.node.rpartition("/")[2]}:{name}:=...'
             for section in self._own_sections() for name, entries in section.entries.items()
-            for setting in [entries.kept()]
+            for setting in [entries.effective()]
             if not setting.origin.line and setting.origin != kept[name].origin]
 
     def _own_sections(self) -> list[_Section]:
@@ -132,7 +132,7 @@ class ParameterSet:
 
     def _kept(self) -> dict[str, Setting]:
         """Return the effective settings: later sections win, ordered by first mention."""
-        return {name: entries.kept() for section in self._own_sections()
+        return {name: entries.effective() for section in self._own_sections()
                 for name, entries in section.entries.items()}
 
     def _walk_names(
@@ -144,19 +144,19 @@ class ParameterSet:
             where = f'{source}:{key.line}'
             if not key.is_scalar or not key.text or '\0' in key.text:
                 raise ParameterFileError(
-                    f'{where}: a list, a map or an empty text cannot be a name; {FORM}')
+                    f'{where}: a list, a map or an empty text cannot be a name; {FILE_FORM_HINT}')
             if key.text in lines:
                 raise ParameterFileError(
-                    f'{where}: {key.text!r} {_twice(lines[key.text])}')
+                    f'{where}: {key.text!r} {_duplicate_error(lines[key.text])}')
             lines[key.text] = key.line
             if key.text.startswith(SECTION_KEY):
                 if not path:
                     raise ParameterFileError(
-                        f'{where}: there is no node name before {SECTION_KEY}; {FORM}')
-                wrong = what_is_wrong_with_section(path)
+                        f'{where}: there is no node name before {SECTION_KEY}; {FILE_FORM_HINT}')
+                wrong = section_name_error(path)
                 if wrong:
                     raise ParameterFileError(
-                        f'{where}: {path!r} is not the name of a node: {wrong}; {FORM}')
+                        f'{where}: {path!r} is not the name of a node: {wrong}; {FILE_FORM_HINT}')
                 if not value.is_map:
                     raise ParameterFileError(
                         f'{where}: {SECTION_KEY} of {path!r} holds no parameters; '
@@ -171,7 +171,7 @@ class ParameterSet:
                 self._walk_parameters(value, '', path, source)
             elif not value.is_map:
                 raise ParameterFileError(
-                    f'{where}: {key.text!r} stands outside {SECTION_KEY}; {FORM}')
+                    f'{where}: {key.text!r} stands outside {SECTION_KEY}; {FILE_FORM_HINT}')
             elif path and ('/' in key.text or path.endswith('/')):
                 raise ParameterFileError(
                     f'{where}: {key.text!r} below {path!r}: ROS loses the name of the node if '
@@ -194,11 +194,11 @@ class ParameterSet:
                     f'{source}:{key.line}: parameter {name!r} is not a name; write a word')
             if ours and key.text in lines:
                 raise ParameterFileError(
-                    f'{source}:{key.line}: parameter {name!r} {_twice(lines[key.text])}')
+                    f'{source}:{key.line}: parameter {name!r} {_duplicate_error(lines[key.text])}')
             lines[key.text] = key.line
             if not value.is_map:
                 first = value.children[0] if value.children else value
-                self._take_value(
+                self._add_value(
                     value, name, section, origin(source, first.event), in_map=bool(prefix))
                 continue
             where = f'{source}:{value.line}: parameter {name!r}'
@@ -210,11 +210,11 @@ class ParameterSet:
                     f'{where}: ROS confuses names near a dotted name with a map below it; write '
                     'one nested map per word')
             if ours and name in self._sections[section].entries:
-                raise ParameterFileError(f'{where} {_BOTH}')
+                raise ParameterFileError(f'{where} {_VALUE_AND_MAP_ERROR}')
             self._sections[section].maps.add(name)
             self._walk_parameters(value, name + '.', section, source)
 
-    def _take_value(
+    def _add_value(
         self, tree: Tree, name: str, section: str, place: Origin, *, in_map: bool
     ) -> None:
         where = f'{place}: parameter {name!r}'
@@ -228,37 +228,38 @@ class ParameterSet:
             raise ParameterFileError(f'{where} has no value; write one or delete the line')
         values = [item.scalar() for item in items]
         if len({type(value) for value in values}) > 1:
-            raise ParameterFileError(f'{where} {_mixed(values)}')
+            raise ParameterFileError(f'{where} {_mixed_types_error(values)}')
         if not ours:
             return
-        _refuse_what_ros_spoils(items, where)
+        _refuse_lossy_items(items, where)
         if place.line:
             before = self._written.setdefault((section, name), place)
             if before is not place:
-                raise ParameterFileError(f'{where} {_twice(before.line)}')
+                raise ParameterFileError(f'{where} {_duplicate_error(before.line)}')
         known = self._sections.setdefault(section, _Section())
         if name in known.maps:
-            raise ParameterFileError(f'{where} {_BOTH}')
+            raise ParameterFileError(f'{where} {_VALUE_AND_MAP_ERROR}')
         setting = Setting(
             values[0] if tree.is_scalar else values, place)  # type: ignore[arg-type]
         entries = known.entries.setdefault(name, Entries())
         entries.add(setting, in_map=in_map)
-        kept = entries.kept()
+        kept = entries.effective()
         if kept is not setting:
             raise ParameterFileError(
                 f'{where}: ROS would ignore {setting.value!r} and keep {kept.value!r} from '
-                f'{kept.origin}: {_why_ignored(setting.value, kept)}')
+                f'{kept.origin}: {_hidden_value_reason(setting.value, kept)}')
 
 
-def _twice(line: int) -> str:
+def _duplicate_error(line: int) -> str:
     return f'is written twice, first in line {line}, and one of the two would be lost; keep one'
 
 
-_BOTH = ('has both a value and a map, of which ROS loses one; give it in one place, or write one '
-         'nested map per word')
+_VALUE_AND_MAP_ERROR = (
+    'has both a value and a map, of which ROS loses one; give it in one place, or write one '
+    'nested map per word')
 
 
-def _refuse_what_ros_spoils(items: list[Tree], where: str) -> None:
+def _refuse_lossy_items(items: list[Tree], where: str) -> None:
     if not items:
         raise ParameterFileError(
             f'{where} is an empty list, which ROS turns into no value; delete the line')
@@ -272,7 +273,7 @@ def _refuse_what_ros_spoils(items: list[Tree], where: str) -> None:
                 f'{where} has a NUL character, which ends a string in ROS; remove it')
 
 
-def _mixed(values: list[Scalar]) -> str:
+def _mixed_types_error(values: list[Scalar]) -> str:
     kinds = {type(value) for value in values}
     names = ' and '.join(sorted(kind.__name__ for kind in kinds))
     if kinds == {int, float}:
@@ -285,7 +286,7 @@ def _mixed(values: list[Scalar]) -> str:
     return f'mixes {names} in one list, which ROS refuses; {remedy}'
 
 
-def _why_ignored(wanted: Value, got: Setting) -> str:
+def _hidden_value_reason(wanted: Value, got: Setting) -> str:
     kept, lost = _kind(got.value), _kind(wanted)
     if kept == lost:
         return 'it was given as a nested map more than once before; give it in one place'

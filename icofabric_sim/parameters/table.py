@@ -91,7 +91,7 @@ ROTATIONS = ('quaternion', 'direction_cosines')
 # What an equilibrium solve minimises.
 OBJECTIVES = ('energy', 'resultants')
 # Beyond this time, seconds in double precision no longer resolve nanoseconds.
-_LONGEST = 1e9
+_MAX_TIME_S = 1e9
 
 STATIC: tuple[Specification, ...] = (
     _s('shell.edge_length', 0.02, 'm', 'outer edge length 2a of a shell', RESTARTS, **_positive()),
@@ -210,10 +210,10 @@ STATIC: tuple[Specification, ...] = (
        'energy'),
     _s('field.start', 0.0, 's',
        'time at which the electric field starts, from the start of the motion',
-       minimum=0.0, maximum=_LONGEST),
+       minimum=0.0, maximum=_MAX_TIME_S),
     _s('field.duration', 0.0, 's',
        'duration of the ramp or pulse; steady and sine: how long the field acts, 0: without end',
-       minimum=0.0, maximum=_LONGEST),
+       minimum=0.0, maximum=_MAX_TIME_S),
     _s('contact.mode', 'auto', '',
        'never: shells pass through each other; always: contacts are computed in every step; '
        'auto: contacts are computed only while shells can touch, with the same result as always',
@@ -246,18 +246,18 @@ STATIC: tuple[Specification, ...] = (
        AT_ONCE, choices=OBJECTIVES),
     _s('duration', 0.0, 's',
        'simulated time after which the node ends; 0: runs until stopped',
-       AT_ONCE, minimum=0.0, maximum=_LONGEST),
+       AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S),
     _s('solver.method', 'auto', '',
        'integration method; auto: the cheapest method that meets the tolerance in this scene',
        choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'sdirk4')),
     _s('solver.tolerance', 1e-6, '1/s',
        'largest error that the method may add per second of simulated time: position over a, or '
        'orientation in rad, whichever is larger',
-       minimum=1e-15, maximum=_LONGEST),
+       minimum=1e-15, maximum=_MAX_TIME_S),
     _s('solver.step', 0.0, 's',
        'fixed time step, for which the tolerance is only reported; 0: the longest step that '
        'stability and tolerance allow',
-       minimum=0.0, maximum=_LONGEST, smallest=1e-12),
+       minimum=0.0, maximum=_MAX_TIME_S, smallest=1e-12),
     _s('solver.error_estimate', True, '',
        'estimate the errors that the method adds; false: only the step-size control measures '
        'errors; the steps are the same'),
@@ -310,11 +310,11 @@ STATIC: tuple[Specification, ...] = (
     _s('step_count', 1, '', 'solver steps per call of ~/step', AT_ONCE, minimum=1, maximum=10**6),
     _s('advance_duration', 0.01, 's',
        'simulated time per call of ~/advance, in whole nanoseconds',
-       AT_ONCE, minimum=1e-9, maximum=_LONGEST),
+       AT_ONCE, minimum=1e-9, maximum=_MAX_TIME_S),
     _s('input_horizon', 1.0, 's',
        'how far the stamp of an input may lie ahead of simulated time; inputs with later stamps '
        'act at once',
-       AT_ONCE, minimum=0.0, maximum=_LONGEST),
+       AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S),
     _s('input_reliability', 'reliable', '',
        'QoS reliability of the subscriptions for wrenches and twists; best_effort also matches '
        'best-effort publishers, and lost messages are not sent again',
@@ -334,7 +334,7 @@ STATIC: tuple[Specification, ...] = (
        AT_ONCE, minimum=0, maximum=10**15, smallest=1024),
     _s('record.split_duration', 0.0, 's',
        'simulated time per file, after which the bag continues in a new file; 0: one file',
-       AT_ONCE, minimum=0.0, maximum=_LONGEST, smallest=1e-3),
+       AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S, smallest=1e-3),
     _s('record.compression', 'none', '',
        'none, or zstd: compresses chunks (mcap) or messages (sqlite3)',
        AT_ONCE, choices=('none', 'zstd')),
@@ -347,10 +347,10 @@ _PROFILE = (
        'time factor: steady, ramp (0 to 1, then held), half_sine (one pulse), sine F (F in Hz, '
        'from 0), or table FILE (CSV of time [s] and factor, linear in between, then held)'),
     _s('start', 0.0, 's',
-       'start time, from the start of the motion', minimum=0.0, maximum=_LONGEST),
+       'start time, from the start of the motion', minimum=0.0, maximum=_MAX_TIME_S),
     _s('duration', 0.0, 's',
        'duration of the ramp or pulse; steady and sine: how long the load acts, 0: without end',
-       minimum=0.0, maximum=_LONGEST),
+       minimum=0.0, maximum=_MAX_TIME_S),
 )
 
 # Families of parameters FAMILY.NAME.FIELD with any number of NAMEs; the field '' is FAMILY.NAME.
@@ -469,10 +469,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            'angular velocity about the centroid; sine: amplitude of the rotation vector [rad]',
            RESTARTS),
         _s('start', 0.0, 's',
-           'start time, from the start of the motion', RESTARTS, minimum=0.0, maximum=_LONGEST),
+           'start time, from the start of the motion', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
         _s('duration', 0.0, 's',
            'rise time of a ramp; otherwise how long the drive moves, 0: without end',
-           RESTARTS, minimum=0.0, maximum=_LONGEST),
+           RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
         _s('frequency', 0.0, 'Hz', 'frequency of sine', RESTARTS, minimum=0.0),
         _s('phase', 0.0, 'rad',
            'phase of sine: the displacement follows sin(2 pi f t + phase) - sin(phase)', RESTARTS),

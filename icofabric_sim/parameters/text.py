@@ -35,7 +35,7 @@ import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
 # A YAML key must end within 1024 characters; escapes take up to ten each.
-_LONGEST_NAME = 100
+_MAX_NAME_LENGTH = 100
 _PLAIN_KEY = re.compile('[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
 # ROS reads any key as text; other YAML readers turn these words into values.
 _QUOTED_KEYS = {'y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null'}
@@ -189,10 +189,11 @@ def _tree_lines(tree: dict[str, Any], indent: str) -> list[str]:
 
 
 def _key_text(name: str) -> str:
-    if not isinstance(name, str) or not name or '\0' in name or len(name) > _LONGEST_NAME or (
+    if not isinstance(name, str) or not name or '\0' in name or len(name) > _MAX_NAME_LENGTH or (
             not _is_text(name)):
         raise ParameterFileError(
-            f'{name!r} is not a parameter name; use a string of 1 to {_LONGEST_NAME} characters')
+            f'{name!r} is not a parameter name; use a string of 1 to {_MAX_NAME_LENGTH} '
+            'characters')
     return _quoted(name)
 
 

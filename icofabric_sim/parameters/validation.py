@@ -39,7 +39,7 @@ from icofabric_sim.parameters.table import (
 # A letter, then letters, digits, single underscores: also a valid ROS topic token.
 _NAME = re.compile(r'[A-Za-z](?:[A-Za-z0-9]|_(?!_))*')
 # Leaves room for namespaces: ROS allows 247 characters in the full name of ~/loads/NAME.
-_LONGEST_NAME = 100
+_MAX_NAME_LENGTH = 100
 _TYPE_WORDS = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
 _MODE_WORDS = {True: 'always', False: 'never'}
 
@@ -118,7 +118,7 @@ def make_parameters(flat: Mapping[str, Any]) -> Parameters:
     """Validate a flat dictionary of dotted names and complete it with the defaults."""
     values: dict[str, Value] = {entry.name: _copy(entry.default) for entry in STATIC}
     for name, value in flat.items():
-        values[name] = judge(name, value)
+        values[name] = validate_value(name, value)
     for family, fields in FAMILIES.items():
         for member in sorted(
             {name.split('.')[1] for name in flat if name.startswith(family + '.')}
@@ -143,11 +143,11 @@ def find_specification(name: str) -> Specification:
     family, _, rest = name.partition('.')
     if family in FAMILIES and rest:
         member, _, field_name = rest.partition('.')
-        if not _NAME.fullmatch(member) or len(member) > _LONGEST_NAME:
+        if not _NAME.fullmatch(member) or len(member) > _MAX_NAME_LENGTH:
             raise ParameterError(
                 name,
                 f'{name}: {member!r} is not a valid name; use a letter, then letters, digits '
-                f'and single underscores, at most {_LONGEST_NAME} in all',
+                f'and single underscores, at most {_MAX_NAME_LENGTH} in all',
             )
         for field in FAMILIES[family]:
             if field.name == field_name:
@@ -160,7 +160,7 @@ def find_specification(name: str) -> Specification:
     raise ParameterError(name, f'{name} is not a parameter; {_nearest(name)}')
 
 
-def judge(name: str, value: Any) -> Value:
+def validate_value(name: str, value: Any) -> Value:
     """
     Return `value` in the type of the parameter, or raise ParameterError.
 

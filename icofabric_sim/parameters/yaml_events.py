@@ -30,8 +30,8 @@ import yaml
 _LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 SECTION_KEY = 'ros__parameters'
-_DEEPEST = 32
-FORM = ('a parameter file has the form "/**:", below it "ros__parameters:", below that '
+_MAX_DEPTH = 32
+FILE_FORM_HINT = ('a parameter file has the form "/**:", below it "ros__parameters:", below that '
         '"name: value"')
 
 
@@ -100,9 +100,9 @@ def read_events(data: bytes, source: str, *, name: str | None = None) -> list[An
             events.append(event)
             place.enter(event)
             where = _where(source, event.start_mark.line + 1, name) + str(place)
-            if len(place.levels) > _DEEPEST:
+            if len(place.levels) > _MAX_DEPTH:
                 raise ParameterFileError(
-                    f'{where}nested more than {_DEEPEST} levels deep; write fewer levels')
+                    f'{where}nested more than {_MAX_DEPTH} levels deep; write fewer levels')
             if isinstance(event, yaml.AliasEvent):
                 raise ParameterFileError(
                     f'{where}ROS refuses aliases (*{event.anchor}); write the value again')

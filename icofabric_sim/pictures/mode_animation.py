@@ -26,7 +26,7 @@ from pathlib import Path
 from icofabric_sim.bag import BagRecorder
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, Outputs, POSES, Topic, WEAVE
-from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.pictures.drawing import frame_moments, Renderer
 from icofabric_sim.pictures.measures import fit_scale
@@ -102,7 +102,8 @@ def write_bag(
     text = dump_parameters(scene.parameters.complete())
     recorder = BagRecorder(
         path, storage=str(scene.parameters['record.storage']),
-        custom={'scene': with_files(text, scene.files), 'version': __version__, 'animation': said},
+        custom={'scene': append_files(text, scene.files), 'version': __version__,
+                'animation': said},
         custom_topic=f'{_NODE}/recording')
     outputs = Outputs(scene)
 

@@ -26,10 +26,10 @@ from icofabric_sim.parameters.rcl_scalars import resolve_scalar
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
     find_specification,
-    judge,
     make_parameters,
     ParameterError,
     Parameters,
+    validate_value,
 )
 from icofabric_sim.running.complaints import shortened
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, Scene
@@ -185,7 +185,7 @@ class ParameterGate:
                     continue  # also a text of digits, which tools send as a number
                 # The words of contact.mode are truth values in YAML.
                 default = name == 'contact.mode' or find_specification(name).default
-                value = judge(name, as_meant(parameter.value, default))
+                value = validate_value(name, as_meant(parameter.value, default))
                 if held is not None and _same(value, held):
                     continue  # e.g. of a dump that is loaded again; also where it is fixed
                 if not _same(value, self.accepted.get(name)):

@@ -37,7 +37,7 @@ from icofabric_sim.messages.topics import (
     TOPICS,
     WEAVE,
 )
-from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
@@ -74,7 +74,7 @@ def describe_run(
     from icofabric_sim.version import __version__
 
     return {
-        'scene': with_files(dump_parameters(in_force.complete()), simulation.scene.files),
+        'scene': append_files(dump_parameters(in_force.complete()), simulation.scene.files),
         'version': __version__,
         'method': simulation.status.method_name,
         'method_reason': simulation.status.method_reason,

@@ -35,7 +35,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from icofabric_sim.statics.equilibrium import Equilibrium
-    from icofabric_sim.statics.present import Present
+    from icofabric_sim.statics.present import PresentState
 
 _STAYS = 'the fabric stays as it is'
 
@@ -56,8 +56,8 @@ class Rest:
         try:
             self._require_still()
             # A run seldom needs it.
-            from icofabric_sim.statics.present import present_of
-            present = present_of(
+            from icofabric_sim.statics.present import capture_run_state
+            present = capture_run_state(
                 self._state.simulation, self._state.parameters['equilibrium.objective'])
         except Exception as error:  # noqa: BLE001 - the caller gets it
             found.set_exception(error)
@@ -73,10 +73,10 @@ class Rest:
         if not self._state.paused or self._time.requests.current is not None:
             raise RuntimeError(f'the fabric moves, pause it first (~/pause); {_STAYS}')
 
-    def _search(self, present: 'Present', found: 'Future[Any]') -> None:
-        from icofabric_sim.statics.present import rest_of
+    def _search(self, present: 'PresentState', found: 'Future[Any]') -> None:
+        from icofabric_sim.statics.present import solve_run_equilibrium
         try:
-            result = rest_of(present)
+            result = solve_run_equilibrium(present)
             if not result.converged:
                 raise RuntimeError(f'{result.verdict}: {result.reason}; {_STAYS}')
         except Exception as error:  # noqa: BLE001 - the caller gets it
@@ -85,7 +85,7 @@ class Rest:
             return
         self._post(lambda: self._take(present, result, found))
 
-    def _take(self, present: 'Present', result: 'Equilibrium', found: 'Future[Any]') -> None:
+    def _take(self, present: 'PresentState', result: 'Equilibrium', found: 'Future[Any]') -> None:
         """Put the fabric where it rests, in the thread of the run."""
         self._is_seeking = False
         try:
@@ -93,7 +93,7 @@ class Rest:
         except Exception as error:  # noqa: BLE001 - the caller gets it
             found.set_exception(error)
 
-    def _put(self, present: 'Present', result: 'Equilibrium') -> str:
+    def _put(self, present: 'PresentState', result: 'Equilibrium') -> str:
         state = self._state
         self._require_still()
         # Taken once for each change of the motion or of what acts.

@@ -29,7 +29,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages.topics import Outputs
-from icofabric_sim.parameters.changes import rebuilds, with_rates
+from icofabric_sim.parameters.changes import rebuilds, with_immediate_changes
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import has_target, PullTarget
@@ -208,7 +208,7 @@ class Reweaver:
         is_whole = built is not None and not rebuilds(built.wish.parameters, newest.parameters)
         if built is not None:
             self.outputs = built.outputs
-            wanted = newest.parameters if is_whole else with_rates(
+            wanted = newest.parameters if is_whole else with_immediate_changes(
                 built.wish.parameters, newest.parameters)
             self._on_ready(
                 wanted, built.simulation, '', newest.number if is_whole else built.wish.number)

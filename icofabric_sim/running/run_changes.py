@@ -31,7 +31,7 @@ from icofabric_sim.parameters.changes import (
     changed_names,
     rebuilds,
     require_changeable,
-    with_rates,
+    with_immediate_changes,
 )
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast
@@ -208,7 +208,7 @@ class RunChanges:
         before = self._reweaver.wanted or state.parameters
         require_changeable(changed_names(before, parameters))
         # Rates, pace and duration act at once, also while another fabric is being built.
-        rates = with_rates(state.parameters, parameters)
+        rates = with_immediate_changes(state.parameters, parameters)
         if rates is not state.parameters:
             self._take_rates(rates)
             self._broadcast.describe(state.now)

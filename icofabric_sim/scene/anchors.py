@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Anchors: connectors from an edge of a body to a point of the world, fixed or moving.
+Anchors: connectors from an edge of a body to a fixed or moving point of the world.
 
-Their law is that of `connector.*` (k_e, k_c and natural length D) where they have none of their
-own; they resist no bending, and break where limits of their own say so.
+Anchors without a law use that of `connector.*` (k_e, k_c and natural length D). They do not resist
+bending, and break only at their own limits.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ from icofabric_sim.geometry.icosahedron import NAMED_EDGES
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.attachments import attachment_points
-from icofabric_sim.scene.breakage import NAMES
+from icofabric_sim.scene.breakage import BREAK_LENGTH_NAMES
 from icofabric_sim.scene.connector_laws import spring_law
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.paths import Path, PathPiece, require_followed
@@ -34,7 +34,7 @@ from icofabric_sim.scene.tables import read_time_table
 from icofabric_sim.scene.weave_geometry import WeaveGeometry
 import numpy as np
 
-_NONE = (0.0,) * 6
+_ZERO6 = (0.0,) * 6
 
 
 class AnchorLimits(NamedTuple):
@@ -45,16 +45,16 @@ class AnchorLimits(NamedTuple):
 
     @property
     def breaks(self) -> bool:
-        """Whether it ever does."""
+        """True if the anchor can break."""
         return self != (math.inf, 0.0)
 
 
 class Anchor(NamedTuple):
-    """An `anchors.NAME`."""
+    """One anchor, `anchors.NAME`."""
 
     body: int
     arm: np.ndarray  # (3,) [m] from the centre to the edge, body axes
-    path: Path  # of the point, world frame; only its first three coordinates count
+    path: Path  # of the world point; only the first three coordinates are used
     law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     limits: AnchorLimits = AnchorLimits()
 
@@ -64,9 +64,9 @@ def make_anchors(
     geometry: WeaveGeometry, half_edges: np.ndarray | None = None
 ) -> dict[str, Anchor]:
     """
-    All `anchors.NAME`; ParameterError where one makes no sense.
+    Return all `anchors.NAME`; raise ParameterError if one is invalid.
 
-    `half_edges` (n,) [m] of bodies where they differ.
+    `half_edges` (n,) [m] are those of all bodies, if they differ.
     """
     anchors = {}
     midpoints = attachment_points(parameters, geometry.half_edge)
@@ -74,7 +74,7 @@ def make_anchors(
         key, body = f'anchors.{name}.body', parameters[f'anchors.{name}.body']
         if not 0 <= body < body_count:
             raise ParameterError(
-                key, f'{key}: there is no body {body}; bodies are 0 to {body_count - 1}')
+                key, f'{key}: there is no body {body}; bodies are numbered 0 to {body_count - 1}')
         for other, drive in drives.items():
             if body in drive.bodies:
                 raise ParameterError(
@@ -90,13 +90,13 @@ def make_anchors(
     return anchors
 
 
-def require_whole(
+def refuse_broken_anchors(
     anchors: Mapping[str, Anchor], position: np.ndarray, orientation: np.ndarray
 ) -> None:
     """
-    Refuse anchors that would break at once, at the start.
+    Refuse anchors that would break at the start.
 
-    `position` (n, 3) [m] and `orientation` (n, 4) of the bodies there.
+    `position` (n, 3) [m] and `orientation` (n, 4) are the initial state of the bodies.
     """
     for name, anchor in anchors.items():
         if not anchor.limits.breaks:
@@ -105,9 +105,9 @@ def require_whole(
         end = position[anchor.body] + anchor.arm @ axes
         length = float(np.linalg.norm(end - anchor.path.pieces[0].at(0.0)[:3]))
         if length >= anchor.limits.longest:
-            word, limit, way = NAMES[0], anchor.limits.longest, 'raise'
+            word, limit, way = BREAK_LENGTH_NAMES[0], anchor.limits.longest, 'raise'
         elif length <= anchor.limits.shortest:
-            word, limit, way = NAMES[1], anchor.limits.shortest, 'lower'
+            word, limit, way = BREAK_LENGTH_NAMES[1], anchor.limits.shortest, 'lower'
         else:
             continue
         key = f'anchors.{name}.{word}'
@@ -117,11 +117,11 @@ def require_whole(
 
 
 def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimits:
-    """Limits of an anchor with the natural length `rest` [m]."""
-    longest, shortest = (parameters[f'{prefix}.{name}'] for name in NAMES)
+    """Return the break limits of an anchor with the natural length `rest` [m]."""
+    longest, shortest = (parameters[f'{prefix}.{name}'] for name in BREAK_LENGTH_NAMES)
     for name, limit, wrong, side, way in (
-            (NAMES[0], longest, 0.0 < longest <= rest, 'above', 'raise'),
-            (NAMES[1], shortest, shortest >= rest, 'below', 'lower')):
+            (BREAK_LENGTH_NAMES[0], longest, 0.0 < longest <= rest, 'above', 'raise'),
+            (BREAK_LENGTH_NAMES[1], shortest, shortest >= rest, 'below', 'lower')):
         if wrong:
             raise ParameterError(
                 f'{prefix}.{name}',
@@ -132,17 +132,17 @@ def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimi
 
 
 def make_anchor_path(parameters: Parameters, name: str) -> Path:
-    """Path of the point: at rest, with one velocity, or through the places of a table."""
+    """Return the path of the world point: fixed, of constant velocity, or through a table."""
     prefix = f'anchors.{name}'
     position, velocity = parameters[f'{prefix}.position'], parameters[f'{prefix}.velocity']
     file = parameters[f'{prefix}.file'].strip()
     if not file:
-        return Path((PathPiece(0.0, (_six(position), _six(velocity), _NONE, _NONE)),))
+        return Path((PathPiece(0.0, (_six(position), _six(velocity), _ZERO6, _ZERO6)),))
     key = f'{prefix}.file'
     if any(velocity):
         raise ParameterError(
             key, f'{key}: {prefix}.velocity moves the point already; give one of them')
-    # Only scenes with tables wait for it.
+    # A slow import, needed only by scenes with tables.
     from scipy.interpolate import CubicSpline
 
     table = read_time_table(key, file, {4: 'time [s] and displacement x, y, z [m]'})
@@ -156,9 +156,9 @@ def make_anchor_path(parameters: Parameters, name: str) -> Path:
         PathPiece(time, tuple(_six(row) for row in spline.c[::-1, k].tolist()))
         for k, time in enumerate(table[:-1, 0].tolist())]
     pieces.append(
-        PathPiece(float(table[-1, 0]), (_six(places[-1].tolist()), _NONE, _NONE, _NONE)))
+        PathPiece(float(table[-1, 0]), (_six(places[-1].tolist()), _ZERO6, _ZERO6, _ZERO6)))
     if pieces[0].start > 0.0:
-        pieces.insert(0, PathPiece(0.0, (_six(places[0].tolist()), _NONE, _NONE, _NONE)))
+        pieces.insert(0, PathPiece(0.0, (_six(places[0].tolist()), _ZERO6, _ZERO6, _ZERO6)))
     return Path(tuple(pieces))
 
 

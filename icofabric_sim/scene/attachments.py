@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Where connectors attach to their bodies, and how long they are in the weave."""
+"""Attachment points of connectors on their bodies, and their lengths as woven."""
 
 from icofabric_sim.geometry.icosahedron import edge_midpoints, NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
@@ -21,21 +21,21 @@ from icofabric_sim.scene.weave_geometry import WeaveGeometry
 from icofabric_sim.scene.weave_tables import TABLE_5
 import numpy as np
 
-# Connectors shorter than this part of the pitch have no direction.
-_SHORTEST = 1e-6
-# How far from its body a point may lie, in pitches: beyond it rounding hides the weave.
-_FARTHEST = 1e6
-# Lengths that differ by less, relatively, are taken for one.
-_ROUNDING = 1e-12
+# Connectors shorter than this fraction of the pitch have no defined direction.
+_MIN_LENGTH_RATIO = 1e-6
+# Largest distance of a point from its body, in pitches; farther away round-off hides the weave.
+_MAX_DISTANCE_PITCHES = 1e6
+# Relative difference below which lengths count as equal.
+_EQUAL_LENGTH_RATIO = 1e-12
 
 
-def are_given(parameters: Parameters) -> bool:
-    """Whether there are attachment points other than on the body axes."""
+def has_own_attachments(parameters: Parameters) -> bool:
+    """Return True if the scene gives attachment points off the body axes."""
     return any(any(parameters[f'connector.attachment.{name}']) for name in NAMED_EDGES)
 
 
 def attachment_points(parameters: Parameters, half_edge: float) -> np.ndarray:
-    """The six points in body axes [m], (6, 3), by edge code."""
+    """Return the six attachment points [m], (6, 3), body axes, by edge code."""
     points = edge_midpoints(half_edge) * parameters['connector.attachment_scale']
     for code, name in enumerate(NAMED_EDGES):
         given = parameters[f'connector.attachment.{name}']
@@ -45,20 +45,20 @@ def attachment_points(parameters: Parameters, half_edge: float) -> np.ndarray:
 
 
 def check_attachments(parameters: Parameters, geometry: WeaveGeometry) -> None:
-    """Refuse points that leave connectors without a length, or lie beyond all bodies."""
+    """Refuse points that make connectors vanish, or lie too far from their body."""
     points = attachment_points(parameters, geometry.half_edge)
     for name, point in zip(NAMED_EDGES, points):
-        if not np.abs(point).max() <= _FARTHEST * geometry.pitch:
+        if not np.abs(point).max() <= _MAX_DISTANCE_PITCHES * geometry.pitch:
             name = f'connector.attachment.{name}'
             if not any(parameters[name]):
                 name = 'connector.attachment_scale'
             raise ParameterError(
                 name,
-                f'{name} {parameters[name]!r} puts a point more than {_FARTHEST:g} times as far '
-                f'from its body as bodies are apart ({geometry.pitch:g} m); give a smaller one')
+                f'{name} {parameters[name]!r} puts a point more than {_MAX_DISTANCE_PITCHES:g} '
+                f'pitches of the weave ({geometry.pitch:g} m) from its body; give a smaller one')
     for code, step in TABLE_5:
         span = geometry.pitch * np.array(step) + points[code ^ 1] - points[code]
-        if not np.linalg.norm(span) > _SHORTEST * geometry.pitch:
+        if not np.linalg.norm(span) > _MIN_LENGTH_RATIO * geometry.pitch:
             one, other = NAMED_EDGES[code], NAMED_EDGES[code ^ 1]
             name = 'connector.attachment_scale'
             for edge in (one, other):
@@ -73,16 +73,17 @@ def check_attachments(parameters: Parameters, geometry: WeaveGeometry) -> None:
 
 def woven_spans(weave: Weave, azimuth: float, points: np.ndarray) -> np.ndarray:
     """
-    From the first end to the second of each connector in the weave [m], (c, 3), in body axes.
+    Return the vector from the first to the second end of each connector as woven [m], (c, 3).
 
-    `azimuth` [rad] is that of the weave, `points` (6, 3) [m] the attachment points. In a radial
-    weave, where bodies are turned each by its own angle, in world axes.
+    `azimuth` [rad] is that of the weave, and `points` (6, 3) [m] are the attachment points. The
+    vectors are in body axes, or in world axes for a radial weave, where bodies differ in
+    orientation.
     """
     if weave.kind == 'radial':
         return bent_spans(weave, points)
     first, second = weave.connector_bodies.T
     fabric = rotation_matrix(fabric_orientation(weave.kind, azimuth))
-    # From the fabric's axes to those that all bodies have in common.
+    # From the fabric's axes to the body axes, which are the same for all bodies.
     to_body = np.round(rotation_matrix(weave.orientation).T @ fabric)
     steps = (weave.grid[second] - weave.grid[first]) @ to_body.T
     edges = weave.connector_edges
@@ -90,8 +91,8 @@ def woven_spans(weave: Weave, azimuth: float, points: np.ndarray) -> np.ndarray:
 
 
 def woven_lengths(parameters: Parameters, weave: Weave) -> float | np.ndarray:
-    """Woven lengths [m] of all connectors, or of each, (c,), where they differ."""
-    if weave.kind != 'radial' and not are_given(parameters) and (
+    """Return the woven length [m] of all connectors, or of each, (c,), if they differ."""
+    if weave.kind != 'radial' and not has_own_attachments(parameters) and (
             parameters['connector.attachment_scale'] == 1.0):
         return weave.geometry.connector_length
     points = attachment_points(parameters, weave.geometry.half_edge)
@@ -99,4 +100,4 @@ def woven_lengths(parameters: Parameters, weave: Weave) -> float | np.ndarray:
     lengths: np.ndarray = np.linalg.norm(spans, axis=1)
     if not len(lengths):
         return weave.geometry.connector_length
-    return float(lengths[0]) if np.ptp(lengths) <= _ROUNDING * lengths[0] else lengths
+    return float(lengths[0]) if np.ptp(lengths) <= _EQUAL_LENGTH_RATIO * lengths[0] else lengths

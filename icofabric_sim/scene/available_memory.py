@@ -11,40 +11,40 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""How much memory this process may still take."""
+"""Memory that this process may still allocate."""
 
 import os
 from pathlib import Path
 
-# Processes that share what is simulated here (ranks of MPI), each of which holds a part.
+# Number of processes (MPI ranks) that share one simulation, each with a part of the bodies.
 _processes = 1
-# A limit beyond this means that there is none.
-_UNLIMITED = 2**60
+# Control groups report a number above this [bytes] if they have no limit.
+_UNLIMITED_BYTES = 2**60
 
 
 def share_among(processes: int) -> int:
-    """From now on what is simulated here is shared by so many; returns how many it was."""
+    """Set the number of processes that share the simulation; return the previous number."""
     global _processes
     before, _processes = _processes, processes
     return before
 
 
 def processes_sharing() -> int:
-    """Count the processes that share what is simulated here."""
+    """Return the number of processes that share the simulation."""
     return _processes
 
 
 def available_memory(root: Path = Path('/')) -> int:
     """
-    Return the bytes that are left: on the machine, and in the control group of a container.
+    Return the free memory in bytes: of the machine or of the container's control group, if less.
 
-    `root` is where the system's files are.
+    `root` is the folder of the system's files.
     """
-    found = [_of_machine(root), _of_group(root)]
+    found = [_free_on_machine(root), _free_in_group(root)]
     return min(amount for amount in found if amount is not None)
 
 
-def _of_machine(root: Path) -> int:
+def _free_on_machine(root: Path) -> int:
     for line in _read(root / 'proc/meminfo').splitlines():
         name, _, rest = line.partition(':')
         if name == 'MemAvailable':
@@ -52,8 +52,8 @@ def _of_machine(root: Path) -> int:
     return int(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES'))
 
 
-def _of_group(root: Path) -> int | None:
-    """What a control group (version 2, else 1) leaves; its file cache can be given up."""
+def _free_in_group(root: Path) -> int | None:
+    """Return the free bytes of the control group, version 2 or 1; file cache counts as free."""
     base = root / 'sys/fs/cgroup'
     for limit_file, usage_file, statistics, cache in (
         (base / 'memory.max', base / 'memory.current', base / 'memory.stat', 'inactive_file'),
@@ -61,7 +61,7 @@ def _of_group(root: Path) -> int | None:
          base / 'memory/memory.stat', 'total_inactive_file'),
     ):
         limit, usage = _number(_read(limit_file)), _number(_read(usage_file))
-        if limit is None or usage is None or limit >= _UNLIMITED:
+        if limit is None or usage is None or limit >= _UNLIMITED_BYTES:
             continue
         fields = (line.split() for line in _read(statistics).splitlines())
         reclaimable = {field[0]: int(field[1]) for field in fields if len(field) == 2}

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""At which lengths connectors break (eq 3): in extension, and likewise when compressed too far."""
+"""Lengths at which connectors break, in extension (eq 3) and in compression."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -20,11 +20,11 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.connector_laws import ConnectorLaws
 import numpy as np
 
-NAMES = ('break_length_extension', 'break_length_compression')
+BREAK_LENGTH_NAMES = ('break_length_extension', 'break_length_compression')
 
 
 class BreakLimits(NamedTuple):
-    """Lengths at which connectors break; arrays of shape (c,), or (1,) where all are alike."""
+    """Lengths at which connectors break; arrays of shape (c,), or (1,) if all are equal."""
 
     longest: np.ndarray  # L_e [m], infinite: never in extension
     shortest: np.ndarray  # L_c [m], 0: never in compression
@@ -35,13 +35,13 @@ def make_limits(
     count: int, laws: ConnectorLaws,
 ) -> BreakLimits | None:
     """
-    Limits of all `count` connectors, whose woven `length` is L [m]; None: no break.
+    Return the limits of all `count` connectors of woven `length` L [m]; None if none can break.
 
-    `members` are those of `make_laws`, and of several groups the last counts here too.
+    `members` are those of `make_laws`; later groups take precedence.
     """
     chosen = {f'connector_groups.{name}': mask for name, mask in members.items()}
     limits = []
-    for name, never in zip(NAMES, (np.inf, 0.0)):
+    for name, never in zip(BREAK_LENGTH_NAMES, (np.inf, 0.0)):
         own = {
             prefix: mask for prefix, mask in chosen.items()
             if parameters[f'{prefix}.{name}'] >= 0.0}
@@ -51,7 +51,7 @@ def make_limits(
             values[mask] = parameters[f'{prefix}.{name}']
             source[mask] = number
         keys = [f'{prefix}.{name}' for prefix in ('connector', *own)]
-        _check(name, keys, source, values, laws.natural_length, length)
+        _check_limits(name, keys, source, values, laws.natural_length, length)
         limits.append(np.where(values > 0.0, values, never))
     result = BreakLimits(*limits)
     if not count or not (np.isfinite(result.longest).any() or result.shortest.any()):
@@ -59,13 +59,13 @@ def make_limits(
     return result
 
 
-def _check(
+def _check_limits(
     name: str, keys: list[str], source: np.ndarray, values: np.ndarray, rest: np.ndarray,
     woven: float | np.ndarray
 ) -> None:
-    """Refuse limits at which a connector would break where it does not pull, or as it is woven."""
+    """Refuse limits at which a connector would break at its natural or its woven length."""
     given = values > 0.0
-    side, ways = ('above', 'raise it') if name == NAMES[0] else ('below', 'lower it')
+    side, ways = ('above', 'raise it') if name == BREAK_LENGTH_NAMES[0] else ('below', 'lower it')
     for other, what in ((rest, 'natural length'), (np.atleast_1d(woven), 'woven length')):
         wrong = given & (values <= other if side == 'above' else values >= other)
         if not wrong.any():

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Which connectors `connector_groups.NAME` means: between two groups of bodies, of one edge pair.
+Select the connectors of `connector_groups.NAME` by two groups of bodies or by an edge pair.
 
-A fabric has three directions of connectors, by the edges that they join (Table 5): up and down,
-north and south, west and east. Each is a third of the connectors, four at every inner body.
+Connectors have three directions, by the edges that they join (Table 5): up and down, north and
+south, west and east. Each direction has a third of the connectors, four at every inner body.
 """
 
 from collections.abc import Mapping
@@ -31,21 +31,21 @@ DIRECTIONS = tuple(
 
 
 def check_connector_groups(parameters: Parameters) -> None:
-    """Refuse groups of connectors that name no groups of bodies and no edge pair."""
+    """Refuse connector groups that name neither groups of bodies nor an edge pair."""
     for name in parameters.names('connector_groups'):
         prefix = f'connector_groups.{name}'
         _direction(parameters, prefix)
         if parameters[f'{prefix}.between'].strip():
-            two_groups(parameters, f'{prefix}.between')
+            parse_two_groups(parameters, f'{prefix}.between')
         elif not parameters[f'{prefix}.direction'].strip():
             raise ParameterError(
                 f'{prefix}.between',
                 f'{prefix}.between is missing: {prefix} needs it (two groups, whose bodies the '
-                f'connectors join), or {prefix}.direction, one of {_listed()}')
+                f'connectors join), or {prefix}.direction, one of {_direction_list()}')
 
 
-def alike_everywhere(parameters: Parameters) -> bool:
-    """Whether groups of connectors differ by direction alone, so that the fabric repeats."""
+def differ_by_direction_only(parameters: Parameters) -> bool:
+    """Return True if connector groups select by direction only, so that the fabric is periodic."""
     return all(
         parameters[f'connector_groups.{name}.between'].split() in ([], ['all', 'all'])
         for name in parameters.names('connector_groups'))
@@ -55,11 +55,10 @@ def grouped_connectors(
     parameters: Parameters, groups: Mapping[str, np.ndarray], weave: Weave
 ) -> dict[str, np.ndarray]:
     """
-    Which connectors belong to each of `connector_groups`, (c,) bool, in order of names.
+    Return masks (c,) of the connectors in each of `connector_groups`, sorted by name.
 
-    Of the connectors of the `weave` those count that lead from one group of bodies to the other
-    and are of the direction, where these are given. Of several groups that hold a connector the
-    last counts.
+    A connector of the `weave` belongs to a group if it joins the two groups of bodies and has the
+    direction, as far as these are given. A connector in several groups follows the last one.
     """
     members: dict[str, np.ndarray] = {}
     if not parameters.names('connector_groups'):
@@ -69,7 +68,7 @@ def grouped_connectors(
         prefix = f'connector_groups.{name}'
         chosen, said = np.ones(len(bodies), bool), []
         if parameters[f'{prefix}.between'].strip():
-            first, second = two_groups(parameters, f'{prefix}.between')
+            first, second = parse_two_groups(parameters, f'{prefix}.between')
             chosen &= connectors_between(groups[first], groups[second], bodies)
             said.append('leads from one to the other')
         pair = _direction(parameters, prefix)
@@ -87,7 +86,7 @@ def grouped_connectors(
 
 
 def _direction(parameters: Parameters, prefix: str) -> int | None:
-    """Which of DIRECTIONS is named, in either order; None: none."""
+    """Return the number in DIRECTIONS of the named edge pair (in either order), or None."""
     key = f'{prefix}.direction'
     words = parameters[key].split()
     if not words:
@@ -96,15 +95,15 @@ def _direction(parameters: Parameters, prefix: str) -> int | None:
         if sorted(words) == sorted(pair.split()):
             return number
     raise ParameterError(
-        key, f'{key} must name two opposite edges, {_listed()}, got {parameters[key]!r}')
+        key, f'{key} must name two opposite edges, {_direction_list()}, got {parameters[key]!r}')
 
 
-def _listed() -> str:
+def _direction_list() -> str:
     return ', '.join(DIRECTIONS[:-1]) + ' or ' + DIRECTIONS[-1]
 
 
-def two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
-    """The two groups that the parameter `key` names; ParameterError where it does not."""
+def parse_two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
+    """Return the two groups that the parameter `key` names, or raise ParameterError."""
     words = parameters[key].split()
     if len(words) != 2:
         raise ParameterError(
@@ -123,13 +122,13 @@ def chosen_connectors(
     parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], weave: Weave
 ) -> np.ndarray | None:
     """
-    Numbers of the connectors of the `weave` between the two groups of `key`.
+    Return the numbers of the `weave`'s connectors between the two groups of `key`.
 
-    None, for all, where it is empty.
+    None means all connectors: the parameter is empty.
     """
     if not parameters[key].strip():
         return None
-    first, second = two_groups(parameters, key)
+    first, second = parse_two_groups(parameters, key)
     chosen = np.flatnonzero(connectors_between(
         groups[first], groups[second], weave.connector_bodies))
     if not len(chosen):
@@ -140,7 +139,7 @@ def chosen_connectors(
 
 
 def connectors_between(first: np.ndarray, second: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-    """Which connectors lead from a body of the one group to one of the other, (c,) bool."""
+    """Return the mask (c,) of connectors that join a body of `first` to a body of `second`."""
     count = int(bodies.max(initial=-1)) + 1
     sides = []
     for group in (first, second):

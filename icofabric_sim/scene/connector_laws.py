@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-How strongly connectors pull and push: one law for all, or groups of connectors with their own.
-"""
+"""Force laws of connectors: one law for all connectors, or separate laws for groups."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -22,18 +20,18 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.law_tables import LawTable, read_law
 import numpy as np
 
-# Properties of a group that say nothing at these values: those of `connector.*` hold.
-_UNSAID = {
+# Values of a group's properties that mean: use the property of `connector.*`.
+_DEFAULT_MARKERS = {
     'stiffness': -1.0, 'stiffness_extension': -1.0, 'stiffness_compression': -1.0,
     'natural_length': 0.0}
 
 
-# k_e, k_c, D and the table; natural lengths may be those of each connector, (c,).
+# k_e, k_c, D and the table; D may be an array (c,) over connectors.
 _Law = tuple[float, float, float | np.ndarray, LawTable | None]
 
 
 class ConnectorLaws(NamedTuple):
-    """Eq 2 for every connector; arrays of shape (c,), or (1,) where all are alike."""
+    """Coefficients of eq 2 of all connectors; arrays of shape (c,), or (1,) if all are equal."""
 
     extension: np.ndarray  # k_e [N/m], above the natural length
     compression: np.ndarray  # k_c [N/m], below it
@@ -41,28 +39,28 @@ class ConnectorLaws(NamedTuple):
 
     @property
     def plain(self) -> bool:
-        """Whether all connectors are the same symmetric spring (eq 1)."""
+        """True if all connectors are the same symmetric spring (eq 1)."""
         return len(self.extension) == 1 and bool(self.extension[0] == self.compression[0])
 
     def kink_count(self, connectors: int) -> int:
-        """Of how many of all `connectors` the slope of the tension jumps at the natural length."""
+        """Count those of `connectors` whose stiffness jumps at the natural length."""
         kinked = self.extension != self.compression
         return connectors if len(kinked) == 1 and kinked[0] else int(kinked.sum())
 
 
 class ConnectorTables(NamedTuple):
-    """Laws by table, instead of eq 2; their largest slopes stand for its stiffnesses."""
+    """Tabulated laws that replace eq 2; `ConnectorLaws` then holds their largest slopes."""
 
     tables: tuple[LawTable, ...]
-    of: np.ndarray  # (c,) int, which of them each connector follows, -1: none; (0,) without any
-    stops: np.ndarray = np.zeros(0, bool)  # (c,) whether a run stops beyond it; (0,) likewise
+    of: np.ndarray  # (c,) int, table of each connector, -1: none; (0,) without tables
+    stops: np.ndarray = np.zeros(0, bool)  # (c,) the run stops beyond the table; (0,) likewise
 
     def describe_beyond(self, length: np.ndarray, bodies: np.ndarray) -> tuple[str, bool]:
         """
-        Describe the connector that is farthest beyond its table, and return whether it stops.
+        Return a description of the connector farthest beyond its table, and whether the run stops.
 
-        `length` (c,) [m], NaN of broken ones; `bodies` (c, 2). Those that stop come first; '':
-        none is beyond.
+        `length` (c,) [m] is NaN for broken connectors; `bodies` is (c, 2). Connectors that stop
+        the run take precedence. The description is '' if all are within their tables.
         """
         low = np.array([table.rows[1, 0] for table in self.tables] + [-np.inf])[self.of]
         high = np.array([table.rows[-1, 0] for table in self.tables] + [np.inf])[self.of]
@@ -87,10 +85,10 @@ def make_laws(
     count: int
 ) -> tuple[ConnectorLaws, ConnectorTables]:
     """
-    Laws of all `count` connectors, and those by table.
+    Return the laws of all `count` connectors, and the tabulated laws.
 
-    `length` [m] is the woven one, L, of all, or of each, (c,). `members`: which connectors belong
-    to each of `connector_groups`, (c,) bool; of several groups the last counts.
+    `length` [m] is the woven length L of all connectors, or of each, (c,). `members` are the masks
+    (c,) of `connector_groups`; later groups take precedence.
     """
     general = _law(parameters, 'connector', length, None)
     if not members and not isinstance(general[2], np.ndarray) and general[3] is None:
@@ -115,13 +113,13 @@ def make_laws(
     return laws, ConnectorTables(tuple(tables.values()), number[table_of], stops)
 
 
-def spread_over(
+def property_by_connector(
     parameters: Parameters, name: str, members: Mapping[str, np.ndarray], count: int
 ) -> np.ndarray:
     """
-    Value of `connector.NAME` for every connector, (c,), or (1,) where no group has its own.
+    Return `connector.NAME` of every connector, (c,), or (1,) if no group overrides the value.
 
-    `connector_groups.*.NAME` counts where it is not negative.
+    Values of `connector_groups.*.NAME` override it unless they are negative.
     """
     value = parameters[f'connector.{name}']
     said = {group: parameters[f'connector_groups.{group}.{name}'] for group in members}
@@ -138,9 +136,9 @@ def spring_law(
     parameters: Parameters, prefix: str, length: float
 ) -> tuple[float, float, float]:
     """
-    k_e, k_c [N/m] and D [m] of `PREFIX.*`, those of `connector.*` where it says nothing.
+    Return k_e, k_c [N/m] and D [m] of `PREFIX.*`, by default those of `connector.*`.
 
-    Without tables; `length` [m] is the woven one, L.
+    Ignores tables; `length` [m] is the woven length L.
     """
     general = _law(parameters, 'connector', length, None, tabled=False)
     extension, compression, rest, _ = _law(parameters, prefix, length, general, tabled=False)
@@ -152,21 +150,19 @@ def _law(
     parameters: Parameters, prefix: str, length: float | np.ndarray, general: _Law | None, *,
     tabled: bool = True
 ) -> _Law:
-    """
-    Stiffness in extension and in compression, natural length, table; unsaid ones as in general.
-    """
+    """Return the law of `PREFIX.*`; properties not given there are those of `general`."""
     def said(name: str) -> Any:
         value = parameters[f'{prefix}.{name}']
-        unsaid = value < 0.0 if _UNSAID[name] < 0.0 else value == 0.0
+        unsaid = value < 0.0 if _DEFAULT_MARKERS[name] < 0.0 else value == 0.0
         return None if unsaid else value
 
     stiffness, rest = said('stiffness'), said('natural_length')
-    table = law_of(parameters, prefix) if tabled else None
+    table = table_of_law(parameters, prefix) if tabled else None
     if table is not None:
         most = table.largest_slope
         return most, most, table.natural_length or length, table
     if general is not None and general[3] is not None and all(
-            said(name) is None for name in _UNSAID):
+            said(name) is None for name in _DEFAULT_MARKERS):
         return general
     values = []
     for place, name in enumerate(('stiffness_extension', 'stiffness_compression')):
@@ -182,8 +178,8 @@ def _law(
     return values[0], values[1], rest, None
 
 
-def law_of(parameters: Parameters, prefix: str) -> LawTable | None:
-    """The table that `PREFIX.law` names, None where it names none."""
+def table_of_law(parameters: Parameters, prefix: str) -> LawTable | None:
+    """Return the table that `PREFIX.law` names, or None."""
     file = parameters[f'{prefix}.law']
     if not file:
         return None
@@ -191,6 +187,6 @@ def law_of(parameters: Parameters, prefix: str) -> LawTable | None:
     if given > 0.0:
         raise ParameterError(
             f'{prefix}.natural_length',
-            f'{prefix}.natural_length {given!r} m: the table {prefix}.law {file!r} says at which '
-            'length there is no force; leave one of them out')
+            f'{prefix}.natural_length {given!r} m: the table {prefix}.law {file!r} already '
+            'determines the length without force; leave one of them out')
     return read_law(f'{prefix}.law', file)

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Drives: groups of bodies that move as one rigid body on a prescribed path, or freedoms of them.
+Drives: groups of bodies that follow a prescribed path as one rigid body, in some or all freedoms.
 
-A path is a displacement of the middle of the group (the mean of its centres at the start) and a
-rotation vector about it, world axes, counted from the start of the motion. Bodies wait at their
-places before `.start`, and where a motion ends they stay. What contradicts itself is refused here,
-before anything runs.
+A path is a displacement of the group's centroid (the mean of its centres at the start) and a
+rotation vector about the centroid, in world axes, from the start of the motion. Bodies rest at
+their initial positions before `.start`, and stay where a motion ends. Contradictory drives are
+refused when the scene is built.
 """
 
 from collections.abc import Mapping
@@ -31,22 +31,22 @@ from icofabric_sim.scene.supports import FREEDOMS, named_freedoms, Supports
 from icofabric_sim.scene.tables import read_time_table
 import numpy as np
 
-# Velocities and places that differ by less are the same, in parts of the largest.
-_SAME = 1e-9
-_NONE = (0.0,) * 6
+# Relative tolerance within which velocities and positions count as equal.
+_EQUAL_RATIO = 1e-9
+_ZERO6 = (0.0,) * 6
 
 
 class Drive(NamedTuple):
-    """A `drives.NAME`."""
+    """One drive, `drives.NAME`."""
 
     bodies: np.ndarray  # (m,) int32
-    middle: np.ndarray  # (3,) [m] mean of their centres at the start
+    middle: np.ndarray  # (3,) [m] centroid: mean of their centres at the start
     path: Path
-    moves: np.ndarray  # (4,) bool: along x, y, z, and turning; the other freedoms stay free
+    moves: np.ndarray  # (4,) bool: prescribed x, y, z and rotation; the others stay free
 
     @property
     def freedoms(self) -> np.ndarray:
-        """Which of the six freedoms of each body it moves, (6,) bool."""
+        """Mask (6,) of the degrees of freedom that the drive prescribes."""
         return np.append(self.moves[:3], np.repeat(self.moves[3], 3))
 
 
@@ -55,9 +55,9 @@ def make_drives(
     supports: Supports | None,
 ) -> dict[str, Drive]:
     """
-    All `drives.NAME`; the velocities of their bodies in `state` become those of their paths.
+    Return all `drives.NAME`, and set the velocities of their bodies in `state`.
 
-    ParameterError names what contradicts supports, other drives, or the start.
+    Raises ParameterError if a drive contradicts supports, other drives or the initial state.
     """
     drives: dict[str, Drive] = {}
     for name in parameters.names('drives'):
@@ -65,19 +65,19 @@ def make_drives(
         key = f'drives.{name}.group'
         moves = moved_freedoms(parameters, name)
         for other, drive in drives.items():
-            _refuse_twice(key, bodies, moves, other, drive)
+            _refuse_shared_freedoms(key, bodies, moves, other, drive)
         if supports is not None:
             held = np.column_stack([supports.translation[bodies], supports.rotation[bodies]])
             twice = (held & moves).any(axis=1)
             if twice.any():
                 raise ParameterError(
                     key, f'{key}: body {int(bodies[np.argmax(twice)])} is held by a support, '
-                    f'which fixes a freedom that the drive moves; take it out of one of the '
+                    f'which fixes a freedom that the drive moves; take the body out of one of the '
                     f'groups, or name other freedoms in drives.{name}.freedoms')
         path = make_path(parameters, f'drives.{name}')
         middle = state.position[bodies].mean(axis=0)
         drive = Drive(bodies, middle, path, moves)
-        _set_off(parameters, groups, name, drive, state)
+        _set_initial_velocities(parameters, groups, name, drive, state)
         drives[name] = drive
         _refuse_turned_faces(parameters, groups, name, drive)
     return drives
@@ -86,7 +86,7 @@ def make_drives(
 def _refuse_turned_faces(
     parameters: Parameters, groups: Mapping[str, np.ndarray], name: str, drive: Drive
 ) -> None:
-    """Refuse surface forces on bodies that a path turns and leaves free to move."""
+    """Refuse surface forces on bodies whose rotation is driven and whose translation is free."""
     if not drive.moves[3] or drive.moves.all():
         return
     for other in parameters.names('tractions'):
@@ -94,13 +94,13 @@ def _refuse_turned_faces(
         both = np.intersect1d(groups[parameters[key]], drive.bodies)
         if len(both):
             raise ParameterError(
-                key, f'{key}: drives.{name} turns body {int(both[0])} and leaves it free to move, '
-                'and what surface forces do there is not known; take it out of one of the '
-                f'groups, let the drive move all freedoms, or give loads.NAME instead')
+                key, f'{key}: drives.{name} rotates body {int(both[0])} and leaves its '
+                'translation free; surface forces do not support this; take the body out of one '
+                'of the groups, let the drive move all freedoms, or give loads.NAME instead')
 
 
 def moved_freedoms(parameters: Parameters, name: str) -> np.ndarray:
-    """Which of tx, ty, tz, rotation `drives.NAME.freedoms` names, (4,) bool."""
+    """Return the mask (4,) of tx, ty, tz, rotation that `drives.NAME.freedoms` names."""
     key = f'drives.{name}.freedoms'
     words = named_freedoms(key, parameters[key])
     moves = np.array([word in words for word in FREEDOMS])
@@ -114,10 +114,10 @@ def moved_freedoms(parameters: Parameters, name: str) -> np.ndarray:
     return moves
 
 
-def _refuse_twice(
+def _refuse_shared_freedoms(
     key: str, bodies: np.ndarray, moves: np.ndarray, other: str, drive: Drive
 ) -> None:
-    """Refuse a freedom on two paths, and two paths with a body in common but not all."""
+    """Refuse two drives of the same freedom, and two drives that share some but not all bodies."""
     both = np.intersect1d(bodies, drive.bodies)
     if not len(both):
         return
@@ -128,19 +128,19 @@ def _refuse_twice(
             'the groups, or let them move different freedoms')
     if len(both) != len(bodies) or len(both) != len(drive.bodies):
         raise ParameterError(
-            key, f'{key}: body {body} is moved by drives.{other} too, and so are not all others; '
-            'drives that share bodies must have the same ones, as a displacement is that of their '
-            'middle')
+            key, f'{key}: drives.{other} moves body {body} too, but not all bodies of this drive; '
+            'drives that share bodies must have the same bodies, because displacements are those '
+            'of their centroid')
 
 
-def _set_off(
+def _set_initial_velocities(
     parameters: Parameters, groups: Mapping[str, np.ndarray], name: str, drive: Drive,
     state: InitialState
 ) -> None:
     """
-    Give the bodies the velocities with which their path begins, unless they were given others.
+    Set the initial velocities of the bodies to those of their path; refuse other given ones.
 
-    A random start does not concern them.
+    Random initial velocities do not apply to driven bodies.
     """
     twist = drive.path.pieces[0].twist_at(0.0)
     arms = state.position[drive.bodies] - drive.middle
@@ -160,7 +160,7 @@ def _set_off(
                 told = f'{source}.{field}'
         given, wanted = given[drive.bodies] * mine, wanted * mine
         size = float(max(np.abs(given).max(), np.abs(wanted).max()))
-        wrong = given.any(axis=1) & (np.abs(given - wanted).max(axis=1) > _SAME * size)
+        wrong = given.any(axis=1) & (np.abs(given - wanted).max(axis=1) > _EQUAL_RATIO * size)
         if wrong.any():
             row = int(np.argmax(wrong))
             raise ParameterError(
@@ -172,7 +172,7 @@ def _set_off(
 
 
 def make_path(parameters: Parameters, prefix: str) -> Path:
-    """The path that `prefix` (drives.NAME) describes; ParameterError where it is not valid."""
+    """Return the path that `prefix` (drives.NAME) describes, or raise ParameterError."""
     def field(name: str) -> Any:
         return parameters[f'{prefix}.{name}']
 
@@ -185,46 +185,47 @@ def make_path(parameters: Parameters, prefix: str) -> Path:
     _require_used(motion, field, refuse)
     end = start + duration
     if duration > 0.0 and not end > start:
-        refuse('duration', f'{duration!r} s is lost beside the start {start!r} s; make it longer')
+        refuse('duration', f'{duration!r} s is below the round-off of the start {start!r} s; make '
+                           'it longer')
     rest = PathPiece(0.0)
     if motion == 'hold':
         return Path((rest,))
     if motion == 'table':
         pieces = _table(prefix, field('file'), start, parameters)
     elif motion == 'velocity':
-        pieces = [PathPiece(start, (_NONE, amounts, _NONE, _NONE))]
+        pieces = [PathPiece(start, (_ZERO6, amounts, _ZERO6, _ZERO6))]
         if duration > 0.0:
-            pieces.append(_stay(pieces[0], end))
+            pieces.append(_rest_piece(pieces[0], end))
     elif motion == 'ramp':
         rise = PathPiece(
-            start, (_NONE, _NONE, tuple(0.5 * value / duration for value in amounts), _NONE))
+            start, (_ZERO6, _ZERO6, tuple(0.5 * value / duration for value in amounts), _ZERO6))
         middle = tuple(0.5 * duration * value for value in amounts)
-        pieces = [rise, PathPiece(end, (middle, amounts, _NONE, _NONE))]
+        pieces = [rise, PathPiece(end, (middle, amounts, _ZERO6, _ZERO6))]
     else:
         rate, phase = 2.0 * math.pi * field('frequency'), field('phase')
         if not math.isfinite(rate * max(1.0, *map(abs, amounts))):
-            refuse('frequency', f'{field("frequency")!r} Hz moves faster than any number says')
+            refuse('frequency', f'{field("frequency")!r} Hz makes velocities overflow; lower it')
         offset = tuple(-value * math.sin(phase) for value in amounts)
-        pieces = [PathPiece(start, (offset, _NONE, _NONE, _NONE), amounts, rate, phase)]
-        if start > 0.0 and abs(math.cos(phase)) > _SAME:
+        pieces = [PathPiece(start, (offset, _ZERO6, _ZERO6, _ZERO6), amounts, rate, phase)]
+        if start > 0.0 and abs(math.cos(phase)) > _EQUAL_RATIO:
             refuse(
                 'phase', f'{phase!r} rad: the velocity would jump at the start, {start!r} s; '
                 'begin at a turning point (phase -1.5707963267948966), or with the motion '
                 '(start 0)')
         if duration > 0.0:
             last = rate * duration + phase
-            if abs(math.cos(last)) > _SAME * max(1.0, abs(last)):
+            if abs(math.cos(last)) > _EQUAL_RATIO * max(1.0, abs(last)):
                 refuse(
                     'duration', f'{duration!r} s: the velocity would jump at the end; end at a '
                     'turning point, a whole number of half periods after the last one')
-            pieces.append(_stay(pieces[0], end))
+            pieces.append(_rest_piece(pieces[0], end))
     if pieces[0].start > 0.0:
         pieces.insert(0, rest)
     return Path(tuple(pieces))
 
 
 def _require_used(motion: str, field: Any, refuse: Any) -> None:
-    """Refuse what a motion needs and lacks, or what it has no use for."""
+    """Refuse missing fields that a motion needs, and given fields that the motion ignores."""
     moves = any(field('linear')) or any(field('angular'))
     if motion in ('hold', 'table') and moves:
         name = 'linear' if any(field('linear')) else 'angular'
@@ -235,7 +236,7 @@ def _require_used(motion: str, field: Any, refuse: Any) -> None:
     if motion == 'sine' and not field('frequency') > 0.0:
         refuse('frequency', 'must be above 0 Hz for the motion sine')
     if motion != 'sine' and field('frequency') > 0.0:
-        refuse('frequency', f'must be 0 Hz for the motion {motion}: only sine has one')
+        refuse('frequency', f'must be 0 Hz for the motion {motion}: only sine has a frequency')
     if (motion == 'table') != bool(field('file').strip()):
         refuse('file', f'must {"name a CSV file" if motion == "table" else "be empty"} for the '
                        f'motion {motion}, got {field("file")!r}')
@@ -243,19 +244,19 @@ def _require_used(motion: str, field: Any, refuse: Any) -> None:
         refuse('duration', f'must be 0 s for the motion {motion}, got {field("duration")!r} s')
 
 
-def _stay(piece: PathPiece, end: float) -> PathPiece:
-    return PathPiece(end, (tuple(piece.at(end).tolist()), _NONE, _NONE, _NONE))
+def _rest_piece(piece: PathPiece, end: float) -> PathPiece:
+    return PathPiece(end, (tuple(piece.at(end).tolist()), _ZERO6, _ZERO6, _ZERO6))
 
 
 def _table(
     prefix: str, file: str, start: float, parameters: Parameters
 ) -> list[PathPiece]:
     """
-    A clamped cubic spline: position, velocity and acceleration are continuous within it.
+    Return the pieces of a clamped cubic spline through a table.
 
-    It begins and ends at rest, as the bodies are before and after it.
+    Position, velocity and acceleration are continuous; the spline starts and ends at rest.
     """
-    # Only scenes with tables wait for it.
+    # A slow import, needed only by scenes with tables.
     from scipy.interpolate import CubicSpline
 
     name = f'{prefix}.file'
@@ -265,13 +266,14 @@ def _table(
     values = np.zeros((len(table), 6))
     values[:, :table.shape[1] - 1] = table[:, 1:]
     times = start + table[:, 0]
-    if np.abs(values[0]).max() > _SAME * np.abs(values).max():
+    if np.abs(values[0]).max() > _EQUAL_RATIO * np.abs(values).max():
         raise ParameterError(
             name, f'{name}: {file} begins with the displacement {values[0].tolist()}, but the '
-            'bodies wait at their places: let the first line be zero')
+            'bodies start at their initial positions: make the first line zero')
     if not (np.diff(times) > 0.0).all():
         raise ParameterError(
-            name, f'{name}: times of {file} are lost beside the start {start!r} s')
+            name, f'{name}: steps of time in {file} are below the round-off of the start '
+            f'{start!r} s')
     with np.errstate(over='ignore', invalid='ignore'):
         spline = CubicSpline(times, values, bc_type='clamped')
     if not np.isfinite(spline.c).all():
@@ -282,4 +284,4 @@ def _table(
         cubic = tuple(tuple(row) for row in spline.c[::-1, k].tolist())
         pieces.append(PathPiece(time, cubic))
     last = tuple(values[-1].tolist())
-    return [*pieces, PathPiece(float(times[-1]), (last, _NONE, _NONE, _NONE))]
+    return [*pieces, PathPiece(float(times[-1]), (last, _ZERO6, _ZERO6, _ZERO6))]

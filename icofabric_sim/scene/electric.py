@@ -11,23 +11,23 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Charged shells in uniform fields and beside each other, as the scene describes them."""
+"""Charges and dipoles of shells, uniform electric and magnetic fields, and Coulomb forces."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.profiles import make_profile, Profile, STEADY
+from icofabric_sim.scene.profiles import make_profile, Profile, STEADY_PROFILE
 import numpy as np
 
-# Bodies whose mutual forces are summed pair by pair: 25 million pairs, about 20 ms for each
+# Most bodies with mutual forces summed over all pairs: 25 million pairs, about 20 ms per
 # evaluation.
-MOST_MUTUAL = 5000
+MAX_MUTUAL_BODIES = 5000
 _FIELD = 'field'
 
 
 class FieldWrench(NamedTuple):
-    """A force [N] of the electric field on some bodies, at a point [m] in their own axes."""
+    """Force of the electric field on some bodies, at a point in body axes."""
 
     bodies: np.ndarray  # (m,) int32
     force: np.ndarray  # (3,) world frame
@@ -35,33 +35,33 @@ class FieldWrench(NamedTuple):
 
 
 class Electric(NamedTuple):
-    """Charges and dipoles of shells, and the fields; one row where all shells are alike."""
+    """Charges and dipoles of shells, and the fields; one row if all shells are equal."""
 
     charge: np.ndarray  # (n,) or (1,) q [C]
     dipole: np.ndarray  # (n, 3) or (1, 3) p [C m], body axes
     electric: np.ndarray  # (3,) E [V/m]
     magnetic: np.ndarray  # (3,) B [T]
     mutual: bool
-    profile: Profile  # what E is multiplied by in time
-    equal_masses: bool  # of the shells
-    bodies: int  # how many there are
+    profile: Profile  # time factor of E
+    equal_masses: bool  # all shells have the same mass
+    bodies: int  # number of bodies
 
     @property
     def is_potential(self) -> bool:
-        """Whether the electric field is part of the energy: one steady force on equal shells."""
-        return len(self.charge) == 1 and self.profile == STEADY and self.equal_masses
+        """True if the field adds a potential energy: one steady force on equal shells."""
+        return len(self.charge) == 1 and self.profile == STEADY_PROFILE and self.equal_masses
 
     @property
     def force(self) -> np.ndarray:
-        """Force q E [N] on every body of a field that `is_potential`; else 0."""
+        """Force q E [N] on every body if the field `is_potential`, else 0."""
         return float(self.charge[0]) * self.electric if self.is_potential else np.zeros(3)
 
     def wrenches(self, size: float) -> list[FieldWrench]:
         """
-        What the electric field does otherwise, as forces that keep their direction.
+        Return the forces of a field without potential; they keep their world direction.
 
-        q E at the centre, and for the torque p x E two opposite forces at points +-`size` [m]
-        from it along p. Bodies with the same charge and dipole share their forces.
+        The force q E acts at the centre. Two opposite forces at +-`size` [m] from the centre
+        along p give the torque p x E. Bodies of equal charge and dipole share their forces.
         """
         if self.is_potential or not self.electric.any():
             return []
@@ -82,33 +82,33 @@ class Electric(NamedTuple):
 
 
 def is_charged(parameters: Parameters) -> bool:
-    """Whether any shell has a charge or a dipole."""
+    """Return True if any shell has a charge or a dipole."""
     return parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole']) or any(
         parameters[f'charges.{name}.charge'] != 0.0 or any(parameters[f'charges.{name}.dipole'])
         for name in parameters.names('charges'))
 
 
 def check_electric(parameters: Parameters, bodies: int) -> None:
-    """Refuse what charges and fields cannot mean in a scene of so many bodies."""
-    if parameters['charge.mutual'] and bodies > MOST_MUTUAL:
+    """Refuse unsupported combinations of charges and fields for this number of `bodies`."""
+    if parameters['charge.mutual'] and bodies > MAX_MUTUAL_BODIES:
         raise ParameterError(
             'charge.mutual',
-            f'charge.mutual with {bodies:,} bodies: the forces are summed over all pairs, which '
-            f'takes time with the square of their number, so at most {MOST_MUTUAL:,} bodies can '
-            'have them; choose a smaller weave, or false')
-    if make_profile(parameters, _FIELD) != STEADY and any(parameters['field.magnetic']):
+            f'charge.mutual with {bodies:,} bodies: the forces are summed over all pairs, at a '
+            f'cost that grows with the square of the number of bodies, so at most '
+            f'{MAX_MUTUAL_BODIES:,} bodies are allowed; choose a smaller weave, or false')
+    if make_profile(parameters, _FIELD) != STEADY_PROFILE and any(parameters['field.magnetic']):
         raise ParameterError(
             'field.profile',
             f'field.profile {parameters["field.profile"]!r}, from field.start '
-            f'{parameters["field.start"]!r} s on: a magnetic field that changes in time drives an '
-            'electric one around wherever its coil is, which no parameter says; leave '
-            'field.magnetic out, or let both be steady from the start')
+            f'{parameters["field.start"]!r} s on: a magnetic field that changes in time induces '
+            'an electric field that depends on the coil, which no parameter describes; leave '
+            'field.magnetic out, or make both fields steady from the start')
 
 
 def make_electric(
     parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int, *, equal_masses: bool
 ) -> Electric:
-    """What `charge.*`, `charges.*` and `field.*` say of a scene of so many bodies."""
+    """Return the charges and fields of `charge.*`, `charges.*` and `field.*`."""
     check_electric(parameters, bodies)
     charge = np.array([parameters['charge.per_body']])
     dipole = np.array([parameters['charge.dipole']], float)
@@ -116,7 +116,7 @@ def make_electric(
     if own:
         charge, dipole = np.repeat(charge, bodies), np.repeat(dipole, bodies, axis=0)
     for name in own:
-        # Of several groups that hold a body the last counts.
+        # A body in several groups follows the last one.
         members = groups[parameters[f'charges.{name}.group']]
         charge[members] = parameters[f'charges.{name}.charge']
         dipole[members] = parameters[f'charges.{name}.dipole']

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Initial states: the woven rest state plus what the scene adds to it."""
+"""Initial state: the woven rest state plus the displacements and velocities of the scene."""
 
 from collections.abc import Mapping
 import math
@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.rates import LARGEST_RATE
+from icofabric_sim.scene.rates import MAX_RATE_PER_S
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.scene.tables import BodyTable, read_named_table
 import numpy as np
 
-# Columns of `initial.NAME.file`, and the last set of them in body axes.
+# Column sets of `initial.NAME.file`; the last one is in body axes.
 _PLACE, _TURN = ('x_m', 'y_m', 'z_m'), ('qx', 'qy', 'qz', 'qw')
 _VELOCITY, _SPIN = ('vx_m_s', 'vy_m_s', 'vz_m_s'), ('wx_rad_s', 'wy_rad_s', 'wz_rad_s')
 _BODY_SPIN = ('wx_body_rad_s', 'wy_body_rad_s', 'wz_body_rad_s')
@@ -33,7 +33,7 @@ _SPIN_RATIO = 1e-2
 
 
 class InitialState(NamedTuple):
-    """State at the start (eqs 14, 25 and 46), world frame."""
+    """Initial state of all bodies (eqs 14, 25 and 46), world frame."""
 
     position: np.ndarray  # (n, 3) [m]
     orientation: np.ndarray  # (n, 4) x y z w
@@ -45,7 +45,7 @@ def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
     """
     Return the quaternion parameter `name`, scaled to unit length.
 
-    It is refused when its length is off by more than 1e-3.
+    Raises ParameterError if its length differs from 1 by more than 1e-3.
     """
     quaternion = np.array(parameters[name])
     length = float(np.linalg.norm(quaternion))
@@ -60,9 +60,9 @@ def unit_quaternion(name: str, parameters: Parameters) -> np.ndarray:
 
 def rotate_by_vector(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """
-    Quaternions (n, 4) turned by the rotation vector [rad], world axes: exp(rotation / 2) times q.
+    Return quaternions (n, 4) rotated by a rotation vector [rad], world axes.
 
-    exp(rotation / 2) is the quaternion of eq 21.
+    The result is exp(rotation / 2) q, where exp(rotation / 2) is the quaternion of eq 21.
     """
     angle = math.hypot(*rotation)
     vector = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation
@@ -82,11 +82,13 @@ def make_initial_state(
     supports: Supports | None,
 ) -> InitialState:
     """
-    Add the velocities of loose bodies, every `initial.NAME` and the random start to the rest.
+    Return the initial state from the woven `position` and `orientation`.
+
+    Adds the velocities of loose bodies, every `initial.NAME` and the random start.
     """
     count = len(position)
     if parameters.names('initial'):
-        # Else the places of the rest are those of the start, and are held once.
+        # Otherwise rest and initial positions are equal and share memory.
         position, orientation = position.copy(), orientation.copy()
     state = InitialState(position, orientation, np.zeros((count, 3)), np.zeros((count, 3)))
     loose = parameters.names('bodies')
@@ -113,7 +115,7 @@ def _replace(
     state: InitialState, name: str, parameters: Parameters, group: np.ndarray,
     supports: Supports | None
 ) -> None:
-    """Set what the table of the parameter `name` gives of bodies of a `group`."""
+    """Set the state of bodies of a `group` from the table of the parameter `name`."""
     table = read_named_table(
         name, str(parameters[name]), (_PLACE, _TURN, _VELOCITY, _SPIN, _BODY_SPIN))
     bodies, values = table.bodies, table.values
@@ -121,7 +123,7 @@ def _replace(
     if len(outside):
         raise ParameterError(
             name, f'{name}: {parameters[name]} has body {outside[0]}, which is not in the group '
-            f'{parameters[name.replace(".file", ".group")]}; choose a group that has it')
+            f'{parameters[name.replace(".file", ".group")]}; choose a group that contains it')
     if _PLACE in values:
         state.position[bodies] = values[_PLACE]
     if _TURN in values:
@@ -131,7 +133,7 @@ def _replace(
             raise ParameterError(
                 name, f'{name}: {table.place(row, "qx qy qz qw")}, must be a unit quaternion, got '
                 f'length {length[row]:.6g} for body {bodies[row]}')
-        # What a snapshot wrote keeps its bits.
+        # Quaternions written by a snapshot stay bit-identical.
         length[np.abs(length - 1.0) <= 1e-14] = 1.0
         state.orientation[bodies] = values[_TURN] / length[:, None]
     _check_motion(name, table, parameters, supports)
@@ -156,10 +158,10 @@ def _check_motion(
     name: str, table: BodyTable, parameters: Parameters, supports: Supports | None
 ) -> None:
     """Refuse velocities and spins of held bodies, and those that no step can follow."""
-    largest = LARGEST_RATE * 0.5 * parameters['shell.edge_length']
+    largest = MAX_RATE_PER_S * 0.5 * parameters['shell.edge_length']
     for columns, unit, limit in (
-            (_VELOCITY, 'm/s', largest), (_SPIN, 'rad/s', LARGEST_RATE),
-            (_BODY_SPIN, 'rad/s', LARGEST_RATE)):
+            (_VELOCITY, 'm/s', largest), (_SPIN, 'rad/s', MAX_RATE_PER_S),
+            (_BODY_SPIN, 'rad/s', MAX_RATE_PER_S)):
         if columns not in table.values:
             continue
         moves, held = table.values[columns], np.zeros(1, bool)
@@ -177,7 +179,7 @@ def _check_motion(
 
 
 def hold_still(state: InitialState, supports: Supports | None) -> InitialState:
-    """Set the velocities of held freedoms to zero, in place."""
+    """Set the velocities of fixed degrees of freedom to zero in place; return the state."""
     if supports is not None:
         state.linear_velocity[supports.translation] = 0.0
         state.angular_velocity[supports.rotation] = 0.0
@@ -205,17 +207,17 @@ def _refuse_held_motion(
 
 def _add_random(parameters: Parameters, state: InitialState) -> None:
     """
-    Normal velocities and spins for each component, the same numbers on every machine.
+    Add normally distributed velocities and angular velocities, equal on every machine.
 
-    MT19937 with the legacy normal generator is frozen by NumPy; rounding to single precision
-    takes out the last bits of the platform's logarithm.
+    NumPy guarantees the stream of MT19937 with the legacy normal generator. Rounding to single
+    precision removes differences in the last bits of the platform's logarithm.
     """
     velocity_sigma = parameters['initial_random.velocity_sigma']
     spin_sigma = parameters['initial_random.spin_sigma']
     if velocity_sigma == 0.0 and spin_sigma == 0.0:
         return
     generator = np.random.RandomState(parameters['initial_random.seed'])
-    # Both are always drawn, so that one sigma never changes the numbers of the other.
+    # Both are always drawn, so that one sigma does not change the numbers of the other.
     normal = (
         generator.standard_normal((2, *state.linear_velocity.shape))
         .astype(np.float32)

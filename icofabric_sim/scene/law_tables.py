@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connector laws by table: tension over length from a CSV file instead of eq 1.
+Tabulated connector laws: tension over length from a CSV file instead of eq 1.
 
-Between its lines the law is the monotone cubic of Fritsch and Carlson (1980, SIAM J. Numer. Anal.
-17, 238) with the slopes of Fritsch and Butland (1984, SIAM J. Sci. Stat. Comput. 5, 300): it never
-overshoots, its slope is continuous, and straight beyond either end. The energy is its exact
+Between the rows the law is the monotone cubic of Fritsch and Carlson (1980, SIAM J. Numer. Anal.
+17, 238) with the slopes of Fritsch and Butland (1984, SIAM J. Sci. Stat. Comput. 5, 300). It does
+not overshoot, has a continuous slope, and is linear beyond both ends. The energy is its exact
 integral.
 """
 
@@ -28,18 +28,18 @@ import numpy as np
 
 class LawTable(NamedTuple):
     """
-    Pieces f + t (d + t (c + t b)) with t = length - anchor, one for each row.
+    Piecewise cubic law: f + t (d + t (c + t b)) with t = length - anchor, one piece per row.
 
-    Columns: least length, anchor [m], f [N], d, c, b, energy at the anchor [J].
+    Columns: smallest length [m], anchor [m], f [N], d, c, b, energy at the anchor [J].
     """
 
     rows: np.ndarray  # (m, 7)
-    natural_length: float  # the largest length [m] at which it does not pull; 0: there is none
+    natural_length: float  # largest length [m] without tension; 0: every length has tension
     largest_slope: float  # [N/m]
     file: str
 
     def evaluate(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tension [N] and energy [J] at lengths [m]."""
+        """Return the tension [N] and the energy [J] at lengths [m]."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
         _, anchor, f, d, c, b, energy = self.rows[piece].T
         t = length - anchor
@@ -47,7 +47,7 @@ class LawTable(NamedTuple):
             f + t * (d / 2.0 + t * (c / 3.0 + t * b / 4.0)))
 
     def slope(self, length: np.ndarray) -> np.ndarray:
-        """Slope of the tension [N/m] at lengths [m]."""
+        """Return the slope of the tension [N/m] at lengths [m]."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
         _, anchor, _, d, c, b, _ = self.rows[piece].T
         t = length - anchor
@@ -56,9 +56,9 @@ class LawTable(NamedTuple):
 
 def read_law(name: str, file: str) -> LawTable:
     """
-    Read lines of length [m] and force [N], positive where it pulls; for the parameter `name`.
+    Read a table of length [m] and force [N], positive in tension, for the parameter `name`.
 
-    Raises ParameterError that names file, line and remedy.
+    Raises ParameterError with the file, the line and a remedy.
     """
     table = read_time_table(
         name, file, {2: 'length [m], force [N]'}, first='lengths', unit='m')
@@ -66,11 +66,11 @@ def read_law(name: str, file: str) -> LawTable:
 
 
 def make_law(length: np.ndarray, force: np.ndarray, file: str = '') -> LawTable:
-    """Law through points of strictly increasing `length` [m] and `force` [N], both (n,)."""
+    """Return the law through points of strictly increasing `length` [m] and `force` [N], (n,)."""
     step = np.diff(length)
     secant = np.diff(force) / step
     slope = monotone_slopes(step, secant)
-    # Straight, as the cubics, straight.
+    # A linear piece before the first point, the cubics, and a linear piece after the last point.
     rows = np.zeros((len(length) + 1, 7))
     rows[0, 0], rows[1:, 0] = -np.inf, length
     rows[0, 1], rows[1:, 1] = length[0], length
@@ -92,7 +92,7 @@ def make_law(length: np.ndarray, force: np.ndarray, file: str = '') -> LawTable:
 
 
 def monotone_slopes(step: np.ndarray, secant: np.ndarray) -> np.ndarray:
-    """Slopes (n,) at points that are `step` (n - 1,) apart, between which it rises by `secant`."""
+    """Return slopes (n,) at points with spacing `step` and secant slopes `secant`, (n - 1,)."""
     if len(step) == 1:
         return np.repeat(secant, 2)
     slopes = np.zeros(len(step) + 1)
@@ -115,7 +115,7 @@ def monotone_slopes(step: np.ndarray, secant: np.ndarray) -> np.ndarray:
 
 
 def _natural_length(law: LawTable, length: np.ndarray, force: np.ndarray) -> float:
-    """The largest length [m] at which the law does not pull; 0 where there is none."""
+    """Return the largest length [m] without tension, or 0 if every length has tension."""
     def tension(value: float) -> float:
         return float(law.evaluate(np.array([value]))[0][0])
 
@@ -129,7 +129,7 @@ def _natural_length(law: LawTable, length: np.ndarray, force: np.ndarray) -> flo
     if last + 1 == len(length):
         slope = law.rows[-1, 3]
         return float(length[-1] - force[-1] / slope) if slope > 0.0 else 0.0
-    # Takes a fifth of a second to import, which the start of every scene would feel.
+    # Takes a fifth of a second to import, needed only by scenes with tables.
     from scipy.optimize import brentq
 
     return float(brentq(tension, length[last], length[last + 1], xtol=1e-300, rtol=1e-15))

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Wrench channels of a scene, and the loads that it puts on them itself."""
+"""Wrench channels of a scene, and the loads that the scene applies to them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -23,9 +23,9 @@ import numpy as np
 
 class LoadChannel(NamedTuple):
     """
-    A wrench channel `loads.NAME`.
+    Wrench channel `loads.NAME`.
 
-    `force` and `torque` act as the profile says until a wrench replaces them.
+    `force` and `torque` act, times the profile, until a received wrench replaces them.
     """
 
     name: str
@@ -33,7 +33,7 @@ class LoadChannel(NamedTuple):
     in_body_axes: bool
     point: np.ndarray  # (3,) [m], body axes, from the centre
     hold: float  # [s], 0: until replaced
-    total: bool  # the wrench is shared out among the bodies
+    total: bool  # the wrench is divided among the bodies
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
     profile: Profile
@@ -42,7 +42,7 @@ class LoadChannel(NamedTuple):
 def make_channels(
     parameters: Parameters, groups: Mapping[str, np.ndarray]
 ) -> dict[str, LoadChannel]:
-    """All `loads.NAME`."""
+    """Return all `loads.NAME`."""
     loads = {}
     for name in parameters.names('loads'):
 

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Masses and inertias of bodies: those of the shell, or their own.
+Masses and inertias of bodies: those of the shell, or individual ones.
 
-Bodies are icosahedra of one size, or of their own (body_sizes.py), and what fills or braces them
-may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic term vanishes; with
-principal moments that differ it is back (kernels/gyration.py).
+Bodies are icosahedra of one size or individually sized (body_sizes.py), and their filling or
+bracing may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic term vanishes.
+Bodies with unequal principal moments have a gyroscopic term (kernels/gyration.py).
 """
 
 from collections.abc import Mapping
@@ -25,23 +25,23 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import TAU
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.body_sizes import own_half_edge
+from icofabric_sim.scene.body_sizes import half_edge_of
 import numpy as np
 
 _AXES = 'xyz'
-# Rounding of what is written in decimals.
-_ROUNDING = 1.0 + 1e-12
+# Allows for round-off of decimal values.
+_ROUNDING_FACTOR = 1.0 + 1e-12
 
 
 class BodyMasses(NamedTuple):
-    """Masses and inertias, (n,), or (1,) where all are those of the shell."""
+    """Masses and inertias, (n,), or (1,) if all equal those of the shell."""
 
     mass: np.ndarray  # [kg]
-    inertia: np.ndarray  # [kg m^2]; the smallest principal moment where it is not isotropic
+    inertia: np.ndarray  # [kg m^2]; the smallest principal moment if not isotropic
 
     @property
     def alike(self) -> bool:
-        """Whether all bodies have those of the shell."""
+        """True if all bodies have the mass and inertia of the shell."""
         return len(self.mass) == 1
 
     def of(self, body: int) -> float:
@@ -49,11 +49,11 @@ class BodyMasses(NamedTuple):
         return float(self.mass[0 if self.alike else body])
 
     def total(self, bodies: int) -> float:
-        """Mass [kg] of all so many bodies."""
+        """Return the total mass [kg] of this number of `bodies`."""
         return float(self.mass.sum()) if not self.alike else bodies * float(self.mass[0])
 
 
-class _Own(NamedTuple):
+class _MassProperties(NamedTuple):
     """Mass [kg] and moments of inertia [kg m^2] about the body axes, (3,)."""
 
     mass: float
@@ -64,33 +64,35 @@ class _Own(NamedTuple):
         return float(self.moments.min())
 
 
-def own_masses(parameters: Parameters, shell: Shell) -> dict[str, tuple[float, float]]:
+def individual_masses(parameters: Parameters, shell: Shell) -> dict[str, tuple[float, float]]:
     """
-    Mass [kg] and inertia [kg m^2] of each `masses.NAME` and `bodies.NAME` that has its own.
+    Return mass [kg] and inertia [kg m^2] of every `masses.NAME` and `bodies.NAME` that sets one.
 
-    What is not said is the shell's, magnified to the size of the body; the inertia scales with the
-    mass, as within one shape. Of principal moments it is the smallest.
+    A missing value is the shell's, scaled to the size of the body; inertia scales with mass. The
+    inertia of a body with principal moments is the smallest of them.
     """
-    _, own = _all_own(parameters, shell)
+    _, own = _all_masses(parameters, shell)
     return {prefix: (each.mass, each.inertia) for prefix, each in own.items()}
 
 
-def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own]]:
-    """What the shell has, and each `masses.NAME` and `bodies.NAME` that has its own."""
+def _all_masses(
+    parameters: Parameters, shell: Shell
+) -> tuple[_MassProperties, dict[str, _MassProperties]]:
+    """Return the masses of the shell and of each `masses.NAME` and `bodies.NAME` that sets any."""
     moments = _principal(parameters, 'shell', float(shell.mass), shell.half_edge)
-    common = _Own(
+    common = _MassProperties(
         float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments)
     if moments is not None and parameters['shell.inertia']:
         raise ParameterError(
-            'shell.principal_inertia', 'shell.principal_inertia and shell.inertia say the same '
-            'twice: set one of them to zero')
+            'shell.principal_inertia', 'shell.principal_inertia and shell.inertia are both given: '
+            'set one of them to zero')
     _refuse_inertia('shell', parameters['shell.inertia'], common.mass, shell.half_edge)
     found = {}
     for family in ('bodies', 'masses'):
         for name in parameters.names(family):
             prefix = f'{family}.{name}'
             mass, inertia = (parameters[f'{prefix}.{field}'] for field in ('mass', 'inertia'))
-            half_edge = own_half_edge(parameters, prefix, shell)
+            half_edge = half_edge_of(parameters, prefix, shell)
             size = half_edge / shell.half_edge
             heavy = mass or common.mass * size**3
             moments = _principal(parameters, prefix, heavy, half_edge)
@@ -99,36 +101,36 @@ def _all_own(parameters: Parameters, shell: Shell) -> tuple[_Own, dict[str, _Own
             if moments is not None and inertia:
                 raise ParameterError(
                     f'{prefix}.principal_inertia',
-                    f'{prefix}.principal_inertia and {prefix}.inertia say the same twice: set one '
-                    'of them to zero')
+                    f'{prefix}.principal_inertia and {prefix}.inertia are both given: set one of '
+                    'them to zero')
             _refuse_inertia(prefix, inertia, heavy, half_edge)
             if moments is None:
                 moments = np.full(3, inertia) if inertia else common.moments * (
                     heavy / common.mass * size**2)
-            found[prefix] = _Own(heavy, moments)
+            found[prefix] = _MassProperties(heavy, moments)
     return common, found
 
 
 def _refuse_inertia(prefix: str, inertia: float, mass: float, half_edge: float) -> None:
-    """Refuse more [kg m^2] than all of a `mass` [kg] at the vertices has."""
+    """Refuse an inertia [kg m^2] above that of the whole `mass` [kg] at the vertices."""
     most = mass * half_edge**2 * (TAU + 2.0) * 2.0 / 3.0
-    if inertia > most * _ROUNDING:
+    if inertia > most * _ROUNDING_FACTOR:
         raise ParameterError(
             f'{prefix}.inertia',
-            f'{prefix}.inertia {inertia!r} kg m^2 is more than {most:.6g} kg m^2, '
-            f'that of {mass:.6g} kg at the vertices of the icosahedron: no body in it '
-            'has so much; give a smaller one, or more mass')
+            f'{prefix}.inertia {inertia!r} kg m^2 is more than {most:.6g} kg m^2, the largest '
+            f'possible: that of {mass:.6g} kg at the vertices of the icosahedron; give a smaller '
+            'inertia, or more mass')
 
 
 def _principal(
     parameters: Parameters, prefix: str, mass: float, half_edge: float
 ) -> np.ndarray | None:
-    """Moments [kg m^2] about the body axes of a body of a `mass` [kg]; None: it is isotropic."""
+    """Return the moments [kg m^2] about the body axes for a `mass` [kg]; None if isotropic."""
     name = f'{prefix}.principal_inertia'
     moments = np.array(parameters[name])
     if not moments.any():
         return None
-    # All of the mass as far from the axis as a vertex can be.
+    # The whole mass at the largest distance of a vertex from the axis.
     most = mass * half_edge**2 * (TAU + 2.0)
     if not (moments > 0.0).all():
         raise ParameterError(
@@ -136,23 +138,23 @@ def _principal(
             'for an isotropic inertia')
     largest = int(np.argmax(moments))
     others = float(moments.sum() - moments[largest])
-    if moments[largest] > others * _ROUNDING:
+    if moments[largest] > others * _ROUNDING_FACTOR:
         raise ParameterError(
-            name, f'{name} {moments.tolist()} kg m^2 is of no body: the moment about '
-            f'{_AXES[largest]} can be the sum of the other two at most, {others:.6g} kg m^2')
-    if moments[largest] > most * _ROUNDING:
+            name, f'{name} {moments.tolist()} kg m^2 is impossible: the moment about '
+            f'{_AXES[largest]} is at most the sum of the other two, {others:.6g} kg m^2')
+    if moments[largest] > most * _ROUNDING_FACTOR:
         raise ParameterError(
-            name, f'{name} {moments.tolist()} kg m^2 has more than {most:.6g} kg m^2, that of '
-            f'{mass:.6g} kg as far from an axis as the vertices: no body in an icosahedron has so '
-            'much; give smaller ones, or more mass')
+            name, f'{name} {moments.tolist()} kg m^2 has a moment above {most:.6g} kg m^2, the '
+            f'largest possible: that of {mass:.6g} kg at the vertices of the icosahedron; give '
+            'smaller moments, or more mass')
     return moments
 
 
 def make_masses(
     parameters: Parameters, shell: Shell, groups: Mapping[str, np.ndarray], bodies: int
 ) -> BodyMasses:
-    """Masses of so many bodies, loose ones last; of several groups the last counts."""
-    common, own = _all_own(parameters, shell)
+    """Return the masses of all `bodies`, loose ones last; later groups take precedence."""
+    common, own = _all_masses(parameters, shell)
     mass, inertia = np.array([common.mass]), np.array([common.inertia])
     if not own:
         return BodyMasses(mass, inertia)
@@ -166,8 +168,8 @@ def make_masses(
 def make_moments(
     parameters: Parameters, shell: Shell, groups: Mapping[str, np.ndarray], bodies: int
 ) -> np.ndarray | None:
-    """Principal moments [kg m^2] of all bodies, (n, 3); None where all inertias are isotropic."""
-    common, own = _all_own(parameters, shell)
+    """Return the principal moments [kg m^2] of all bodies, (n, 3); None if all are isotropic."""
+    common, own = _all_masses(parameters, shell)
     if not any(np.ptp(each.moments) for each in (common, *own.values())):
         return None
     moments = np.tile(common.moments, (bodies, 1))
@@ -176,8 +178,8 @@ def make_moments(
     return moments
 
 
-def name_of_moments(parameters: Parameters) -> str:
-    """Name of the first parameter that gives principal moments; '': none does."""
+def moments_parameter_name(parameters: Parameters) -> str:
+    """Return the name of the first parameter that gives principal moments, or ''."""
     for prefix in ('shell', *(
             f'{family}.{name}' for family in ('masses', 'bodies')
             for name in parameters.names(family))):
@@ -187,18 +189,18 @@ def name_of_moments(parameters: Parameters) -> str:
 
 
 def require_isotropic(parameters: Parameters, moments: np.ndarray | None, what: str) -> None:
-    """Refuse `what` where inertias are not isotropic, by the name of what makes them so."""
+    """Refuse `what` if inertias are not isotropic, naming the parameter that gives them."""
     if moments is not None:
-        name = name_of_moments(parameters)
+        name = moments_parameter_name(parameters)
         raise ParameterError(
             name, f'{name} {parameters[name]}: {what} of bodies whose inertia is not isotropic '
-            f'are not computed yet; leave it out, and give {name.rpartition(".")[0]}.inertia')
+            f'are not supported; leave it out, and give {name.rpartition(".")[0]}.inertia')
 
 
 def all_members(
     parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int
 ) -> dict[str, np.ndarray]:
-    """The bodies of each `masses.NAME` and `bodies.NAME`, the latter last."""
+    """Return the bodies of each `masses.NAME`, then of each `bodies.NAME`."""
     return {
         f'{family}.{name}': _members(parameters, groups, f'{family}.{name}', bodies)
         for family in ('masses', 'bodies') for name in parameters.names(family)}
@@ -214,8 +216,8 @@ def _members(
     return groups[parameters[f'{prefix}.group']]
 
 
-def lightest(parameters: Parameters, shell: Shell) -> tuple[float, float]:
-    """The smallest mass [kg] and the smallest inertia [kg m^2] of any body."""
-    common, own = _all_own(parameters, shell)
+def smallest_mass_and_inertia(parameters: Parameters, shell: Shell) -> tuple[float, float]:
+    """Return the smallest mass [kg] and the smallest inertia [kg m^2] of all bodies."""
+    common, own = _all_masses(parameters, shell)
     every = (common, *own.values())
     return min(each.mass for each in every), min(each.inertia for each in every)

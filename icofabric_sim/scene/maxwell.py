@@ -11,22 +11,22 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Maxwell arms of connectors: what makes a standard linear solid of them (kernels/maxwell.py)."""
+"""Maxwell arms, which make connectors standard linear solids (kernels/maxwell.py)."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.connector_laws import spread_over
-from icofabric_sim.scene.rates import LARGEST_RATE
+from icofabric_sim.scene.connector_laws import property_by_connector
+from icofabric_sim.scene.rates import MAX_RATE_PER_S
 import numpy as np
 
 
 class MaxwellArms(NamedTuple):
-    """A spring and a dashpot in series beside each connector; (c,), or (1,) if all are alike."""
+    """Spring and dashpot in series, parallel to each connector; (c,), or (1,) if all are equal."""
 
     stiffness: np.ndarray  # k_1 [N/m]; 0: no arm
-    time: np.ndarray  # tau [s], after which the arm alone has lost all of its pull but 1 / e
+    time: np.ndarray  # relaxation time tau [s], in which the force of the arm decays to 1 / e
 
     @property
     def rate(self) -> np.ndarray:
@@ -38,29 +38,29 @@ class MaxwellArms(NamedTuple):
 def make_arms(
     parameters: Parameters, members: Mapping[str, np.ndarray], count: int
 ) -> MaxwellArms | None:
-    """Arms of `count` connectors, with those of the groups in `members`; None without any."""
+    """Return the arms of `count` connectors, with groups as in `members`; None without arms."""
     for prefix in ('connector', *(f'connector_groups.{name}' for name in members)):
-        stiffness, time = (_said(parameters, prefix, f'maxwell_{what}') for what in (
+        stiffness, time = (_value_or_default(parameters, prefix, f'maxwell_{what}') for what in (
             'stiffness', 'time'))
         name = f'{prefix}.maxwell_time'
         if stiffness > 0.0 and not time > 0.0:
             raise ParameterError(
                 name, f'{name} must be above 0 s where {prefix}.maxwell_stiffness is '
-                f'{stiffness!r} N/m, got {time!r} s: give the time after which the arm has lost '
-                'all of its pull but 1 / e, or no maxwell_stiffness')
-        if stiffness > 0.0 and not time * LARGEST_RATE >= 1.0:
+                f'{stiffness!r} N/m, got {time!r} s: give the time in which the force of the arm '
+                'decays to 1 / e, or no maxwell_stiffness')
+        if stiffness > 0.0 and not time * MAX_RATE_PER_S >= 1.0:
             raise ParameterError(
-                name, f'{name} {time!r} s is shorter than steps can follow, '
-                f'{1.0 / LARGEST_RATE:g} s; so quick an arm is a damper: give '
+                name, f'{name} {time!r} s is shorter than steps can resolve, '
+                f'{1.0 / MAX_RATE_PER_S:g} s; such an arm is a damper: give '
                 f'{prefix}.damping {stiffness * time:.6g} N s/m instead')
     arms = MaxwellArms(*(
-        spread_over(parameters, f'maxwell_{what}', members, count)
+        property_by_connector(parameters, f'maxwell_{what}', members, count)
         for what in ('stiffness', 'time')))
     return arms if count and arms.stiffness.any() else None
 
 
-def has_arms(parameters: Parameters) -> str:
-    """Name of the first parameter that gives connectors arms; '': none does."""
+def arm_parameter_name(parameters: Parameters) -> str:
+    """Return the name of the first parameter that gives connectors arms, or ''."""
     for prefix in ('connector', *(
             f'connector_groups.{name}' for name in parameters.names('connector_groups'))):
         name = f'{prefix}.maxwell_stiffness'
@@ -69,7 +69,7 @@ def has_arms(parameters: Parameters) -> str:
     return ''
 
 
-def _said(parameters: Parameters, prefix: str, name: str) -> float:
-    """What `prefix` says, or what holds for all."""
+def _value_or_default(parameters: Parameters, prefix: str, name: str) -> float:
+    """Return the value given under `prefix`, or that of all connectors."""
     value = float(parameters[f'{prefix}.{name}'])
     return value if value >= 0.0 else float(parameters[f'connector.{name}'])

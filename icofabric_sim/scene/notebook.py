@@ -11,14 +11,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What notebooks show of scenes and results."""
+"""HTML summaries of scenes and results for notebooks."""
 
 from collections.abc import Mapping
 from html import escape
 
 
 def html_of(title: str, facts: Mapping[str, object]) -> str:
-    """A title over a table of names and values, for notebooks."""
+    """Return an HTML table of names and values with a title, for notebooks."""
     rows = ''.join(f'<tr><th style="text-align:left">{escape(name)}</th>'
                    f'<td style="text-align:left">{escape(str(value))}</td></tr>'
                    for name, value in facts.items())

@@ -11,45 +11,46 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Paths on which drives move their bodies: smooth pieces one after the other."""
+"""Paths of drives and anchors, as sequences of smooth pieces."""
 
 from typing import NamedTuple, TYPE_CHECKING
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import rotate_by_vector
-from icofabric_sim.scene.rates import LARGEST_RATE
+from icofabric_sim.scene.rates import MAX_RATE_PER_S
 import numpy as np
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-_NONE = (0.0,) * 6
-_UNTURNED = (0.0, 0.0, 0.0, 1.0)
+_ZERO6 = (0.0,) * 6
+_IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
 
 
 class PathPiece(NamedTuple):
     """
     Displacement (3) [m] and rotation vector (3) [rad] of a group, world axes, from `start` on.
 
-    cubic[0] + cubic[1] t + cubic[2] t^2 + cubic[3] t^3 + wave sin(rate t + phase), with t from the
-    start; beyond a displacement `shift` and a quaternion `turn` of its own.
+    With t counted from `start`, the six coordinates are cubic[0] + cubic[1] t + cubic[2] t^2 +
+    cubic[3] t^3 + wave sin(rate t + phase), added to the displacement `shift` and the rotation
+    `turn`.
     """
 
-    start: float  # [s] after the motion began
-    cubic: tuple[tuple[float, ...], ...] = (_NONE,) * 4
-    wave: tuple[float, ...] = _NONE
+    start: float  # [s] from the start of the motion
+    cubic: tuple[tuple[float, ...], ...] = (_ZERO6,) * 4
+    wave: tuple[float, ...] = _ZERO6
     rate: float = 0.0  # [rad/s]
     phase: float = 0.0  # [rad]
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # [m]
-    turn: tuple[float, ...] = _UNTURNED  # x y z w
+    turn: tuple[float, ...] = _IDENTITY_QUATERNION  # x y z w
 
     @property
     def is_zero(self) -> bool:
-        """Never: also a body that is held is driven."""
+        """Always False: a body held in place is driven too."""
         return False
 
     def at(self, time: float) -> np.ndarray:
-        """The six coordinates at a time counted as the start is."""
+        """Return the six coordinates at a time, without `shift` and `turn`."""
         t = time - self.start
         cubic = np.array(self.cubic)
         return (
@@ -57,7 +58,7 @@ class PathPiece(NamedTuple):
             + np.array(self.wave) * np.sin(self.rate * t + self.phase))
 
     def rates_at(self, time: float) -> np.ndarray:
-        """Their derivatives."""
+        """Return the time derivatives of the six coordinates."""
         t = time - self.start
         cubic = np.array(self.cubic)
         return (
@@ -65,13 +66,13 @@ class PathPiece(NamedTuple):
             + np.array(self.wave) * self.rate * np.cos(self.rate * t + self.phase))
 
     def pose_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement (3,) [m] and quaternion (4,) at a time."""
+        """Return the displacement (3,) [m] and the quaternion (4,) at a time."""
         d = self.at(time)
         turn = rotate_by_vector(d[3:], np.array([self.turn]))[0]
         return np.array(self.shift) + d[:3], turn
 
     def twist_at(self, time: float) -> np.ndarray:
-        """Velocity of the middle [m/s] and spin [rad/s], (6,), world frame."""
+        """Return the velocity of the centroid [m/s] and angular velocity [rad/s], (6,), world."""
         rates, r = self.rates_at(time), self.at(time)[3:]
         angle = float(np.linalg.norm(r))
         second, third = 0.5, 1.0 / 6.0
@@ -86,10 +87,10 @@ class PathPiece(NamedTuple):
         cls, start: float, pose: tuple[np.ndarray, np.ndarray], linear: np.ndarray,
         angular: np.ndarray
     ) -> 'PathPiece':
-        """On from a pose with one velocity [m/s] and one spin [rad/s]."""
+        """Return a piece from a pose with constant velocity [m/s] and angular velocity [rad/s]."""
         rates = tuple(float(value) for value in (*linear, *angular))
         return cls(
-            start, (_NONE, rates, _NONE, _NONE), shift=tuple(pose[0].tolist()),
+            start, (_ZERO6, rates, _ZERO6, _ZERO6), shift=tuple(pose[0].tolist()),
             turn=tuple(pose[1].tolist()))
 
 
@@ -102,23 +103,23 @@ def require_followed(
     a = 0.5 * parameters['shell.edge_length']
     for first, size, unit in ((0, a, 'm/s'), (3, 1.0, 'rad/s')):
         fastest = float(np.abs(slopes[:, first:first + 3]).max(initial=0.0))
-        if fastest > LARGEST_RATE * size:
+        if fastest > MAX_RATE_PER_S * size:
             raise ParameterError(
                 name, f'{name}: {file} moves with up to {fastest:.3g} {unit}: steps can follow '
-                f'{LARGEST_RATE * size:g} {unit} at most')
+                f'{MAX_RATE_PER_S * size:g} {unit} at most')
 
 
 class Path(NamedTuple):
-    """Pieces in the order of time; the first begins with the motion."""
+    """Pieces in order of time; the first starts with the motion."""
 
     pieces: tuple[PathPiece, ...]
 
     @property
     def fastest(self) -> np.ndarray:
-        """Velocity [m/s] and spin [rad/s], (2,), that are hardly exceeded."""
+        """Estimated largest speed [m/s] and angular speed [rad/s], (2,)."""
         largest = np.zeros(2)
         for piece, after in zip(self.pieces, (*self.pieces[1:], None)):
-            # Of the cubic at its ends; between them it is hardly faster.
+            # A cubic is sampled at its ends; between them it is hardly faster.
             ends = [piece.start, piece.start if after is None else after.start]
             sizes = [np.abs(piece.rates_at(time)) for time in ends]
             size = np.maximum(*sizes) + np.abs(np.array(piece.wave)) * piece.rate

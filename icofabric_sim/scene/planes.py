@@ -20,7 +20,7 @@ import numpy as np
 
 
 def make_planes(parameters: Parameters) -> np.ndarray:
-    """Unit normals and offsets of all `planes.NAME`, (k, 4); ParameterError where one has none."""
+    """Return unit normals and offsets [m] of all `planes.NAME`, (k, 4); refuse zero normals."""
     rows = []
     for name in parameters.names('planes'):
         normal = parameters[f'planes.{name}.normal']
@@ -28,9 +28,9 @@ def make_planes(parameters: Parameters) -> np.ndarray:
         if not 0.0 < size < math.inf:
             key = f'planes.{name}.normal'
             raise ParameterError(
-                key, f'{key} must point somewhere, got {normal}; give a vector that leads from '
-                'the plane to its free side')
-        # Of the same half space: normal . x >= offset.
+                key, f'{key} must be a nonzero, finite vector, got {normal}; give one that points '
+                'from the plane to its free side')
+        # The half space normal . x >= offset stays the same.
         offset = parameters[f'planes.{name}.offset']
         rows.append([*(part / size for part in normal), offset / size])
     return np.array(rows, dtype=float).reshape(-1, 4)

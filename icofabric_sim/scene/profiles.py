@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Profiles in time (t of eqs 15 and 47): what a load or a traction of the scene is multiplied by.
+Time factors (functions of t in eqs 15 and 47) of the loads and tractions of a scene.
 
-A profile is a row of smooth pieces. Where one ends the factor or its slope may jump, so a method
-steps to that time, and evaluates the next piece only after it: its order holds.
+A profile is a sequence of smooth pieces. The factor or its slope may jump between pieces, so the
+integrator ends a step exactly there and keeps its order.
 """
 
 from bisect import bisect_right
@@ -27,15 +27,15 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.tables import read_time_table
 
 _KINDS = ('steady', 'ramp', 'half_sine', 'sine', 'table')
-# At a thousand million radians a second no step could follow.
-_HIGHEST = 1e8  # [Hz]
-_WORDS = 'steady, ramp, half_sine, sine FREQUENCY or table FILE'
+# Above about 1e9 rad/s no time step could resolve the profile.
+_MAX_FREQUENCY_HZ = 1e8  # [Hz]
+_PROFILE_FORMS = 'steady, ramp, half_sine, sine FREQUENCY or table FILE'
 
 
 class Piece(NamedTuple):
-    """s(t) = value + slope (t - start) + height sin(rate (t - start)), from `start` on."""
+    """Smooth factor s(t) = value + slope (t - start) + height sin(rate (t - start))."""
 
-    start: float  # [s] after the run began
+    start: float  # [s] from the start of the run
     value: float = 0.0
     slope: float = 0.0  # [1/s]
     height: float = 0.0
@@ -44,12 +44,12 @@ class Piece(NamedTuple):
 
     @property
     def is_zero(self) -> bool:
-        """Whether nothing acts."""
+        """True if the factor is 0."""
         return self.value == self.slope == self.height == 0.0
 
     @property
     def is_plain(self) -> bool:
-        """Whether the factor is 0 or 1."""
+        """True if the factor is a constant 0 or 1."""
         return self.slope == self.height == 0.0 and self.value in (0.0, 1.0)
 
     def at(self, time: float) -> float:
@@ -59,22 +59,22 @@ class Piece(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """Pieces in the order of time; the first begins with the run."""
+    """Pieces in order of time; the first starts with the run."""
 
     pieces: tuple[Piece, ...]
 
     @property
     def is_plain(self) -> bool:
-        """Whether all of it is on or off."""
+        """True if the factor is always 0 or 1."""
         return all(piece.is_plain for piece in self.pieces)
 
     @property
     def strongest(self) -> Piece:
-        """The piece with the largest factor."""
+        """Piece with the largest factor."""
         return max(self.pieces, key=lambda piece: piece.peak)
 
     def begun(self, time: float) -> int:
-        """Number of the piece that rules from a `time` [s] after the run began."""
+        """Return the number of the piece that applies from a `time` [s] on."""
         return bisect_right(self.pieces, time, key=lambda piece: piece.start) - 1
 
     def at(self, time: float) -> float:
@@ -82,18 +82,21 @@ class Profile(NamedTuple):
         return self.pieces[self.begun(time)].at(time)
 
 
-STEADY = Profile((Piece(0.0, 1.0, peak=1.0),))
+STEADY_PROFILE = Profile((Piece(0.0, 1.0, peak=1.0),))
 
 
 def make_profile(parameters: Parameters, prefix: str) -> Profile:
     """
-    The profile that `prefix` (loads.NAME, tractions.NAME or field) describes.
+    Return the profile that `prefix` (loads.NAME, tractions.NAME or field) describes.
 
-    `steady`: 1 from its start on, for its duration, or always where that is 0. `ramp`: from 0 to
-    1 in its duration, then 1. `half_sine`: sin(pi x) over its duration. `sine F`: sin(2 pi F t)
-    with t from its start on and F in Hz, for its duration, or always where that is 0.
-    `table FILE`: straight lines between (time, factor), times counted from its start; 0 before
-    the first, the last factor after the last.
+    All times count from the profile's start; a duration of 0 means without end.
+
+    - `steady`: 1 for its duration.
+    - `ramp`: from 0 to 1 in its duration, then 1.
+    - `half_sine`: sin(pi x), with x from 0 to 1 over its duration.
+    - `sine F`: sin(2 pi F t) with F in Hz, for its duration.
+    - `table FILE`: linear between rows of time and factor; 0 before the first row, the last
+      factor after the last row.
     """
     kind, word = check_profile(parameters, prefix)
     start, duration = parameters[f'{prefix}.start'], parameters[f'{prefix}.duration']
@@ -120,19 +123,19 @@ def make_profile(parameters: Parameters, prefix: str) -> Profile:
 
 def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
     """
-    Kind of a profile, and the file of its table or the frequency [Hz] of its sine.
+    Return the kind of a profile, and the file of its table or the frequency [Hz] of its sine.
 
-    ParameterError where it makes no sense.
+    Raises ParameterError if the profile is invalid.
     """
     name = f'{prefix}.profile'
     kind, _, word = parameters[name].strip().partition(' ')
     word = word.strip()
     if kind not in _KINDS or (kind in ('table', 'sine')) != bool(word):
-        raise ParameterError(name, f'{name} must be {_WORDS}, got {parameters[name]!r}')
-    if kind == 'sine' and not 0.0 < _number(word) <= _HIGHEST:
+        raise ParameterError(name, f'{name} must be {_PROFILE_FORMS}, got {parameters[name]!r}')
+    if kind == 'sine' and not 0.0 < _number(word) <= _MAX_FREQUENCY_HZ:
         raise ParameterError(
             name, f'{name} must be sine FREQUENCY with a frequency above 0 Hz and at most '
-            f'{_HIGHEST:g} Hz, such as sine 5.0, got {parameters[name]!r}')
+            f'{_MAX_FREQUENCY_HZ:g} Hz, such as sine 5.0, got {parameters[name]!r}')
     duration = parameters[f'{prefix}.duration']
     if kind in ('ramp', 'half_sine') and not duration > 0.0:
         raise ParameterError(
@@ -141,14 +144,14 @@ def check_profile(parameters: Parameters, prefix: str) -> tuple[str, str]:
     if kind == 'table' and duration != 0.0:
         raise ParameterError(
             f'{prefix}.duration',
-            f'{prefix}.duration must be 0 s for a table, which has times of its own, got '
-            f'{duration!r} s; let the table end with the factor 0')
+            f'{prefix}.duration must be 0 s for a table, got {duration!r} s: the table gives the '
+            'times; let it end with the factor 0')
     start = parameters[f'{prefix}.start']
     if duration > 0.0 and not start + duration > start:
         raise ParameterError(
             f'{prefix}.duration',
-            f'{prefix}.duration {duration!r} s is lost beside {prefix}.start {start!r} s; '
-            'make it longer')
+            f'{prefix}.duration {duration!r} s is below the round-off of {prefix}.start '
+            f'{start!r} s; make it longer')
     return kind, word
 
 
@@ -166,7 +169,8 @@ def _table(name: str, file: str, start: float) -> list[Piece]:
     for t, u, f, g in zip(times, times[1:], factors, factors[1:]):
         if not u > t:
             raise ParameterError(
-                name, f'{name}: times of {file!r} are lost beside the start {start!r} s')
+                name, f'{name}: steps of time in {file!r} are below the round-off of the start '
+                f'{start!r} s')
         pieces.append(Piece(t, f, (g - f) / (u - t), peak=max(abs(f), abs(g))))
     pieces.append(Piece(times[-1], factors[-1], peak=abs(factors[-1])))
     return pieces

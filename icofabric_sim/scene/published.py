@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The bodies whose poses are published and recorded, and those that are frames of tf2."""
+"""Bodies whose poses are published and recorded, and bodies that are tf2 frames."""
 
 from collections.abc import Mapping
 import re
@@ -26,9 +26,7 @@ _BODY_FRAME = re.compile('icosahedron(_[0-9]+)?')
 def published_bodies(
     parameters: Parameters, groups: Mapping[str, np.ndarray]
 ) -> np.ndarray | None:
-    """
-    Numbers of the bodies that `publish.group` and `publish.stride` choose, ascending; None: all.
-    """
+    """Return the sorted bodies that `publish.group` and `publish.stride` choose; None: all."""
     stride = parameters['publish.stride']
     chosen = _bodies_of(parameters, 'publish.group', groups, 'all bodies')
     if chosen is None:
@@ -39,7 +37,7 @@ def published_bodies(
 def framed_bodies(
     parameters: Parameters, groups: Mapping[str, np.ndarray]
 ) -> np.ndarray | None:
-    """Numbers of the bodies that `tf.group` makes frames of, ascending; None: none."""
+    """Return the sorted bodies that are tf2 frames (`tf.group`); None: no frames."""
     return _bodies_of(parameters, 'tf.group', groups, 'none')
 
 
@@ -51,7 +49,7 @@ def check_frame(parameters: Parameters) -> None:
     elif _BODY_FRAME.fullmatch(frame):
         reason = 'this is the frame of a body'
     elif not frame and parameters['tf.group']:
-        reason = 'tf2 refuses an empty one, in which the frames of tf.group would be'
+        reason = 'tf2 refuses an empty parent frame for the frames of tf.group'
     if reason:
         raise ParameterError(
             'frame_id', f'frame_id is {shown(frame)}: {reason}; choose a name such as world')
@@ -72,9 +70,9 @@ def _bodies_of(
 
 def spread(chosen: np.ndarray | None, published: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """
-    Rows of all bodies: the `published` ones (m, k) at the numbers `chosen`, else `rest` (n, k).
+    Return rows (n, k) of all bodies: `published` (m, k) for the `chosen` bodies, else `rest`.
 
-    ValueError where there are not as many as chosen.
+    Raises ValueError if the number of published rows is wrong.
     """
     expected = len(rest) if chosen is None else len(chosen)
     if len(published) != expected:

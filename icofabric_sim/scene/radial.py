@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The radial weave, as defined in docs/radial.md: an orthogonal weave bent round a cylinder.
+Radial weave: an orthogonal weave bent round a cylinder, as defined in docs/radial.md.
 
-The document leaves it out ("curved connectors"), so this definition is our own.
+The document mentions it without a definition ("curved connectors"); this project defines it.
 """
 
 from dataclasses import replace
@@ -26,14 +26,14 @@ from icofabric_sim.scene.weave import Weave
 from icofabric_sim.scene.weave_geometry import size_for_box, WeaveGeometry
 import numpy as np
 
-_ROUNDING = 1e-9
+_ROUNDING_RATIO = 1e-9
 
 
 def check_radius(parameters: Parameters, geometry: WeaveGeometry) -> float:
     """
-    Radius [m] of the lowest level; 0 means that the rows span a quarter of a circle.
+    Return the radius [m] of the lowest level; weave.radius 0 gives a quarter circle.
 
-    Raises ParameterError where rows would meet behind the axis or inside it.
+    Raises ParameterError if rows would overlap behind or inside the axis.
     """
     box = parameters['weave.box']
     rows = (size_for_box(box, geometry) if any(box) else parameters['weave.size'])[0]
@@ -42,22 +42,23 @@ def check_radius(parameters: Parameters, geometry: WeaveGeometry) -> float:
     if not radius > 0.0:
         return max(2.0 * (rows - 1) * pitch / math.pi, pitch)
     least = pitch * max(1.0, rows / (2.0 * math.pi))
-    if not radius >= least * (1.0 - _ROUNDING):
+    if not radius >= least * (1.0 - _ROUNDING_RATIO):
         raise ParameterError(
             'weave.radius',
             f'weave.radius {radius!r} m is too small for {rows} rows of pitch W = '
-            f'{pitch:.9g} m: they go once round a circle of radius {least:.9g} m, or shells '
-            'meet at its axis; give a larger one, fewer rows, or 0 for a quarter of a circle')
+            f'{pitch:.9g} m: the smallest radius is {least:.9g} m, at which the rows fill a '
+            'circle or shells meet at the axis; give a larger radius, fewer rows, or 0 for a '
+            'quarter circle')
     return radius
 
 
 def bend(weave: Weave, radius: float) -> Weave:
     """
-    Bend an orthogonal slab round an axis along its y.
+    Bend an orthogonal slab round an axis parallel to its y axis.
 
-    Row i of the lowest level lies at the angle (i - (N_x - 1) / 2) W / radius from the
-    vertical, as far apart along the arc as in the slab; level k at the radius k W farther out.
-    Every body turns with its row. For a large radius it is the orthogonal slab.
+    Row i of the lowest level lies at the angle (i - (N_x - 1) / 2) W / radius from the vertical,
+    so rows are W apart along the arc. Level k lies k W farther out. Every body turns with its row.
+    For a large radius the result approaches the orthogonal slab.
     """
     pitch = weave.geometry.pitch
     middle = 0.5 * (weave.size[0] - 1)
@@ -65,10 +66,10 @@ def bend(weave: Weave, radius: float) -> Weave:
     height = weave.grid[:, 2] * pitch
     half = np.sin(0.5 * angle)
     position = np.array(weave.position)
-    # r sin and r cos - radius, so written that a large radius loses no digits.
+    # r sin and r cos - radius, written so that a large radius causes no cancellation.
     position[:, 0] = middle * pitch + (radius + height) * np.sin(angle)
     position[:, 2] = height - 2.0 * (radius + height) * half * half
-    # About y by the angle, after the orientation that all bodies have in the slab.
+    # Rotation about y by the angle, after the common orientation of the slab.
     x, y, z, w = weave.orientation
     cosine = np.cos(0.5 * angle)
     orientation = np.column_stack([
@@ -78,9 +79,7 @@ def bend(weave: Weave, radius: float) -> Weave:
 
 
 def bent_spans(weave: Weave, points: np.ndarray) -> np.ndarray:
-    """
-    From the first end to the second of each connector in a bent weave [m], (c, 3), world frame.
-    """
+    """Return the vectors from first to second ends of bent connectors [m], (c, 3), world frame."""
     axes = cosines_from_quaternions(weave.orientation)
     first, second = weave.connector_bodies.T
     edges = weave.connector_edges

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-How fast a scene can move by its own parameters; what no step could follow is refused.
+Estimate the fastest rates of a scene from its parameters, and refuse unresolvable ones.
 
-One body alone tells it: a spring of stiffness k moves a mass m at the rate sqrt(k / m), a damper c
-at c / m, a speed v at v / a. What connectors, masses and geometry make of it together is at most a
-few times as much.
+The estimate considers a single body: a spring of stiffness k moves a mass m at the rate
+sqrt(k / m), a damper c at c / m, a speed v at v / a. Rates of the assembled fabric are at most a
+few times larger.
 """
 
 from collections.abc import Iterator
@@ -24,31 +24,31 @@ import math
 
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.masses import lightest
+from icofabric_sim.scene.masses import smallest_mass_and_inertia
 
-# At this rate [1/s] a second of simulated time takes a thousand million steps.
-LARGEST_RATE = 1e9
+# [1/s]; at this rate a second of simulated time takes about 1e9 steps.
+MAX_RATE_PER_S = 1e9
 _SPRINGS = ('stiffness', 'stiffness_extension', 'stiffness_compression')
-_OF_CONNECTORS = (*_SPRINGS, 'maxwell_stiffness')
+_CONNECTOR_STIFFNESSES = (*_SPRINGS, 'maxwell_stiffness')
 
 
 def check_rates(parameters: Parameters, shell: Shell) -> None:
-    """Raise ParameterError for what would move a single body faster than can be followed."""
+    """Raise ParameterError for parameters that move a single body faster than steps resolve."""
     for name, size, unit in _motions(parameters, shell):
         value = parameters[name]
-        limit, single = LARGEST_RATE * size, not isinstance(value, list)
+        limit, single = MAX_RATE_PER_S * size, not isinstance(value, list)
         if not max(map(abs, [value] if single else value)) <= limit:
             raise ParameterError(
                 name, f'{name} {value!r} {unit}: steps can follow {limit:g} {unit} at most; '
                 'choose a smaller one')
-    mass, _ = lightest(parameters, shell)
+    mass, _ = smallest_mass_and_inertia(parameters, shell)
     for name, rate in _rates(parameters, shell):
-        if not rate <= LARGEST_RATE:
+        if not rate <= MAX_RATE_PER_S:
             raise ParameterError(
                 name,
                 f'{name} {parameters[name]!r} would move a body of {mass:.3g} kg at a rate '
-                f'of {rate:.3g} 1/s, and steps can follow {LARGEST_RATE:g} 1/s at most; choose a '
-                'smaller one, or heavier shells',
+                f'of {rate:.3g} 1/s, but steps resolve at most {MAX_RATE_PER_S:g} 1/s; choose a '
+                'smaller value, or heavier shells',
             )
 
 
@@ -73,23 +73,23 @@ def _motions(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float,
 
 
 def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
-    mass, inertia = lightest(parameters, shell)
+    mass, inertia = smallest_mass_and_inertia(parameters, shell)
     for family in ('connector', *(
             f'connector_groups.{name}' for name in parameters.names('connector_groups'))):
-        for field in _OF_CONNECTORS:
-            yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], mass)
+        for field in _CONNECTOR_STIFFNESSES:
+            yield f'{family}.{field}', _spring_rate(parameters[f'{family}.{field}'], mass)
         for field in ('bending_stiffness', 'twisting_stiffness'):
-            yield f'{family}.{field}', _of_spring(parameters[f'{family}.{field}'], inertia)
+            yield f'{family}.{field}', _spring_rate(parameters[f'{family}.{field}'], inertia)
         yield f'{family}.damping', parameters[f'{family}.damping'] / mass
     for name in parameters.names('anchors'):
         for field in _SPRINGS:
             key = f'anchors.{name}.{field}'
-            yield key, _of_spring(parameters[key], mass)
-    yield 'contact.stiffness', _of_spring(parameters['contact.stiffness'], mass)
+            yield key, _spring_rate(parameters[key], mass)
+    yield 'contact.stiffness', _spring_rate(parameters['contact.stiffness'], mass)
     yield 'drag.linear', parameters['drag.linear'] / mass
     yield 'drag.angular', parameters['drag.angular'] / inertia
-    yield 'gravity', _of_spring(math.hypot(*parameters['gravity']), shell.edge_length)
+    yield 'gravity', _spring_rate(math.hypot(*parameters['gravity']), shell.edge_length)
 
 
-def _of_spring(stiffness: float, mass: float) -> float:
+def _spring_rate(stiffness: float, mass: float) -> float:
     return math.sqrt(max(stiffness, 0.0) / mass)

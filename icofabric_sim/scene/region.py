@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Regions that a fabric is cut to: `weave.region`.
+Regions to which a fabric is cut: `weave.region`.
 
-A region has its middle in the middle of the fabric that it is cut from, and its axes are the
-world's. The fabric that it is cut from is that of `weave.size` or `weave.box`: its middle is that
-of the cells of its grid, so of the slab from its first to its last places along each axis. Bodies
-whose centres lie inside stay; centres on the border, up to rounding, belong to the region.
+The region is centred on the fabric of `weave.size` or `weave.box`, with its axes along those of
+the world. The centre of the fabric is midway between the first and last grid positions along each
+axis. Bodies whose centres lie inside are kept; centres on the boundary, up to round-off, count as
+inside.
 """
 
 import math
@@ -25,81 +25,81 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from icofabric_sim.checks import number_in
-from icofabric_sim.parameters.named_files import note_content, recorded_content
+from icofabric_sim.parameters.named_files import recorded_content, register_content
 from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.triangle_mesh import load_mesh, parse_mesh, SUFFIXES, TriangleMesh
-from icofabric_sim.scene.weave_geometry import ROUNDING
+from icofabric_sim.scene.weave_geometry import ROUNDING_RATIO
 import numpy as np
 
 NAME: Final = 'weave.region'
-# Words of the regions with their lengths.
+# Shapes and their lengths.
 _SHAPES = {'sphere': 'R', 'cylinder': 'R H', 'box': 'X Y Z'}
 
 
 class Region(Protocol):
-    """A shape about the origin."""
+    """Shape centred on the origin."""
 
     @property
     def half_extent(self) -> np.ndarray:
-        """Half the sides [m] of the upright box around it, (3,)."""
+        """Half sides [m] of the axis-aligned bounding box, (3,)."""
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Which of the points (n, 3) [m] belong to it, (n,) bool."""
+        """Return the mask (n,) of points (n, 3) [m] inside."""
 
 
 class Sphere:
-    """A ball of a radius [m]."""
+    """Ball of a radius [m]."""
 
     def __init__(self, radius: float) -> None:
-        """All points at most `radius` away."""
+        """Store the radius."""
         self._radius = radius
         self.half_extent = np.full(3, radius)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """See `Region`."""
         square = (np.square(points / self._radius)).sum(axis=1)
-        return np.asarray(square <= (1.0 + ROUNDING) ** 2)
+        return np.asarray(square <= (1.0 + ROUNDING_RATIO) ** 2)
 
 
 class Cylinder:
-    """An upright cylinder of a radius and a height [m]."""
+    """Cylinder of a radius and a height [m] along the world's z axis."""
 
     def __init__(self, radius: float, height: float) -> None:
-        """Its axis is the world's z axis."""
+        """Store the lengths."""
         self._radius = radius
         self.half_extent = np.array([radius, radius, 0.5 * height])
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """See `Region`."""
         square = np.square(points[:, :2] / self._radius).sum(axis=1)
-        high = np.abs(points[:, 2]) <= self.half_extent[2] * (1.0 + ROUNDING)
-        return np.asarray((square <= (1.0 + ROUNDING) ** 2) & high)
+        high = np.abs(points[:, 2]) <= self.half_extent[2] * (1.0 + ROUNDING_RATIO)
+        return np.asarray((square <= (1.0 + ROUNDING_RATIO) ** 2) & high)
 
 
 class Box:
-    """An upright box of three sides [m]."""
+    """Axis-aligned box of three sides [m]."""
 
     def __init__(self, *sides: float) -> None:
-        """Along the world's axes."""
+        """Store the sides along x, y, z."""
         self.half_extent = 0.5 * np.array(sides)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """See `Region`."""
-        return np.all(np.abs(points) <= self.half_extent * (1.0 + ROUNDING), axis=1)
+        return np.all(np.abs(points) <= self.half_extent * (1.0 + ROUNDING_RATIO), axis=1)
 
 
 def sides_text(sides: np.ndarray) -> str:
-    """Return three sides in words."""
+    """Return three sides as text."""
     return ' x '.join(f'{side:.6g}' for side in sides)
 
 
 def make_region(text: str) -> Region | None:
     """
-    Region of `sphere R`, `cylinder R H`, `box X Y Z` or a mesh file; None of an empty text.
+    Return the region `sphere R`, `cylinder R H`, `box X Y Z` or a mesh file; None for ''.
 
-    Raises ParameterError that says what is wrong. A mesh is in metres, and moved so that the
-    middle of the box around it comes to the middle of the fabric.
+    A mesh is in metres; the centre of its bounding box moves to the centre of the fabric. Raises
+    ParameterError if the text is no region.
     """
     words = text.split()
     if not words:
@@ -121,18 +121,18 @@ def make_region(text: str) -> Region | None:
 
 
 def _mesh(name: str) -> TriangleMesh:
-    """The mesh that a scene calls `name`, from a record or a file."""
+    """Return the mesh `name` of a scene, from the recorded files or from disk."""
     content = recorded_content(name)
     if content is not None:
         return parse_mesh(Path(name), content)
-    path = _found(name)
+    path = _find_file(name)
     mesh = load_mesh(path)
-    note_content(name, path.read_bytes())
+    register_content(name, path.read_bytes())
     return mesh
 
 
-def _found(name: str) -> Path:
-    """Path of a file, or where it is beside the ready scenes."""
+def _find_file(name: str) -> Path:
+    """Return the path of a file, searched in the working directory and the example scenes."""
     path = Path(name).expanduser()
     places = [path] if path.is_absolute() else [
         path, *(folder / path for folder in scene_folders())]

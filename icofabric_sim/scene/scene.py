@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-A scene: the description of a fabric and all that acts on it.
-
-It is made from parameters, and complete before it is compiled.
+Scene: complete description of a fabric and of everything that acts on it, from parameters.
 """
 
 from collections.abc import Mapping
@@ -27,16 +25,16 @@ from icofabric_sim import checks
 from icofabric_sim.checks import counted
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.file import load_parameter_file
-from icofabric_sim.parameters.named_files import NamedFile, reading
+from icofabric_sim.parameters.named_files import NamedFile, use_recorded_files
 from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.parameters.table import BY_NAME, OF_KIND
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
 from icofabric_sim.scene import initial, selectors
-from icofabric_sim.scene.anchors import Anchor, make_anchors, require_whole
+from icofabric_sim.scene.anchors import Anchor, make_anchors, refuse_broken_anchors
 from icofabric_sim.scene.attachments import attachment_points, check_attachments, woven_lengths
 from icofabric_sim.scene.available_memory import available_memory, processes_sharing
-from icofabric_sim.scene.body_sizes import check_sizes, make_half_edges, require_alike
+from icofabric_sim.scene.body_sizes import check_sizes, make_half_edges, require_shell_size
 from icofabric_sim.scene.breakage import BreakLimits, make_limits
 from icofabric_sim.scene.connector_groups import (
     check_connector_groups,
@@ -46,9 +44,9 @@ from icofabric_sim.scene.connector_groups import (
 from icofabric_sim.scene.connector_laws import (
     ConnectorLaws,
     ConnectorTables,
-    law_of,
     make_laws,
-    spread_over,
+    property_by_connector,
+    table_of_law,
 )
 from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
@@ -57,9 +55,9 @@ from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.masses import (
     all_members,
     BodyMasses,
+    individual_masses,
     make_masses,
     make_moments,
-    own_masses,
     require_isotropic,
 )
 from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
@@ -83,28 +81,28 @@ from icofabric_sim.scene.weave_geometry import (
 from icofabric_sim.scene.wrapping import check_wrapping
 import numpy as np
 
-# Build, run and record together; about 1,000 without a bag (`icofabric benchmark scaling`). What
-# cannot fit is refused early.
+# Memory to build, run and record; about 1,000 without a bag (`icofabric benchmark scaling`).
+# Scenes that exceed the free memory are refused before they are built.
 BYTES_PER_BODY = 1500
-# Where ranks share the steps: on the first of them of all bodies, on each of them of its own.
-_SHARED_EACH, _OWN_EACH = 100, 1100
-_SMALL = 2**27  # bytes for which the free memory is not read
+# With several ranks: bytes on the first rank for every body, and on each rank for its own bodies.
+_SHARED_BYTES_PER_BODY, _OWN_BYTES_PER_BODY = 100, 1100
+_UNCHECKED_BYTES = 2**27  # a need below which the free memory is not read
 
 
 @dataclass(frozen=True)
 class SceneConnectors:
     """Connectors of a scene, sorted by (lower body, its edge, other body)."""
 
-    connections: Connections  # which bodies they join, found where that is asked for
+    connections: Connections  # bodies that they join, computed when first used
     attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
     woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
     tables: ConnectorTables
-    bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) where all are alike
+    bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) if all are equal
     twisting_stiffness: np.ndarray
     damping: np.ndarray  # (c,) or (1,) [N s/m]
-    arms: MaxwellArms | None  # that make standard linear solids of them, if any does
-    limits: BreakLimits | None  # lengths at which they break, if any can
+    arms: MaxwellArms | None  # None: no connector has a Maxwell arm
+    limits: BreakLimits | None  # lengths at which they break; None: no connector can
 
     @property
     def bodies(self) -> np.ndarray:
@@ -113,7 +111,7 @@ class SceneConnectors:
 
     @property
     def edges(self) -> np.ndarray:
-        """Edges that they join there, (c, 2) int8 codes, see icosahedron.NAMED_EDGES."""
+        """Edges that they join, (c, 2) int8 codes, see icosahedron.NAMED_EDGES."""
         return self.connections.whole.edges
 
     @property
@@ -138,12 +136,16 @@ class SceneConnectors:
 
 @dataclass(frozen=True, repr=False)
 class Scene:
-    """Everything there is to know before compiling; arrays are not to be written to."""
+    """
+    Description of a fabric and of everything that acts on it; input of `compile_scene`.
+
+    Arrays are shared and must not be written to.
+    """
 
     parameters: Parameters
     shell: Shell
     masses: BodyMasses
-    half_edges: np.ndarray | None  # (n,) [m]; None: those of the shell
+    half_edges: np.ndarray | None  # (n,) [m]; None: all equal the shell's
     principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] about the body axes, if any differ
     geometry: WeaveGeometry
     weave: Weave
@@ -158,43 +160,71 @@ class Scene:
     anchors: Mapping[str, Anchor]
     initial: initial.InitialState
     electric: Electric
-    published_bodies: np.ndarray | None  # (m,) numbers of those in `~/poses`; None: all
-    framed_bodies: np.ndarray | None  # (m,) numbers of those that are frames on /tf; None: none
-    published_connectors: np.ndarray | None  # (m,) numbers of those in `~/tensions`; None: all
-    files: Mapping[str, NamedFile]  # that were read, by the names that parameters give them
+    published_bodies: np.ndarray | None  # (m,) body numbers in `~/poses`; None: all
+    framed_bodies: np.ndarray | None  # (m,) body numbers that are frames on /tf; None: none
+    published_connectors: np.ndarray | None  # (m,) connector numbers in `~/tensions`; None: all
+    files: Mapping[str, NamedFile]  # files that were read, by their names in parameters
 
     @classmethod
     def from_parameters(
         cls, parameters: Mapping[str, Any], *, shell: Shell | None = None
     ) -> 'Scene':
         """
-        Build a scene from a nested or dotted dictionary, or from Parameters.
+        Build a scene from parameters.
 
-        The dictionary of a whole parameter file will do too. Raises ValueError (mostly
-        ParameterError) that names the parameter and the remedy.
+        Parameters
+        ----------
+        parameters
+            Nested or dotted dictionary, the dictionary of a whole parameter file, or `Parameters`.
+            Missing parameters have their defaults.
+        shell
+            Shell that replaces the one of `shell.*`; its edge length must agree.
+
+        Returns
+        -------
+        Scene
+            Scene ready for `compile_scene`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is invalid: mostly ParameterError, which names the parameter and the
+            remedy.
         """
         checked = as_parameters(parameters)
         if shell is not None:
             checks.instance('shell', shell, Shell, 'Shell.from_thickness(...) makes one')
-        with reading(checked.files) as files:
+        with use_recorded_files(checked.files) as files:
             return cls._build(checked, shell, files)
 
     @property
     def can_break(self) -> bool:
-        """Whether any connector or anchor breaks at some length."""
+        """True if any connector or anchor can break."""
         return self.connectors.limits is not None or self.anchors_break
 
     @property
     def anchors_break(self) -> bool:
-        """Whether any anchor does."""
+        """True if any anchor can break."""
         return any(anchor.limits.breaks for anchor in self.anchors.values())
 
     def with_changes(self, changes: Mapping[str, Any]) -> 'Scene':
         """
-        Build the same scene with some parameters changed; this one stays as it is.
+        Build a copy of this scene with some parameters changed.
 
-        `changes` is a nested or dotted dictionary, as for `from_parameters`; a shell that was
-        given there is kept. Raises ValueError as it does.
+        Parameters
+        ----------
+        changes
+            Nested or dotted dictionary of the parameters to change.
+
+        Returns
+        -------
+        Scene
+            New scene; a shell passed to `from_parameters` is kept.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is invalid, as in `from_parameters`.
         """
         checks.mapping('changes', changes)
         own_shell, _ = check_parameters(self.parameters)
@@ -206,7 +236,7 @@ class Scene:
     def _build(
         cls, checked: Parameters, shell: Shell | None, files: Mapping[str, NamedFile]
     ) -> 'Scene':
-        """Build it from parameters; `files` grow with what is read."""
+        """Build a scene from valid parameters; adds the files that it reads to `files`."""
         own_shell, geometry = _check_together(checked)
         if shell is None:
             shell = own_shell
@@ -214,7 +244,7 @@ class Scene:
             raise ParameterError(
                 'shell.edge_length',
                 f'shell.edge_length {own_shell.edge_length!r} m disagrees with the given shell, '
-                f'whose edge is {shell.edge_length!r} m; set it to that',
+                f'whose edge is {shell.edge_length!r} m; use the same length',
             )
         weave = build_weave(**weave_choices(checked, geometry))
         if checked['weave.kind'] == 'radial':
@@ -236,7 +266,7 @@ class Scene:
             checked, shell, all_members(checked, groups, len(position)), len(position))
         for name in checked.names('tractions'):
             group = f'tractions.{name}.group'
-            require_alike(half_edges, groups[checked[group]], shell, group)
+            require_shell_size(half_edges, groups[checked[group]], shell, group)
         members = grouped_connectors(checked, groups, weave)
         own = members, weave.connector_count
         laws = make_laws(checked, length, *own)
@@ -246,7 +276,7 @@ class Scene:
         start = initial.make_initial_state(checked, position, orientation, groups, supports)
         drives = make_drives(checked, groups, start, supports)
         anchors = make_anchors(checked, len(position), drives, geometry, half_edges)
-        require_whole(anchors, start.position, start.orientation)
+        refuse_broken_anchors(anchors, start.position, start.orientation)
         return cls(
             parameters=checked,
             shell=shell,
@@ -262,9 +292,9 @@ class Scene:
                 attachment_points(checked, geometry.half_edge),
                 length,
                 *laws,
-                spread_over(checked, 'bending_stiffness', *own),
-                spread_over(checked, 'twisting_stiffness', *own),
-                spread_over(checked, 'damping', *own),
+                property_by_connector(checked, 'bending_stiffness', *own),
+                property_by_connector(checked, 'twisting_stiffness', *own),
+                property_by_connector(checked, 'damping', *own),
                 make_arms(checked, *own),
                 make_limits(checked, length, *own, laws[0]),
             ),
@@ -289,14 +319,14 @@ class Scene:
         )
 
     def __repr__(self) -> str:
-        """Say what is woven."""
+        """Return the kind and size of the scene."""
         size = ' x '.join(str(count) for count in self.weave.size)
         return (f'<Scene: {self.weave.kind} weave of {size} grid positions, '
                 f'{counted(self.body_count, "body")}, '
                 f'{counted(self.connector_count, "connector")}>')
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Return a summary for notebooks."""
         weave, geometry = self.weave, self.geometry
         return html_of('Scene', {
             'weave': f'{weave.kind}, variant {weave.variant}, '
@@ -329,7 +359,7 @@ class Scene:
 
 
 def require_scene(scene: Any, name: str = 'scene') -> Scene:
-    """Refuse what is not a scene, with the ways to one; `name` is that of the argument."""
+    """Return `scene` if it is one; otherwise raise TypeError about the argument `name`."""
     return checks.instance(
         name, scene, Scene,
         'load_scene(path) reads one from a parameter file, Scene.from_parameters({...}) makes one')
@@ -341,17 +371,33 @@ def _of_all(values: np.ndarray) -> float | np.ndarray:
 
 def load_scene(path: str | Path) -> Scene:
     """
-    Read a scene from a ROS 2 parameter file; `fabric_node --params-file` has the same result.
+    Read a scene from a ROS 2 parameter file, with the result of `fabric_node --params-file`.
 
-    `path` may be the name of a ready scene instead, which goes before a file of that name.
+    Parameters
+    ----------
+    path
+        Parameter file, or the name of an example scene, which takes precedence over a file of
+        that name.
+
+    Returns
+    -------
+    Scene
+        Scene ready for `compile_scene`.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or invalid; the message states the line, the parameter and the
+        remedy.
     """
-    given = checks.path('path', path, 'the path of a parameter file, or the name of a ready scene')
+    given = checks.path(
+        'path', path, 'the path of a parameter file, or the name of an example scene')
     return Scene.from_parameters(make_parameters(load_parameter_file(
         ready_scenes().get(str(given), given))))
 
 
 def as_parameters(parameters: Mapping[str, Any]) -> Parameters:
-    """Turn a nested or dotted dictionary into Parameters; Parameters pass as they are."""
+    """Convert a nested or dotted dictionary to Parameters; return Parameters unchanged."""
     if isinstance(parameters, Parameters):
         return parameters
     return make_parameters(flatten_parameters(parameters))
@@ -359,11 +405,11 @@ def as_parameters(parameters: Mapping[str, Any]) -> Parameters:
 
 def check_parameters(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     """
-    Judge what several parameters say together, without building anything; cheap for any size.
+    Check combinations of parameters without building the scene; fast for any size.
 
     Returns the shell and the weave geometry.
     """
-    with reading(parameters.files):
+    with use_recorded_files(parameters.files):
         return _check_together(parameters)
 
 
@@ -384,11 +430,11 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         if name in ('all', 'not', 'and', 'or'):
             raise ParameterError(
                 f'groups.{name}',
-                f'groups.{name}: {name!r} is a word of the selectors; choose another name',
+                f'groups.{name}: {name!r} is a keyword of selectors; choose another name',
             )
         selectors.check_syntax(f'groups.{name}', parameters[f'groups.{name}'])
     check_sizes(parameters, shell)
-    own_masses(parameters, shell)
+    individual_masses(parameters, shell)
     check_rates(parameters, shell)
     check_attachments(parameters, geometry)
     check_wrapping(parameters, shell.half_edge)
@@ -396,8 +442,8 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         check_radius(parameters, geometry)
     check_connector_groups(parameters)
     for name in parameters.names('connector_groups'):
-        law_of(parameters, f'connector_groups.{name}')
-    law_of(parameters, 'connector')
+        table_of_law(parameters, f'connector_groups.{name}')
+    table_of_law(parameters, 'connector')
     for family in ('charges', 'masses', 'supports', 'loads', 'tractions', 'drives', 'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
@@ -423,21 +469,21 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     return shell, geometry
 
 
-class MemoryShort(ParameterError, MemoryError):
-    """A parameter that asks for more memory than is free on this machine."""
+class InsufficientMemoryError(ParameterError, MemoryError):
+    """Parameter of a scene that needs more memory than is free on this machine."""
 
 
 def _require_memory(parameters: Parameters, bodies: int) -> None:
     need, processes, of, way = bodies * BYTES_PER_BODY, processes_sharing(), '', ''
     if processes > 1:
-        need = bodies * (_SHARED_EACH + _OWN_EACH // processes)
+        need = bodies * (_SHARED_BYTES_PER_BODY + _OWN_BYTES_PER_BODY // processes)
         of, way = f' on the first of {processes} ranks', ', or take more ranks'
-    if need < _SMALL or need <= (left := available_memory()):
+    if need < _UNCHECKED_BYTES or need <= (left := available_memory()):
         return
     name = 'weave.box' if any(parameters['weave.box']) else 'weave.size'
     if parameters['weave.region']:
         name = 'weave.region'
-    raise MemoryShort(
+    raise InsufficientMemoryError(
         name,
         f'{name} {parameters[name]} means {bodies:,} bodies, about {need / 2**30:.3g} GiB of '
         f'memory{of}, but {left / 2**30:.3g} GiB are free here; choose a smaller one{way}',
@@ -445,7 +491,7 @@ def _require_memory(parameters: Parameters, bodies: int) -> None:
 
 
 def estimate_bodies(parameters: Parameters) -> int:
-    """Count the bodies of a scene without building it; see `estimate_weave` for how exactly."""
+    """Count the bodies of a scene without building it, as exactly as `estimate_weave`."""
     return _estimate(parameters, _geometry(parameters, _shell(parameters).half_edge))
 
 
@@ -510,13 +556,13 @@ def _geometry(parameters: Parameters, half_edge: float) -> WeaveGeometry:
 
 
 def weave_choices(parameters: Parameters, geometry: WeaveGeometry) -> dict[str, Any]:
-    """Arguments of `build_weave` and `estimate_weave`."""
+    """Return the arguments of `build_weave` and `estimate_weave`."""
     box = parameters['weave.box']
     return {
         'geometry': geometry,
         'box': box if any(box) else None,
         'region': make_region(parameters['weave.region']),
-        # A radial weave is an orthogonal one that is bent afterwards.
+        # A radial weave is an orthogonal weave, bent after it is built.
         'kind': parameters['weave.kind'].replace('radial', 'orthogonal'),
         **{
             name: parameters[f'weave.{name}']

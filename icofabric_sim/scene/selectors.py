@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Group selectors: `z_max and not ids 0 5` becomes an array of body numbers."""
+"""Group selectors: resolve `z_max and not ids 0 5` to an array of body numbers."""
 
 import re
 from typing import NamedTuple, NoReturn
@@ -21,17 +21,17 @@ from icofabric_sim.parameters.validation import ParameterError
 import numpy as np
 
 _EXTREMES = {f'{axis}_{end}': (k, end) for k, axis in enumerate('xyz') for end in ('min', 'max')}
-# Grid axis that counts each: levels along z, columns along y, rows along x of the fabric.
+# Grid axes: rows are counted along x, columns along y, levels along z of the fabric.
 _GRID = {'row': 0, 'column': 1, 'level': 2}
 _INTEGER = re.compile(r'[+-]?[0-9]{1,100}')
 _HELP = (
     'use x_min, x_max, y_min, y_max, z_min, z_max, level K, row K, column K, ids K K ..., '
-    'box x0 y0 z0 x1 y1 z1 or all, joined by and, or, not'
+    'box x0 y0 z0 x1 y1 z1 or all, combined by and, or, not'
 )
 
 
 class Bodies(NamedTuple):
-    """What selectors choose from."""
+    """Woven state of the bodies that selectors choose from."""
 
     position: np.ndarray  # (n, 3) woven rest positions [m], loose bodies after the woven ones
     grid: np.ndarray  # (m, 3) grid positions of the woven bodies on the fabric's own axes, m <= n
@@ -40,9 +40,9 @@ class Bodies(NamedTuple):
 
 def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
     """
-    Body numbers that the selector `text` of the parameter `name` picks.
+    Return the body numbers that the selector `text` of the parameter `name` chooses.
 
-    An int32 array, ascending and never empty.
+    The result is a sorted int32 array, never empty.
     """
     words = text.split()
     if not words:
@@ -50,7 +50,7 @@ def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
     parser = Parser(name, text, words, bodies)
     mask = parser.any_of()
     if parser.at < len(words):
-        parser.fail(f'{words[parser.at]!r} is not expected there')
+        parser.fail(f'unexpected {words[parser.at]!r}')
     chosen = np.flatnonzero(mask).astype(np.int32)
     if not len(chosen):
         raise ParameterError(
@@ -61,16 +61,14 @@ def select(name: str, text: str, bodies: Bodies) -> np.ndarray:
 
 
 def check_syntax(name: str, text: str) -> None:
-    """
-    Raise ParameterError where `text` is not a selector; needs no fabric, so any number is taken.
-    """
+    """Raise ParameterError if `text` is not a selector; without a fabric, any number is valid."""
     words = text.split()
     if not words:
         raise ParameterError(name, f'{name} is an empty selector; {_HELP}')
     parser = Parser(name, text, words, None)
     parser.any_of()
     if parser.at < len(words):
-        parser.fail(f'{words[parser.at]!r} is not expected there')
+        parser.fail(f'unexpected {words[parser.at]!r}')
 
 
 def _extent(bodies: Bodies) -> str:
@@ -84,7 +82,7 @@ def _extent(bodies: Bodies) -> str:
 
 
 class Parser:
-    """Recursive descent: any_of > all_of > one; `not` binds closest, `or` loosest."""
+    """Recursive-descent parser: any_of > all_of > one; `not` binds tightest, `or` loosest."""
 
     help = _HELP
 
@@ -117,20 +115,20 @@ class Parser:
 
     def one(self) -> np.ndarray:
         if self.next_is('not'):
-            # In a loop: a thousand of them must not overflow the stack.
+            # A loop, because recursion over a thousand words would overflow the stack.
             negated = True
             while self.next_is('not'):
                 negated = not negated
             mask = self.one()
             return ~mask if negated else mask
         if self.at >= len(self.words):
-            self.fail('it ends too early')
+            self.fail('a word is missing at the end')
         word = self.words[self.at]
         self.at += 1
         return self.true() if word == 'all' else self.atom(word)
 
     def atom(self, word: str) -> np.ndarray:
-        """What a word other than the common ones selects, with the words after it."""
+        """Return the mask of a word other than `all` and `not`, with its arguments."""
         if word in _EXTREMES:
             return self.extreme(*_EXTREMES[word])
         if word in _GRID:
@@ -149,8 +147,8 @@ class Parser:
             return self.true()
         along = self.bodies.position[:, axis]
         reach = 0.5 * self.bodies.pitch
-        # Strictly within W/2: in an axis-aligned weave the next layer is W away, so rounding never
-        # decides.
+        # Strictly within W/2: in an axis-aligned weave the next layer is W away, so round-off has
+        # no effect.
         return along < along.min() + reach if end == 'min' else along > along.max() - reach
 
     def on_grid(self, axis: int, index: int) -> np.ndarray:
@@ -165,7 +163,7 @@ class Parser:
             if self.bodies is None:
                 continue
             if not 0 <= number < len(mask):
-                self.fail(f'there is no body {number}, bodies are 0 to {len(mask) - 1}')
+                self.fail(f'there is no body {number}; bodies are numbered 0 to {len(mask) - 1}')
             mask[number] = True
         return mask
 
@@ -193,7 +191,7 @@ class Parser:
     def integers(self, count: int | None) -> list[int]:
         values: list[int] = []
         while self.at < len(self.words) and (count is None or len(values) < count):
-            # Plain digits only: int() also takes 1_0 and the digits of other scripts.
+            # Only ASCII digits, because int() also accepts 1_0 and digits of other scripts.
             if not _INTEGER.fullmatch(self.words[self.at]):
                 break
             values.append(int(self.words[self.at]))

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-How far shells are apart, by the separating axes of both: normals of faces and products of edges.
+Gaps between shells by the separating-axis test: face normals and cross products of edges.
 
-Half edges [m] are one number, or (n,) of all bodies. Plain arrays: nothing is compiled for it.
-Where shells overlap this is their depth, the least shift that parts them; where they are apart it
-is at most their distance.
+Half edges [m] are one number or an array (n,) over bodies. The code uses NumPy only, so nothing is
+compiled. For overlapping shells the result is the overlap depth, the smallest displacement that
+separates them. For separated shells it is a lower bound of their distance.
 """
 
 from typing import NamedTuple
@@ -26,8 +26,8 @@ from icofabric_sim.geometry.rotations import cosines_from_quaternions
 import numpy as np
 from scipy.spatial import cKDTree
 
-# Pairs that are looked at together; each has 245 axes.
-_BLOCK = 2000
+# Pairs per batch; each pair has 245 axes.
+_BATCH_PAIRS = 2000
 
 
 Edges = float | np.ndarray
@@ -37,12 +37,12 @@ class Contacts(NamedTuple):
     """Pairs of shells that overlap."""
 
     bodies: np.ndarray  # (m, 2)
-    depth: np.ndarray  # (m,) [m] the least shift that parts them
-    point: np.ndarray  # (m, 3) [m] between them
+    depth: np.ndarray  # (m,) [m] the smallest displacement that separates them
+    point: np.ndarray  # (m, 3) [m] a point between their centres
 
 
 def find_contacts(half_edge: Edges, position: np.ndarray, orientation: np.ndarray) -> Contacts:
-    """Overlapping shells of one state, in the order of their numbers."""
+    """Return the overlapping pairs of shells in one state, sorted by body numbers."""
     reach = 2.0 * circumscribed_radius(float(np.max(half_edge)))
     pairs = cKDTree(position).query_pairs(reach, output_type='ndarray').reshape(-1, 2)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
@@ -59,14 +59,14 @@ def find_contacts(half_edge: Edges, position: np.ndarray, orientation: np.ndarra
 def smallest_gap(
     half_edge: Edges, position: np.ndarray, orientation: np.ndarray
 ) -> tuple[float, tuple[int, int]] | None:
-    """Least gap [m] between any two shells (negative: overlap) and their numbers; None of one."""
+    """Return the smallest gap [m] of all pairs (negative: overlap) and its pair, or None."""
     if len(position) < 2:
         return None
     tree = cKDTree(position)
     nearest = float(tree.query(position, k=2)[0][:, 1].min())
-    # Farther centres than these cannot be of nearer shells: their radii differ by so much.
+    # The circumscribed and inscribed radii bound the distance of the centres of the nearest pair.
     margin = 2.0 * circumscribed_radius(1.0) * float(
-        np.max(half_edge) - _ROUNDNESS * np.min(half_edge))
+        np.max(half_edge) - _RADIUS_RATIO * np.min(half_edge))
     pairs = tree.query_pairs(nearest + margin, output_type='ndarray').reshape(-1, 2)
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     gap = pair_gaps(half_edge, position, orientation, pairs)
@@ -77,11 +77,11 @@ def smallest_gap(
 def pair_gaps(
     half_edge: Edges, position: np.ndarray, orientation: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
-    """Gaps [m] of pairs (m, 2) of shells, (m,); negative: the depth of their overlap."""
+    """Return the gaps [m] of pairs (m, 2) of shells, (m,); negative: overlap depth."""
     edges = np.broadcast_to(half_edge, len(position))
     return np.concatenate([np.zeros(0)] + [
-        _gaps(edges, position, orientation, pairs[start:start + _BLOCK])
-        for start in range(0, len(pairs), _BLOCK)])
+        _gaps(edges, position, orientation, pairs[start:start + _BATCH_PAIRS])
+        for start in range(0, len(pairs), _BATCH_PAIRS)])
 
 
 def _gaps(
@@ -89,9 +89,9 @@ def _gaps(
 ) -> np.ndarray:
     between = position[pairs[:, 1]] - position[pairs[:, 0]]
     cosines = [cosines_from_quaternions(orientation[side]) for side in pairs.T]
-    # The shells are symmetric about their centres: half of all directions will do.
+    # Shells are point-symmetric, so half of all directions suffice.
     first, second = (
-        np.einsum('n,ka,nai->nki', half_edges[side], _HALF, turn)
+        np.einsum('n,ka,nai->nki', half_edges[side], _HALF_CORNERS, turn)
         for side, turn in zip(pairs.T, cosines))
     axes = [np.einsum('ka,nai->nki', _NORMALS, turn) for turn in cosines]
     one, other = (np.einsum('ka,nai->nki', _EDGES, turn) for turn in cosines)
@@ -108,8 +108,8 @@ def _gaps(
     return gap
 
 
-def _one_of_each(directions: np.ndarray) -> np.ndarray:
-    """One of each pair of opposite directions."""
+def _drop_opposites(directions: np.ndarray) -> np.ndarray:
+    """Return one of each pair of opposite directions."""
     kept: list[np.ndarray] = []
     for direction in directions:
         if all(np.abs(np.dot(direction, other)) < (1.0 - 1e-9) * np.dot(other, other)
@@ -123,10 +123,10 @@ def _unit(directions: np.ndarray) -> np.ndarray:
 
 
 _CORNERS = vertices(1.0)
-_HALF = _one_of_each(_CORNERS)  # (6, 3)
-_NORMALS = _one_of_each(_unit(np.cross(
+_HALF_CORNERS = _drop_opposites(_CORNERS)  # (6, 3)
+_NORMALS = _drop_opposites(_unit(np.cross(
     _CORNERS[FACES[:, 1]] - _CORNERS[FACES[:, 0]],
     _CORNERS[FACES[:, 2]] - _CORNERS[FACES[:, 0]])))  # (10, 3)
-_EDGES = _one_of_each(_unit(_CORNERS[EDGES[:, 1]] - _CORNERS[EDGES[:, 0]]))  # (15, 3)
-# Inscribed over circumscribed radius.
-_ROUNDNESS = float(np.abs(_NORMALS @ _CORNERS[0]).max() / np.linalg.norm(_CORNERS[0]))
+_EDGES = _drop_opposites(_unit(_CORNERS[EDGES[:, 1]] - _CORNERS[EDGES[:, 0]]))  # (15, 3)
+# Ratio of the inscribed to the circumscribed radius.
+_RADIUS_RATIO = float(np.abs(_NORMALS @ _CORNERS[0]).max() / np.linalg.norm(_CORNERS[0]))

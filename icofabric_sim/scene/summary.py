@@ -11,15 +11,15 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A scene in words: shell, weave, bodies, what holds them and what acts on them."""
+"""Text summary of a scene: shell, weave, bodies, supports, drives and loads."""
 
 from collections.abc import Iterable, Sequence
 import math
 
 from icofabric_sim.checks import counted
-from icofabric_sim.parameters.named_files import reading
+from icofabric_sim.parameters.named_files import use_recorded_files
 from icofabric_sim.parameters.validation import Parameters
-from icofabric_sim.scene.masses import own_masses
+from icofabric_sim.scene.masses import individual_masses
 from icofabric_sim.scene.region import make_region, sides_text
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
 from icofabric_sim.scene.weave import estimate_weave
@@ -30,19 +30,19 @@ Row = tuple[str, str]
 
 
 def size_text(scene: Scene) -> str:
-    """Return how many bodies and connectors a scene has."""
+    """Return the numbers of bodies and connectors of a scene as text."""
     return f'{counted(scene.body_count, "body")}, {counted(scene.connector_count, "connector")}'
 
 
 def as_lines(rows: Iterable[Row]) -> list[str]:
-    """Lines of two columns; a row without a label goes on with the one above."""
+    """Return lines of two columns; a row without a label continues the row above."""
     table = list(rows)
     width = max((len(label) for label, _ in table), default=0)
     return [f'{label:<{width}}  {text}'.rstrip() for label, text in table]
 
 
 def vector(values: Sequence[float] | np.ndarray, unit: str) -> str:
-    """A vector with its unit."""
+    """Return a vector with its unit as text."""
     return f'[{", ".join(f"{value:.6g}" for value in values)}] {unit}'
 
 
@@ -50,10 +50,9 @@ def evaluations_text(
     taken: float, others: float, shown: float, *, is_estimated: bool
 ) -> str:
     """
-    Return in words how often a run evaluated the forces, for its steps and beside them.
+    Return the numbers of force evaluations of a run as text: in steps, and for other uses.
 
-    `shown` of the `others` are for states that were shown; the rest measure errors, which else
-    choose steps only.
+    `shown` of the `others` are for outputs; the rest estimate errors, or only choose steps.
     """
     purpose = 'estimate errors' if is_estimated else 'choose and judge steps'
     beside = ' and '.join(
@@ -64,14 +63,14 @@ def evaluations_text(
 
 
 def times(growth: float, at_least: bool = False) -> str:
-    """A growth in words."""
+    """Return an error amplification as text."""
     if growth == math.inf:
         return 'more than 1e308 times'
     return f'{"at least " if at_least else ""}{growth:.3g} times'
 
 
 def describe_scene(scene: Scene) -> list[Row]:
-    """Label and text of all that a scene says before it is compiled."""
+    """Return labels and texts that describe a scene before compilation."""
     shell, geometry, weave = scene.shell, scene.geometry, scene.weave
     parameters = scene.parameters
     angle = geometry.connector_angle
@@ -142,7 +141,7 @@ def _times(numbers: Sequence[int]) -> str:
 
 def _region(scene: Scene) -> list[Row]:
     text = scene.parameters['weave.region']
-    with reading(scene.files):
+    with use_recorded_files(scene.files):
         region = make_region(text)
     return [] if region is None else [(
         '', f'cut to {text.strip()}, {sides_text(2.0 * region.half_extent)} m')]
@@ -214,7 +213,7 @@ def _group(scene: Scene, prefix: str) -> str:
 def _load(scene: Scene, name: str) -> str:
     load = scene.loads[name]
     frame = 'the axes of each body' if load.in_body_axes else 'world axes'
-    share = 'shared out' if load.total else 'on each body'
+    share = 'divided among them' if load.total else 'on each body'
     text = f'{name}: ~/loads/{name} on {_group(scene, f"loads.{name}")}, {frame}, {share}'
     if load.force.any() or load.torque.any():
         text += (
@@ -224,7 +223,7 @@ def _load(scene: Scene, name: str) -> str:
 
 
 def _own_masses(scene: Scene) -> str:
-    own = own_masses(scene.parameters, scene.shell)
+    own = individual_masses(scene.parameters, scene.shell)
     parts = [
         f'{prefix}: {_edge(scene.parameters, prefix)}{mass:.6g} kg, '
         f'{_inertia(scene.parameters, prefix, inertia)}'

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Supports: bodies whose translation or rotation is held in world axes."""
+"""Supports: bodies whose translation or rotation is fixed in world axes."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -23,20 +23,20 @@ FREEDOMS = ('tx', 'ty', 'tz', 'rotation')
 
 
 class Supports(NamedTuple):
-    """Held freedoms of every body."""
+    """Fixed degrees of freedom of every body."""
 
     translation: np.ndarray  # (n, 3) bool, world axes
     rotation: np.ndarray  # (n,) bool
 
 
 def fixed_freedoms(parameters: Parameters, name: str) -> set[str]:
-    """Return the freedoms that `supports.NAME` holds: some of tx, ty, tz, rotation."""
+    """Return the degrees of freedom that `supports.NAME` fixes: some of tx, ty, tz, rotation."""
     key = f'supports.{name}.fix'
     return named_freedoms(key, parameters[key])
 
 
 def named_freedoms(key: str, text: str) -> set[str]:
-    """The freedoms that the value `text` of the parameter `key` names."""
+    """Return the degrees of freedom that the value `text` of the parameter `key` names."""
     words = text.split()
     unknown = [word for word in words if word not in (*FREEDOMS, 'all')]
     if unknown or not words:
@@ -49,7 +49,7 @@ def named_freedoms(key: str, text: str) -> set[str]:
 def make_supports(
     parameters: Parameters, groups: Mapping[str, np.ndarray], body_count: int
 ) -> Supports | None:
-    """Return the held freedoms of all bodies; None where the scene has no supports."""
+    """Return the fixed degrees of freedom of all bodies; None if the scene has no supports."""
     names = parameters.names('supports')
     if not names:
         return None

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Tables that a scene names: CSV files by time [s], and by the number of a body."""
+"""CSV tables named by a scene: rows by time [s], or by body number."""
 
 from collections.abc import Sequence
 import math
@@ -19,25 +19,25 @@ from pathlib import Path
 from typing import NamedTuple
 
 from icofabric_sim.checks import decoded, number_in
-from icofabric_sim.parameters.named_files import note_content, recorded_content
+from icofabric_sim.parameters.named_files import recorded_content, register_content
 from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
 import numpy as np
 
-_LARGEST = 1_000_000  # rows
-_LONGEST_LINE = 10_000  # characters
+_MAX_ROWS = 1_000_000  # rows
+_MAX_LINE_LENGTH = 10_000  # characters
 
 
 def read_time_table(
     name: str, file: str, widths: dict[int, str], *, first: str = 'times', unit: str = 's'
 ) -> np.ndarray:
     """
-    Rows of a table, (r, c): times [s], strictly increasing from 0 or later, then other numbers.
+    Return the rows of a table, (r, c): times [s], strictly increasing from 0 on, then values.
 
-    `widths`: how many columns there may be, and what they are. Lines that are empty or begin with
-    # are skipped, and so is a first line of words. A relative path is looked up from the working
-    directory, then beside the ready scenes. `first` and its `unit`: what the first column is.
-    Raises ParameterError for the parameter `name`.
+    `widths` maps allowed numbers of columns to their description. `first` and `unit` describe the
+    first column. Empty lines, lines that begin with # and a header line are skipped. A relative
+    path is searched in the working directory, then among the example scenes. Raises
+    ParameterError for the parameter `name`.
     """
     rows: list[list[float]] = []
     wanted = ' or '.join(widths.values())
@@ -46,7 +46,7 @@ def read_time_table(
         text = line.strip()
         if not text or text.startswith('#'):
             continue
-        if len(text) > _LONGEST_LINE or len(rows) >= _LARGEST:
+        if len(text) > _MAX_LINE_LENGTH or len(rows) >= _MAX_ROWS:
             raise ParameterError(name, f'{name}: {path} is too long for a table of {wanted}')
         values = _numbers(text)
         if values is None and not rows and not any(c.isdigit() for c in text):
@@ -85,9 +85,9 @@ def read_named_table(name: str, file: str, sets: Sequence[Sequence[str]]) -> Bod
     """
     Read a table of bodies with some of the `sets` of columns.
 
-    The first line names the columns, `body` among them; each set is there as a whole or not at
-    all. Empty lines and those that begin with # are skipped. Places of the file are those of
-    `read_time_table`. Raises ParameterError for the parameter `name`.
+    The first line names the columns: `body`, and one or more complete sets. Empty lines and lines
+    that begin with # are skipped. The file is searched as in `read_time_table`. Raises
+    ParameterError for the parameter `name`.
     """
     path, lines = _read_lines(name, file)
     known = ['body', *(column for columns in sets for column in columns)]
@@ -106,35 +106,35 @@ def read_named_table(name: str, file: str, sets: Sequence[Sequence[str]]) -> Bod
                     name, f'{name}: {path}, line {number}, must name the column body and one or '
                     f'more of these sets: {"; ".join(map(" ".join, sets))}, got {text!r:.200}')
             continue
-        values = _numbers(text) if len(text) <= _LONGEST_LINE else None
-        if values is None or len(values) != len(names) or len(rows) >= _LARGEST:
+        values = _numbers(text) if len(text) <= _MAX_LINE_LENGTH else None
+        if values is None or len(values) != len(names) or len(rows) >= _MAX_ROWS:
             raise ParameterError(
                 name, f'{name}: {path}, line {number}, must be {len(names)} finite numbers, as '
-                f'its first line says, and one of {_LARGEST} lines at most, got {text!r:.80}')
+                f'its first line says, and one of {_MAX_ROWS} lines at most, got {text!r:.80}')
         rows.append(values)
         numbers.append(number)
     if not rows:
         raise ParameterError(name, f'{name}: {path} has no line of numbers')
     table = np.array(rows)
     bodies = table[:, names.index('body')]
-    # Larger ones are not told apart by doubles.
+    # Doubles do not distinguish larger integers.
     if (bodies != np.rint(bodies)).any() or np.abs(bodies).max() > 2.0**53 or (
             len(np.unique(bodies)) < len(bodies)):
         raise ParameterError(
-            name, f'{name}: {path}: bodies must be whole numbers, each once')
+            name, f'{name}: {path}: body numbers must be integers without repetition')
     return BodyTable(path, bodies.astype(np.int64), {
         columns: table[:, [names.index(column) for column in columns]]
         for columns in sets if columns[0] in names}, numbers)
 
 
 def _read_lines(name: str, file: str) -> tuple[Path, list[str]]:
-    """Where a table was found, and its lines."""
+    """Return the path and the lines of a table."""
     path, content = Path(file), recorded_content(file)
     try:
         if content is None:
             path = find_table(name, file)
             content = path.read_bytes()
-            note_content(file, content)
+            register_content(file, content)
         return path, decoded(content).splitlines()
     except (OSError, MemoryError) as error:
         raise ParameterError(name, f'{name}: cannot read {path}: {error}') from None
@@ -145,7 +145,7 @@ def _read_lines(name: str, file: str) -> tuple[Path, list[str]]:
 
 
 def find_table(name: str, file: str) -> Path:
-    """Where the file of a table is; ParameterError for the parameter `name` where it is not."""
+    """Return the path of a table's file; raise ParameterError for `name` if it is missing."""
     path = Path(file).expanduser()
     if file:
         places = [path, *(() if path.is_absolute() else (

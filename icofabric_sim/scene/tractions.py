@@ -19,10 +19,11 @@ On a face f with outward unit normal n the traction is
     t(lambda2, lambda3) = g(lambda2, lambda3) (-p n + s1 e1 + s2 e2),
 
 with the pressure p, the shear (s1, s2), the unit vectors e1 = w2 / |w2| along the first side of
-the face and e2 = n x e1, and the polynomial g in the face coordinates (`variation`). A follower
-traction turns with its body: force and torque of all faces together are one wrench in body axes.
-One of fixed direction keeps the world direction that it has as woven, while its points turn with
-the body: on a flat face that is one force at a point of the body, for every polynomial.
+the face and e2 = n x e1, and the polynomial g in the face coordinates (`variation`).
+
+A follower traction turns with its body; all faces together give one wrench in body axes. A
+traction of fixed direction keeps its world direction as woven while its points turn with the body;
+on a flat face it is equivalent to one force at a point of the body, for every polynomial.
 """
 
 from collections.abc import Mapping
@@ -38,32 +39,32 @@ from icofabric_sim.scene.profiles import make_profile, Profile
 from icofabric_sim.scene.weave_geometry import WeaveGeometry
 import numpy as np
 
-_HIGHEST = 12  # degree of a polynomial
-# Orientations closer than this are the same [components of quaternions].
-_SAME = 1e-9
-_ZERO = np.zeros(3)
+_MAX_DEGREE = 12  # degree of a polynomial
+# Difference of quaternion components below which orientations count as equal.
+_EQUAL_QUATERNION = 1e-9
+_ZERO_VECTOR = np.zeros(3)
 
 
 class FaceWrench(NamedTuple):
-    """What a traction does to some bodies."""
+    """Wrench of a traction on some bodies."""
 
     bodies: np.ndarray  # (m,) int32
     in_body_axes: bool
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
     point: np.ndarray  # (3,) [m], body axes
-    normal: np.ndarray  # (3,) body axes: only the part of the force along it acts; zero: all
+    normal: np.ndarray  # (3,) body axes: only the force component along it acts; zero: all of it
 
 
 class Traction(NamedTuple):
-    """A `tractions.NAME`."""
+    """One traction, `tractions.NAME`."""
 
     wrenches: tuple[FaceWrench, ...]
     profile: Profile
 
 
 def polynomial(name: str, text: str) -> np.ndarray:
-    """Coefficients of 1, l2, l3, l2^2, l2 l3, l3^2, ... from a text; no text means 1."""
+    """Return the coefficients of 1, l2, l3, l2^2, l2 l3, l3^2, ... from a text; '' means 1."""
     if not text.strip():
         return np.ones(1)
     try:
@@ -71,11 +72,12 @@ def polynomial(name: str, text: str) -> np.ndarray:
     except ValueError:
         values = np.full(1, np.nan)
     degree = _degree(len(values))
-    if not np.isfinite(values).all() or degree > _HIGHEST or (
+    if not np.isfinite(values).all() or degree > _MAX_DEGREE or (
             (degree + 1) * (degree + 2) // 2 != len(values)):
         raise ParameterError(
             name, f'{name} must be the coefficients of 1, l2, l3, l2^2, l2 l3, l3^2, ... up to a '
-            f'whole degree of at most {_HIGHEST} (1, 3, 6, 10, ... finite numbers), got {text!r}')
+            f'whole degree of at most {_MAX_DEGREE} (1, 3, 6, 10, ... finite numbers), got '
+            f'{text!r}')
     return values
 
 
@@ -83,14 +85,15 @@ def make_traction(
     parameters: Parameters, name: str, bodies: np.ndarray, position: np.ndarray,
     orientation: np.ndarray, geometry: WeaveGeometry,
 ) -> Traction:
-    """Integrate `tractions.NAME` over the faces of its `bodies`, from woven places of all."""
+    """Integrate `tractions.NAME` over faces of its `bodies`; `position` is that of all bodies."""
     prefix, half_edge = f'tractions.{name}', geometry.half_edge
     mask = select_faces(
         f'{prefix}.faces', parameters[f'{prefix}.faces'],
         Shells(position, orientation, bodies, half_edge, geometry.pitch))
     force, point = face_forces(parameters, prefix, half_edge)
     follower = parameters[f'{prefix}.direction'] == 'follower'
-    rounded = np.round(orientation[bodies] / _SAME) if not follower else np.zeros((len(bodies), 0))
+    rounded = np.zeros((len(bodies), 0)) if follower else np.round(
+        orientation[bodies] / _EQUAL_QUATERNION)
     _, first, kind = np.unique(
         np.hstack([mask, rounded]), axis=0, return_index=True, return_inverse=True)
     frictionless = parameters[f'{prefix}.frictionless']
@@ -105,7 +108,8 @@ def make_traction(
             normals = face_geometry(half_edge).normals
             wrenches += [
                 FaceWrench(
-                    alike, False, part @ axes, _ZERO, at, normals[f] if frictionless else _ZERO)
+                    alike, False, part @ axes, _ZERO_VECTOR, at,
+                    normals[f] if frictionless else _ZERO_VECTOR)
                 for f in faces for part, at in zip(force[f], point[f]) if part.any()]
     return Traction(tuple(wrenches), make_profile(parameters, prefix))
 
@@ -114,10 +118,10 @@ def face_forces(
     parameters: Mapping[str, object], prefix: str, half_edge: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Forces [N] on every face and where they act [m], (20, k, 3) each, body axes as woven.
+    Return the forces [N] on every face and their points [m], (20, k, 3) each, body axes as woven.
 
-    Two forces for each face where a single one would have no finite lever: they add up to the
-    traction.
+    Each face has two forces that add up to the traction, because a single force would have no
+    finite lever if the total vanishes.
     """
     table: Mapping[str, float | str | list[float]] = parameters  # type: ignore[assignment]
     name = f'{prefix}.variation'
@@ -135,7 +139,7 @@ def face_forces(
     second = np.cross(geometry.normals, first)
     pressure = float(table[f'{prefix}.pressure'])  # type: ignore[arg-type]
     direction = -pressure * geometry.normals
-    # Without friction the part along a face that follows its body never acts.
+    # Without friction, the tangential part of a follower traction never acts.
     if not (table[f'{prefix}.frictionless'] and table[f'{prefix}.direction'] == 'follower'):
         direction = direction + shear[0] * first + shear[1] * second
     total, moment = float(g.sum()), np.einsum('m,fmi->fi', g, points)
@@ -151,19 +155,19 @@ def face_forces(
 def _follower(
     bodies: np.ndarray, faces: np.ndarray, force: np.ndarray, point: np.ndarray
 ) -> list[FaceWrench]:
-    """One wrench about the centre for all faces together; none where they cancel exactly."""
+    """Return one wrench about the centre for all faces, or no wrench if they cancel exactly."""
     if not len(faces):
         return []
     total = force[faces].sum(axis=(0, 1))
     torque = np.cross(point[faces], force[faces]).sum(axis=(0, 1))
-    # What is left of parts that cancel is rounding.
+    # The rest of parts that cancel is round-off.
     size = float(np.linalg.norm(force[faces], axis=-1).sum())
     arm = float(np.linalg.norm(point[faces], axis=-1).max())
     total = np.where(np.abs(total) > 1e-15 * size, total, 0.0)
     torque = np.where(np.abs(torque) > 1e-15 * size * arm, torque, 0.0)
     if not (total.any() or torque.any()):
         return []
-    return [FaceWrench(bodies, True, total, torque, _ZERO, _ZERO)]
+    return [FaceWrench(bodies, True, total, torque, _ZERO_VECTOR, _ZERO_VECTOR)]
 
 
 def _degree(count: int) -> int:

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Closed triangle meshes from files: STL, binary or text, and OBJ."""
+"""Closed triangle meshes from STL files (binary or text) and OBJ files."""
 
 import codecs
 from functools import lru_cache
@@ -24,36 +24,37 @@ from icofabric_sim.checks import number_in
 import numpy as np
 
 SUFFIXES = ('.stl', '.obj')
-# Points this near to the surface, beside the size of the mesh, belong to it.
-_ROUNDING = 1e-9
+# Points closer to the surface than this fraction of the mesh size count as inside.
+_ROUNDING_RATIO = 1e-9
 _HEADER, _RECORD = 84, 50  # bytes of a binary STL
 _TEXT_WORDS = (b'solid', b'facet', b'outer', b'vertex', b'endloop', b'endfacet')
-_STRIPS = 1024
-# Larger files are hardly meant.
-_LARGEST_FILE = 2**30
+_MAX_STRIPS = 1024
+# [bytes] Larger files are refused as mistakes.
+_MAX_FILE_BYTES = 2**30
 
 
 class TriangleMesh(NamedTuple):
-    """A closed surface, the middle of the box around it in the origin."""
+    """Closed surface with the centre of its bounding box at the origin."""
 
     corners: np.ndarray  # (t, 3, 3) [m]
     half_extent: np.ndarray  # (3,) [m]
-    oriented: bool  # all triangles see the same side of it from outside
+    oriented: bool  # all triangles have the same orientation
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """
-        Which of the points (n, 3) [m] lie inside or, up to rounding, on the surface; (n,) bool.
+        Return the mask (n,) of points (n, 3) [m] inside or, up to round-off, on the surface.
 
-        Inside is where the surface winds round at all: overlapping parts are united, and a part
-        within another with its triangles the other way round is a hollow. Where triangles are not
-        oriented alike: where a ray crosses the surface an odd number of times.
+        A point is inside if the surface has a nonzero winding number there: overlapping parts are
+        united, and a part of opposite orientation within another part is a cavity. If triangles
+        differ in orientation, a point is inside if a ray from it crosses the surface an odd
+        number of times.
         """
         low = -float(self.half_extent[1])
         height = 2.0 * float(self.half_extent[1])
-        strips = max(1, min(_STRIPS, round(len(self.corners) ** 0.5)))
-        room = _ROUNDING * float(self.half_extent.max())
+        strips = max(1, min(_MAX_STRIPS, round(len(self.corners) ** 0.5)))
+        room = _ROUNDING_RATIO * float(self.half_extent.max())
         low, width = low - 2.0 * room, (height + 4.0 * room) / strips
-        # The same rounding as for points, so that no point is searched in a strip too few.
+        # The same round-off as for points, so that every point finds all triangles of its strip.
         ends = [
             np.clip(np.floor((bound - low) / width), 0, strips - 1).astype(np.int64)
             for bound in (self.corners[:, :, 1].min(axis=1), self.corners[:, :, 1].max(axis=1))]
@@ -64,7 +65,7 @@ class TriangleMesh(NamedTuple):
         first = np.zeros(strips + 1, np.int64)
         np.cumsum(np.bincount(strip, minlength=strips), out=first[1:])
         inside = np.zeros(len(points), bool)
-        # Most scenes have no mesh, and can be judged without the compiler.
+        # Imported here, because scenes without a mesh are checked without the compiler.
         from icofabric_sim.kernels.inside import mark_inside
         mark_inside(
             np.ascontiguousarray(points, np.float64), self.corners, first, members[order], low,
@@ -73,7 +74,7 @@ class TriangleMesh(NamedTuple):
 
 
 def load_mesh(path: str | Path) -> TriangleMesh:
-    """Read a closed mesh; ValueError says what is wrong with the file or the surface."""
+    """Read a closed mesh; raise ValueError if the file or the surface is invalid."""
     path = Path(path).expanduser()
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f'{path} is not a mesh: its name must end in .stl or .obj')
@@ -86,16 +87,14 @@ def load_mesh(path: str | Path) -> TriangleMesh:
 
 @lru_cache(maxsize=4)
 def _load(path: Path, changed: int, size: int) -> TriangleMesh:
-    # Judged for every change of a parameter: read again only when the file has changed.
-    if size > _LARGEST_FILE:
-        raise ValueError(f'{path} has {size:,} bytes, more than {_LARGEST_FILE:,}')
+    # Called at every change of a parameter; reads the file again only if it has changed.
+    if size > _MAX_FILE_BYTES:
+        raise ValueError(f'{path} has {size:,} bytes, more than {_MAX_FILE_BYTES:,}')
     return parse_mesh(path, path.read_bytes())
 
 
 def parse_mesh(path: Path, data: bytes) -> TriangleMesh:
-    """
-    The closed mesh that a file of this `path` with the bytes `data` holds; ValueError as above.
-    """
+    """Return the closed mesh in the bytes `data` of the file `path`; raise ValueError as above."""
     data = data.removeprefix(codecs.BOM_UTF8)
     corners = _read_obj(path, data) if path.suffix.lower() == '.obj' else _read_stl(path, data)
     if not len(corners):
@@ -130,7 +129,7 @@ def _read_stl(path: Path, data: bytes) -> np.ndarray:
         words = line.split()
         first = words[0].lower() if words else b''
         if first == b'vertex':
-            numbers.append(_three(path, number, words[1:]))
+            numbers.append(_parse_point(path, number, words[1:]))
         is_open = first != b'endsolid' and (is_open or first in _TEXT_WORDS)
     if len(numbers) % 3 or is_open:
         raise ValueError(
@@ -144,14 +143,14 @@ def _read_obj(path: Path, data: bytes) -> np.ndarray:
     for number, line in enumerate(data.splitlines(), 1):
         words = line.partition(b'#')[0].split()
         if words[:1] == [b'v']:
-            points.append(_three(path, number, words[1:4]))
+            points.append(_parse_point(path, number, words[1:4]))
         elif words[:1] == [b'f']:
             try:
                 corners = [] if b'_' in line else [
                     int(word.split(b'/')[0]) for word in words[1:]]
             except ValueError:
                 corners = []
-            # From 1 on, or back from the last point so far.
+            # Positive indices count from 1, negative ones back from the last point read.
             corners = [k - 1 if k > 0 else len(points) + k for k in corners]
             if len(corners) < 3 or not all(0 <= k < len(points) for k in corners):
                 raise ValueError(
@@ -161,7 +160,7 @@ def _read_obj(path: Path, data: bytes) -> np.ndarray:
     return np.array(points).reshape(-1, 3)[np.array(faces, np.int64).reshape(-1, 3)]
 
 
-def _three(path: Path, number: int, words: list[bytes]) -> tuple[float, ...]:
+def _parse_point(path: Path, number: int, words: list[bytes]) -> tuple[float, ...]:
     try:
         values = tuple(number_in(word) for word in words)
     except ValueError:
@@ -172,8 +171,8 @@ def _three(path: Path, number: int, words: list[bytes]) -> tuple[float, ...]:
 
 
 def _require_closed(path: Path, corners: np.ndarray) -> bool:
-    """Refuse a surface with holes; returns whether all triangles are oriented alike."""
-    # Adding 0 makes one zero of two.
+    """Refuse a surface with holes; return True if all triangles have the same orientation."""
+    # Adding 0 turns -0 into 0.
     points, number = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
     number = number.reshape(-1, 3)
     start, end = number.ravel(), np.roll(number, -1, axis=1).ravel()
@@ -185,6 +184,6 @@ def _require_closed(path: Path, corners: np.ndarray) -> bool:
         place = points[int(edges[open_edges[0]]) // len(points)]
         raise ValueError(
             f'{path} is not closed: {len(open_edges)} of its {len(edges)} edges, one of them at '
-            f'{place.tolist()}, belong to an odd number of triangles; close the holes, and let '
-            'triangles that meet share the very same points')
+            f'{place.tolist()}, belong to an odd number of triangles; close the holes, and give '
+            'adjacent triangles identical corner points')
     return not np.bincount(member, np.where(start < end, 1.0, -1.0)).any()

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Woven fabrics: where the icosahedra are, how they are turned, and what connects them.
+Woven fabrics: positions and orientations of the icosahedra, and their connectors.
 
-Source: "A Mathematical Model of Icosahedral Materials", "Weaves". The fabric has axes of its own,
-along which rows, columns and levels run; in the bias orientation they are turned in the world.
+Source: "A Mathematical Model of Icosahedral Materials", "Weaves". Rows, columns and levels run
+along the fabric's axes, which are rotated against the world axes in the bias orientation.
 """
 
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ from icofabric_sim.scene.region import Region, sides_text
 from icofabric_sim.scene.weave_connect import connect_grid, Connections, Fastest
 from icofabric_sim.scene.weave_geometry import (
     checked_box,
-    PLACES_LIMIT,
-    ROUNDING,
+    MAX_POSITIONS,
+    ROUNDING_RATIO,
     size_for_box,
     WeaveGeometry,
 )
@@ -50,14 +50,14 @@ Kind = Literal['orthogonal', 'bias']
 Boundary = Literal['upright', 'fabric']
 
 # Bodies and connectors are numbered with 32 bits.
-COUNT_LIMIT: Final = 2**31 - 1
-# Highest memory, with all connectors listed. Per body: grid 12, position 24, and what is under
-# way; while a part is cut out of a turned fabric more than that. Per connector: numbers 8 and
-# codes 2. Measured: 102 B a body for a slab of 8,001,504 (38 without a list), where this makes
-# 107; 105 for a turned box of 4e6, where it makes 110.
+MAX_COUNT: Final = 2**31 - 1
+# Peak memory with all connectors listed. Per body: grid 12, position 24 and temporary arrays, more
+# while a part is cut out of a turned fabric. Per connector: numbers 8 and codes 2. Measured and
+# estimated bytes per body: 102 and 107 for a slab of 8,001,504 bodies (38 without a list), 105 and
+# 110 for a turned box of 4e6 bodies.
 _BYTES_PER_BODY, _BYTES_PER_CUT_BODY, _BYTES_PER_CONNECTOR = 48, 110, 10
-# An estimate lays out at most this many grid places along each side.
-_SAMPLE_PLACES: Final = 32.0
+# An estimate builds at most this many grid positions along each side.
+_SAMPLE_POSITIONS: Final = 32.0
 
 # Half the angle between the fabric's (1, 1, 1) and the vertical, arccos(1/sqrt(3)) = 54.736 deg.
 _BIAS_HALF_ANGLE: Final = 0.5 * math.acos(1.0 / math.sqrt(3.0))
@@ -65,7 +65,7 @@ _BIAS_HALF_ANGLE: Final = 0.5 * math.acos(1.0 / math.sqrt(3.0))
 
 @dataclass(frozen=True, eq=False)
 class Weave:
-    """A woven fabric at rest; arrays are shared, not copied, and not to be changed."""
+    """Woven fabric at rest; arrays are shared and must not be changed."""
 
     kind: Literal['orthogonal', 'bias', 'radial']
     variant: int
@@ -73,9 +73,9 @@ class Weave:
     geometry: WeaveGeometry
     grid: np.ndarray  # (N, 3) int32, grid point of each body along the fabric's own axes
     position: np.ndarray  # (N, 3) [m], world
-    # Unit quaternion x, y, z, w, body to world: (4,) of all bodies, (N, 4) of each in a radial one
+    # Unit quaternion x, y, z, w, body to world: (4,) of all bodies; radial weave: (N, 4)
     orientation: np.ndarray
-    connections: Connections  # the connectors, found where they are asked for
+    connections: Connections  # connectors, computed when first used
 
     @property
     def body_count(self) -> int:
@@ -88,7 +88,7 @@ class Weave:
 
     @property
     def connector_edges(self) -> np.ndarray:
-        """Edges that they join there, (C, 2) int8, see `icosahedron.NAMED_EDGES`."""
+        """Edges that the connectors join, (C, 2) int8, see `icosahedron.NAMED_EDGES`."""
         return self.connections.whole.edges
 
     @property
@@ -97,7 +97,7 @@ class Weave:
 
 
 class WeaveEstimate(NamedTuple):
-    """What building a weave would take."""
+    """Size of a weave and memory to build it."""
 
     bodies: int
     connectors: int
@@ -106,11 +106,11 @@ class WeaveEstimate(NamedTuple):
 
 def fabric_orientation(kind: Kind, azimuth: float = 0.0) -> np.ndarray:
     """
-    Return the unit quaternion x, y, z, w that takes the fabric's axes to the world.
+    Return the unit quaternion x, y, z, w that rotates the fabric's axes to the world.
 
     Bias: the smallest rotation that takes (1, 1, 1) to the vertical, then `azimuth` [rad] about
-    the vertical. A face of each icosahedron is then up, and all three axes along which the gaps
-    lie tilt by 54.736 degrees, as the text wants; it does not say which azimuth.
+    the vertical. A face of each icosahedron then points up, and the three axes of the gaps tilt by
+    54.736 degrees, as the document requires; the document leaves the azimuth open.
     """
     if kind != 'bias':
         return np.array([0.0, 0.0, 0.0, 1.0])
@@ -126,8 +126,8 @@ def body_orientation(kind: Kind, variant: int, azimuth: float = 0.0) -> np.ndarr
     """
     Return the unit quaternion x, y, z, w, body to world, that all bodies of a weave share.
 
-    In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis. In the
-    orthogonal orientation it is q_0 of eq 25.
+    In variants 2 and 3 the bodies are first turned by 90 degrees about the fabric's z axis. For
+    the orthogonal orientation the result is q_0 of eq 25.
     """
     fabric = fabric_orientation(kind, azimuth)
     if not is_turned(variant):
@@ -141,15 +141,16 @@ def build_weave(
         boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
         ) -> Weave:
     """
-    Weave a fabric of `size` grid positions, or the one that fits `box` [m] best.
+    Weave a fabric of `size` grid positions, or the largest that fits `box` [m].
 
-    Orthogonal: a slab along the world's axes with its corner grid point at the origin. Bias with
-    boundary 'fabric': the same slab turned about the origin. Bias with boundary 'upright': the
-    bodies of a turned fabric whose centres lie in the region that the cells of the orthogonal
-    slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as large as the box), in
-    which the corner of the variant (icosahedron or gap) sits in the middle. `azimuth` and
-    `boundary` concern bias only. Of either, with a `region` about the middle of those cells, only
-    the bodies whose centres lie in it, in the order of the grid: by z, then y, then x.
+    - Orthogonal: a slab along the world axes with its corner grid point at the origin.
+    - Bias, boundary 'fabric': the same slab turned about the origin.
+    - Bias, boundary 'upright': the bodies of a turned fabric whose centres lie in the box that the
+      cells of the orthogonal slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as
+      large as the box). The corner of the variant (icosahedron or gap) is at its centre.
+
+    `azimuth` and `boundary` apply to bias only. A `region`, centred on those cells, keeps only the
+    bodies whose centres lie inside, in grid order: by z, then y, then x.
     """
     kind, variant, boundary = _checked_choices(kind, variant, boundary)
     size, extent = _resolved_size(kind, boundary, size, geometry, box)
@@ -174,7 +175,7 @@ def build_weave(
     _refuse_empty(len(grid), kind, variant, size, region)
     if region is not None and len(grid) == whole:
         _LOGGER.warning(
-            '%s keeps all %d bodies: it is %s m, and the fabric %s m; a mesh is read in m',
+            '%s keeps all %d bodies: its size is %s m, that of the fabric %s m; a mesh is in m',
             REGION, whole, sides_text(2.0 * region.half_extent),
             sides_text(extent * geometry.pitch))
     cut = upright or region is not None
@@ -196,11 +197,11 @@ def estimate_weave(
         boundary: Boundary = 'upright', region: Region | None = None, connected: bool = True
         ) -> WeaveEstimate:
     """
-    Estimate bodies, connectors and memory of `build_weave`, and raise what it would raise.
+    Estimate bodies, connectors and memory of `build_weave`, and raise the same errors.
 
-    Takes milliseconds and little memory for any size. The counts are exact, but for an upright
-    bias orientation with a side of more than 32 places, where they are those of its volume, and
-    for one cut to a region, where they are those of the box around it, and never too small.
+    Takes milliseconds and little memory for any size. The counts are exact with two exceptions.
+    For an upright bias weave with a side of more than 32 positions they follow from the volume.
+    For a weave cut to a region they are those of the bounding box, an upper bound.
     """
     kind, variant, boundary = _checked_choices(kind, variant, boundary)
     size, extent = _resolved_size(kind, boundary, size, geometry, box)
@@ -210,8 +211,8 @@ def estimate_weave(
     bodies, connectors = slab_count(variant, size), table_count(variant, size)
     if kind == 'bias' and boundary == 'upright':
         extent = 2.0 * _half_extent(extent, geometry, region)
-        # The middle part of the box. Where it is empty, so is the box, unless that is very thin.
-        part = np.minimum(extent, _SAMPLE_PLACES)
+        # The central part of the box. If it is empty, so is the box, unless the box is very thin.
+        part = np.minimum(extent, _SAMPLE_POSITIONS)
         grid = turned_box_grid(variant, rotation, 0.5 * part)
         bodies, connectors = len(grid), len(connect_grid(grid, variant).bodies)
         if bool(np.any(part < extent)) and (bodies or float(extent.min()) < 1.0):
@@ -231,7 +232,7 @@ def estimate_weave(
 
 
 def rotation_matrix(orientation: np.ndarray) -> np.ndarray:
-    """Rotation matrix (3, 3) of a unit quaternion x, y, z, w."""
+    """Return the rotation matrix (3, 3) of a unit quaternion x, y, z, w."""
     x, y, z, w = (float(value) for value in orientation)
     return np.array([
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -247,9 +248,9 @@ def _resolved_size(
         size = checked_size(size)
         return size, np.array(size, np.float64)
     if kind == 'bias' and boundary == 'upright':
-        # Here centres fill the box, so that it may be narrower than an icosahedron.
-        extent = np.minimum(checked_box(box) / geometry.pitch, PLACES_LIMIT)
-        nx, ny, nz = (max(1, math.floor(n * (1.0 + ROUNDING))) for n in extent)
+        # Centres fill the box, so the box may be narrower than an icosahedron.
+        extent = np.minimum(checked_box(box) / geometry.pitch, MAX_POSITIONS)
+        nx, ny, nz = (max(1, math.floor(n * (1.0 + ROUNDING_RATIO))) for n in extent)
         return (nx, ny, nz), extent
     size = size_for_box(box, geometry)
     return size, np.array(size, np.float64)
@@ -258,7 +259,7 @@ def _resolved_size(
 def _bounds(
         size: tuple[int, int, int], rotation: np.ndarray, geometry: WeaveGeometry,
         region: Region | None) -> tuple[np.ndarray, np.ndarray]:
-    # First and last grid places of a slab that can be in the region.
+    # First and last grid positions of a slab that can be in the region.
     if region is None:
         return np.zeros(3, np.int64), np.array(size, np.int64) - 1
     return part_bounds(size, np.abs(rotation.T) @ (region.half_extent / geometry.pitch))
@@ -266,7 +267,7 @@ def _bounds(
 
 def _half_extent(
         extent: np.ndarray, geometry: WeaveGeometry, region: Region | None) -> np.ndarray:
-    # Of the upright box of a bias fabric, which has its middle where the region has it.
+    # Half sides of the upright box of a bias fabric, which has the centre of the region.
     if region is None:
         return 0.5 * extent
     return np.minimum(0.5 * extent, region.half_extent / geometry.pitch)
@@ -274,13 +275,14 @@ def _half_extent(
 
 def _refuse_unnumbered(
         size: tuple[int, int, int], low: np.ndarray, high: np.ndarray) -> None:
-    # Variant 0 has the most; for an upright bias box this is about right, and far beyond memory.
+    # Variant 0 has the most bodies. For an upright bias box the count is approximate, which is
+    # sufficient because the limit is far beyond any memory.
     part = [max(1, int(count)) for count in high - low + 1]
     bodies, connectors = slab_count(0, part), table_count(0, part)
-    if max(*size, bodies, connectors) > COUNT_LIMIT:
+    if max(*size, bodies, connectors) > MAX_COUNT:
         raise ValueError(
-            f'weave.size is {list(size)}: that makes about {bodies} bodies and {connectors} '
-            f'connectors; places, bodies and connectors are numbered up to {COUNT_LIMIT}')
+            f'weave.size is {list(size)}: this gives about {bodies} bodies and {connectors} '
+            f'connectors, but positions, bodies and connectors are numbered up to {MAX_COUNT}')
 
 
 def _refuse_empty(
@@ -288,12 +290,12 @@ def _refuse_empty(
         region: Region | None) -> None:
     if bodies == 0 and region is not None:
         raise ValueError(
-            f'{REGION}: no icosahedron of a weave of kind {kind}, variant {variant} and size '
-            f'{list(size)} has its centre in it; give a larger region or another variant')
+            f'{REGION} contains no centre of a weave of kind {kind}, variant {variant} and size '
+            f'{list(size)}; give a larger region or another variant')
     if bodies == 0:
         raise ValueError(
             f'weave.size is {list(size)}: a weave of kind {kind}, variant {variant}, has no '
-            'icosahedron in it; give a larger weave.size (or weave.box) or another variant')
+            'icosahedron; give a larger weave.size (or weave.box) or another variant')
 
 
 def _checked_choices(kind: str, variant: int, boundary: str) -> tuple[Kind, int, Boundary]:
@@ -307,7 +309,7 @@ def _checked_choices(kind: str, variant: int, boundary: str) -> tuple[Kind, int,
 
 
 def _product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    # Quaternion product x, y, z, w: the rotation `second`, then `first`.
+    # Quaternion product: rotation by `second`, then by `first`.
     x1, y1, z1, w1 = first
     x2, y2, z2, w2 = second
     return np.array([

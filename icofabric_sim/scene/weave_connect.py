@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors between the icosahedra at given grid points, whatever the shape of the fabric.
+Connectors between the icosahedra at given grid points, for fabrics of any shape.
 
-Each pair of points at a diagonal of a unit square is connected as Table 5 says; its edges follow
-from the direction alone. Works for slabs and for fabrics cut in any way.
+Two points on the diagonal of a unit square are connected by Table 5; the direction alone
+determines the edges.
 """
 
 from bisect import bisect_right
@@ -28,13 +28,12 @@ import numpy as np
 
 Fastest = Literal['x', 'y']
 
-# Bodies whose connectors are found at once: bounds the temporary arrays; and up to which they are
-# kept.
-_PIECE, _KEPT = 1 << 16, 1 << 18
+# Bodies per batch, which bounds temporary arrays; and the most bodies whose connectors are stored.
+_BATCH_BODIES, _MAX_STORED_BODIES = 1 << 16, 1 << 18
 
 
 class Connectors(NamedTuple):
-    """Connectors in order: by lower body, its edge, other body."""
+    """Connectors, sorted by lower body, its edge, other body."""
 
     bodies: np.ndarray  # (C, 2) int32; the lower number first
     edges: np.ndarray  # (C, 2) int8, edge codes at those bodies
@@ -42,16 +41,16 @@ class Connectors(NamedTuple):
 
 class Keys:
     """
-    An int64 key for each grid point (N, 3), and the strides (3,) of x, y and z in it.
+    Int64 keys of grid points (N, 3), and the strides (3,) of x, y and z in a key.
 
-    Keys grow with the order of the points: by z, then y, then x, or for fastest 'y' by z, then x,
-    then y. A step to a neighbour is the addition of its strides, and never meets another point.
+    Keys increase in the order of the points: by z, y, x, or for fastest 'y' by z, x, y. The key of
+    a neighbour is the key plus strides, and never equals the key of another point.
     """
 
     def __init__(self, grid: np.ndarray, fastest: Fastest) -> None:
-        """Of one point at least."""
+        """Compute the strides for at least one point."""
         self._grid, self._lowest = grid, np.asarray(grid.min(axis=0), np.int64)
-        # One empty place more on each axis, so that a step over the border ends nowhere.
+        # One more empty position per axis, so that a step over the border matches no point.
         extent = [int(last - first) + 2 for first, last in zip(self._lowest, grid.max(axis=0))]
         if extent[0] * extent[1] * extent[2] > 2**62:
             raise ValueError(
@@ -61,11 +60,11 @@ class Keys:
             else [extent[1], 1, extent[0] * extent[1]], np.int64)
 
     def of(self, chosen: slice) -> np.ndarray:
-        """Keys of some of the points."""
+        """Return the keys of some of the points."""
         return np.asarray((self._grid[chosen] - self._lowest) @ self.strides)
 
     def __getitem__(self, number: int) -> int:
-        """Key of one point."""
+        """Return the key of one point."""
         return int(self.of(slice(number, number + 1))[0])
 
     def __len__(self) -> int:
@@ -75,17 +74,17 @@ class Keys:
 
 class Connections:
     """
-    Connectors between all icosahedra at grid points (N, 3), given in strictly increasing order.
+    Connectors between all icosahedra at grid points (N, 3) in strictly increasing order.
 
-    The order is by (z, y, x), or for fastest 'y' by (z, x, y). All points must have one parity of
-    x + y + z; of the variant only the orientation of the bodies counts, so any parity will do.
-    Those of many bodies are found piece by piece, and kept where they are asked for as a whole.
+    The order is by (z, y, x), or for fastest 'y' by (z, x, y). The sums x + y + z must be all even
+    or all odd; the variant only determines the orientation of the bodies. Connectors of large
+    fabrics are computed in batches, and stored only when `whole` is used.
     """
 
     def __init__(
         self, grid: np.ndarray, variant: int, *, fastest: Fastest = 'x', count: int | None = None
     ) -> None:
-        """Judge the grid; nothing is connected yet. `count`: of the connectors, if it is known."""
+        """Check the grid without connecting it; `count` is the number of connectors, if known."""
         self._grid, self._count = grid, count
         self._steps: list[tuple[int, int]] = []
         if not len(grid):
@@ -93,8 +92,8 @@ class Connections:
         self._keys = Keys(grid, fastest)
         parity = int(np.bitwise_xor.reduce(grid[0]) & 1)
         last = -1
-        for start in range(0, len(grid), _PIECE):
-            piece = slice(start, start + _PIECE)
+        for start in range(0, len(grid), _BATCH_BODIES):
+            piece = slice(start, start + _BATCH_BODIES)
             if bool(np.any((np.bitwise_xor.reduce(grid[piece], axis=1) & 1) != parity)):
                 raise ValueError(
                     'the grid points of a weave must have x + y + z all even or all odd')
@@ -103,23 +102,23 @@ class Connections:
                 raise ValueError(
                     f'the grid points of a weave must come in order, {fastest} fastest')
             last = int(key[-1])
-        # The neighbours that come later: the same 6 of 12 at every body, already in order.
+        # Neighbours with larger keys: the same 6 of 12 at every body, in order.
         self._steps = [(edge, step) for edge, step in sorted(
             (edge, int(np.dot(fabric_direction(variant, direction), self._keys.strides)))
             for edge, direction in TABLE_5) if step > 0]
 
     @property
     def count(self) -> int:
-        """Count them."""
+        """Number of connectors."""
         if self._count is None:
             self._count = sum(
                 int(np.count_nonzero(self._partners(start) >= 0))
-                for start in range(0, len(self._grid), _PIECE))
+                for start in range(0, len(self._grid), _BATCH_BODIES))
         return self._count
 
     @cached_property
     def whole(self) -> Connectors:
-        """All of them."""
+        """All connectors."""
         bodies, filled = np.empty((self.count, 2), np.int32), 0
         edges = np.empty(bodies.shape, np.int8)
         for piece, part in self._found():
@@ -129,19 +128,19 @@ class Connections:
         return Connectors(bodies, edges)
 
     def pieces(self) -> Iterator[tuple[slice, Connectors]]:
-        """All of them in their order, piece by piece, with the numbers of those in a piece."""
-        if len(self._grid) > _KEPT and 'whole' not in self.__dict__:
+        """Yield batches of connectors in order, with the slice of their numbers."""
+        if len(self._grid) > _MAX_STORED_BODIES and 'whole' not in self.__dict__:
             yield from self._found()
             return
-        # Few are found once.
+        # Small fabrics store their connectors.
         every = self.whole
-        for start in range(0, self.count, _PIECE):
-            piece = slice(start, min(start + _PIECE, self.count))
+        for start in range(0, self.count, _BATCH_BODIES):
+            piece = slice(start, min(start + _BATCH_BODIES, self.count))
             yield piece, Connectors(every.bodies[piece], every.edges[piece])
 
     def _found(self) -> Iterator[tuple[slice, Connectors]]:
         codes, number = np.array([edge for edge, _ in self._steps], np.int8), 0
-        for start in range(0, len(self._grid), _PIECE):
+        for start in range(0, len(self._grid), _BATCH_BODIES):
             partner = self._partners(start)
             present = partner >= 0
             if not present.any():
@@ -158,8 +157,8 @@ class Connections:
             number += len(bodies)
 
     def _partners(self, start: int) -> np.ndarray:
-        """Bodies (m, 6) at the other ends of what each in the piece from `start` on begins; -1."""
-        stop = min(start + _PIECE, len(self._grid))
+        """Return neighbours (m, 6) with larger numbers of the batch from `start` on; -1: none."""
+        stop = min(start + _BATCH_BODIES, len(self._grid))
         farthest = self._keys[stop - 1] + max(step for _, step in self._steps)
         key = self._keys.of(slice(start, bisect_right(self._keys, farthest, stop)))
         partner = np.empty((stop - start, len(self._steps)), np.int32)
@@ -172,5 +171,5 @@ class Connections:
 
 
 def connect_grid(grid: np.ndarray, variant: int, *, fastest: Fastest = 'x') -> Connectors:
-    """Connect all icosahedra at grid points (N, 3), as `Connections` says."""
+    """Return the connectors between all icosahedra at grid points (N, 3), see `Connections`."""
     return Connections(np.asarray(grid), variant, fastest=fastest).whole

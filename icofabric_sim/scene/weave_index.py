@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Where the icosahedra of an orthogonal slab lie, how many there are, and how they are numbered.
+Positions, counts and numbering of the icosahedra of an orthogonal slab.
 
 Source: "A Mathematical Model of Icosahedral Materials", eqs 55-65, Tables 1-4 and the formulas
-for the index alpha. Everything is integer and in units of the pitch W; indices may be integers or
-integer arrays, which broadcast, and negative ones (the infinite fabric) work throughout.
+for the index alpha. All quantities are integers in units of the pitch W. Indices may be integers
+or integer arrays, which broadcast; negative indices (infinite fabric) are allowed.
 
-The centres are the grid points x + y + z of one parity: even for variants 0 and 2, odd for 1 and
-3. The document numbers them along columns (x = 2i + ..., y = j, z = k) in variants 0 and 1, and
-along rows (x = i, y = 2j + ..., z = k) in variants 2 and 3, and says that a permutation of the
-axes gives as good a rule. `along` chooses one of the six: 'column' or 'row', or the axes in the
-order in which they are counted: 'xyz' is 'column', 'yxz' is 'row', and in 'zxy' a place is
-2k + ... along z, the lines follow each other along x, and the sheets of lines along y.
+Centres are the grid points with even x + y + z for variants 0 and 2, odd for 1 and 3. The document
+numbers them along columns (x = 2i + ..., y = j, z = k) in variants 0 and 1, and along rows
+(x = i, y = 2j + ..., z = k) in variants 2 and 3, and notes that any permutation of the axes gives
+an equivalent rule. `along` chooses one of the six rules: 'column', 'row', or the axes in the order
+of counting: 'xyz' is 'column' and 'yxz' is 'row'. In 'zxy' a position is 2k + ... along z, lines
+follow each other along x, and sheets of lines along y.
 """
 
 from itertools import permutations
@@ -36,30 +36,28 @@ VARIANTS = (0, 1, 2, 3)
 
 Index = int | np.integer | np.ndarray
 Along = Literal['column', 'row', 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx']
-# Axes of the places in a line, of the lines in a sheet, and of the sheets.
+# Axes of the positions in a line, of the lines in a sheet, and of the sheets.
 _ORDERS = {''.join('xyz'[axis] for axis in axes): axes for axes in permutations(range(3))}
 _ORDERS |= {'column': _ORDERS['xyz'], 'row': _ORDERS['yxz']}
 
 
 def gap_parity(variant: int) -> int:
-    """
-    Return 0 where the corner holds an icosahedron (variants 0, 2), 1 where it is a gap (1, 3).
-    """
+    """Return 0 if the corner has an icosahedron (variants 0, 2), 1 if it is a gap (1, 3)."""
     return checked_variant(variant) & 1
 
 
 def is_turned(variant: int) -> bool:
-    """Return whether the bodies are turned by 90 degrees about z (variants 2 and 3)."""
+    """Return True if the bodies are turned by 90 degrees about z (variants 2 and 3)."""
     return checked_variant(variant) >= 2
 
 
 def rule_of(variant: int) -> Along:
-    """Return the direction along which the document's own rule and alpha count this variant."""
+    """Return the direction along which the document's rule and alpha count this variant."""
     return 'row' if is_turned(variant) else 'column'
 
 
 def _axes(variant: int, along: str | None) -> tuple[int, ...]:
-    """Return the axes of places, lines and sheets; of the document's own rule where None."""
+    """Return the axes of positions, lines and sheets; None means the document's rule."""
     along = rule_of(variant) if along is None else along
     checks.choice('along', along, tuple(_ORDERS))
     return _ORDERS[along]
@@ -70,8 +68,8 @@ def centre_rule(
     """
     Return the grid point (x, y, z) of coordinate indices (i, j, k), int64, (..., 3).
 
-    Eqs 55, 56, 59, 61 and 63, and for another `along` the rules that permute the axes.
-    Reduction modulo 2 is a bit mask, so it needs no absolute values (eq 55) for negative indices.
+    Implements eqs 55, 56, 59, 61 and 63, and with `along` their permutations of axes. Reduction
+    modulo 2 is a bit mask, so negative indices need no absolute values (eq 55).
     """
     indices = np.broadcast_arrays(*(np.asarray(index, np.int64) for index in (i, j, k)))
     place, line, sheet = _axes(variant, along)
@@ -84,18 +82,18 @@ def centre_rule(
 def indices_from_grid(
         variant: int, grid: np.ndarray, *, along: Along | None = None) -> np.ndarray:
     """
-    Coordinate indices (i, j, k) of grid points with an icosahedron, int64, (..., 3).
+    Return the indices (i, j, k) of grid points with an icosahedron, int64, (..., 3).
 
-    The inverse of `centre_rule`; the parity of the points is not checked.
+    Inverse of `centre_rule`; the parity of the points is not checked.
     """
     indices = np.array(grid, np.int64)
-    # An arithmetic shift rounds down, also below zero, which drops the remainder of the rule.
+    # An arithmetic shift rounds down, also for negative numbers, and removes the remainder.
     indices[..., _axes(variant, along)[0]] >>= 1
     return indices
 
 
 def is_centre(variant: int, grid: np.ndarray) -> np.ndarray:
-    """Return which grid points (..., 3) hold an icosahedron in the infinite fabric."""
+    """Return the mask of grid points (..., 3) with an icosahedron in the infinite fabric."""
     points = np.asarray(grid, np.int64)
     return (points.sum(axis=-1) & 1) == gap_parity(variant)
 
@@ -127,7 +125,7 @@ def alpha_from_indices(
     """
     Return the lexicographic index alpha of (i, j, k), from 0, int64.
 
-    The indices are those of the same rule (`along`) and must lie in the slab.
+    The indices must follow the same rule (`along`) and lie in the slab.
     """
     axes = _axes(variant, along)
     place, line, sheet = (np.asarray((i, j, k)[axis], np.int64) for axis in axes)
@@ -140,15 +138,15 @@ def indices_from_alpha(
         variant: int, size: Sequence[int], alpha: Index, *,
         along: Along | None = None) -> np.ndarray:
     """
-    Coordinate indices (i, j, k) of the icosahedra `alpha`, int64, (..., 3).
+    Return the indices (i, j, k) of the icosahedra `alpha`, int64, (..., 3).
 
-    The inverse of `alpha_from_indices` for 0 <= alpha < `slab_count`.
+    Inverse of `alpha_from_indices` for 0 <= alpha < `slab_count`.
     """
     remainder = np.asarray(alpha, np.int64)
     gap = gap_parity(variant)
     axes = _axes(variant, along)
     length, breadth, _ = (int(size[axis]) for axis in axes)
-    # The last sheet, then the last line, that starts at or before the wanted place.
+    # The last sheet, then the last line, that starts at or before the position.
     sheet = (2 * remainder + gap) // (length * breadth)
     remainder = remainder - _half(length * breadth * sheet, gap)
     line_gap = (sheet + gap) & 1
@@ -160,14 +158,14 @@ def indices_from_alpha(
 
 
 def checked_variant(variant: int) -> int:
-    """Return the variant if it is one."""
+    """Return the variant, or raise ValueError if it is invalid."""
     if isinstance(variant, bool) or variant not in VARIANTS:
         raise ValueError(f'weave.variant is {variant!r}: it must be 0, 1, 2 or 3')
     return int(variant)
 
 
 def checked_size(size: Sequence[int]) -> tuple[int, int, int]:
-    """Return the size as three integers, all positive."""
+    """Return the size as three positive integers, or raise ValueError."""
     values = list(size)
     whole = all(isinstance(value, (int, np.integer)) and not isinstance(value, bool)
                 for value in values)
@@ -182,6 +180,6 @@ def _line_count(length: int, line: Index, k: Index, gap: int) -> Index:
 
 
 def _half(doubled: np.ndarray, gap: int | np.ndarray) -> np.ndarray:
-    # The document's (n + n mod 2)/2 where the count starts at an icosahedron, (n - n mod 2)/2
-    # where it starts at a gap.
+    # The document's (n + n mod 2)/2 for a count that starts at an icosahedron, (n - n mod 2)/2 for
+    # one that starts at a gap.
     return (doubled + 1 - gap) >> 1

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Which edges connect to which neighbours: Tables 5-10 of the document.
+Edges and the neighbours that they connect to: Tables 5-10 of the document.
 
-Source: "A Mathematical Model of Icosahedral Materials". Tables 6-9 were checked entry by entry
-against Table 5, and Table 10 against a count of all slabs up to 7x7x7: all are right as printed.
+Source: "A Mathematical Model of Icosahedral Materials". Tables 6-9 agree with Table 5 in every
+entry, and Table 10 with a count of all slabs up to 7x7x7: all are correct as printed.
 Edge codes are those of `icosahedron.NAMED_EDGES`: up, down, north, south, west, east = 0, ..., 5;
 the opposite edge, to which an edge always connects, is `code ^ 1`.
 """
@@ -27,8 +27,8 @@ import numpy as np
 
 UP, DOWN, NORTH, SOUTH, WEST, EAST = range(6)
 
-# Table 5: local edge, centre of the remote icosahedron relative to the local one, in units of
-# W and in body axes. Each row of the document's table stands for two.
+# Table 5: local edge, and centre of the remote icosahedron relative to the local one, in body axes
+# and units of W. Each row of the document's table contains two of these rows.
 TABLE_5: Final = (
     (UP, (1, 0, 1)), (UP, (-1, 0, 1)),
     (DOWN, (1, 0, -1)), (DOWN, (-1, 0, -1)),
@@ -39,13 +39,13 @@ TABLE_5: Final = (
 
 
 class TableRow(NamedTuple):
-    """One row of Tables 6-9; the remote indices are those of the local one plus a step."""
+    """Row of Tables 6-9; the remote indices are the local indices plus a step."""
 
     local_edge: int
     remote_edge: int
     displacement: tuple[int, int, int]  # remote minus local centre, fabric axes, units of W
-    even_step: tuple[int, int, int]  # level and column (6, 7) or row (8, 9) both odd or both even
-    odd_step: tuple[int, int, int]  # one of them odd, the other even
+    even_step: tuple[int, int, int]  # level plus column (6, 7) or row (8, 9) is even
+    odd_step: tuple[int, int, int]  # level plus column or row is odd
 
 
 _TABLE_6: Final = (
@@ -88,9 +88,9 @@ INDEX_TABLES: Final = (_TABLE_6, _exchanged(_TABLE_6), _TABLE_8, _exchanged(_TAB
 
 def neighbour_indices(variant: int, i: Index, j: Index, k: Index) -> np.ndarray:
     """
-    Coordinate indices of the 12 icosahedra connected to (i, j, k), int64, (..., 12, 3).
+    Return the indices of the 12 icosahedra connected to (i, j, k), int64, (..., 12, 3).
 
-    Rows in the order of `INDEX_TABLES[variant]`; those outside a slab are not left out.
+    Rows follow `INDEX_TABLES[variant]` and include indices outside a slab.
     """
     table = INDEX_TABLES[checked_variant(variant)]
     local = np.stack(np.broadcast_arrays(
@@ -115,7 +115,7 @@ def connector_count(variant: int, size: Sequence[int]) -> int:
     """
     Count the connectors of a slab: one in each unit square of its grid.
 
-    The same as Table 10 (`table_10`) for every size, but plainly alike in all directions.
+    Equal to Table 10 (`table_10`) for every size, in a form symmetric in all directions.
     """
     checked_variant(variant)
     nx, ny, nz = checked_size(size)

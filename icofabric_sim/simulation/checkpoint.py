@@ -30,7 +30,7 @@ import uuid
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
-from icofabric_sim.parameters.named_files import with_files
+from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
@@ -263,7 +263,7 @@ def _identity(simulation: Run) -> dict[str, Any]:
         'format': FORMAT,
         'version': __version__,
         'time': float(simulation.time),
-        'scene': with_files(dump_parameters(scene.parameters.given()), scene.files),
+        'scene': append_files(dump_parameters(scene.parameters.given()), scene.files),
         'method': simulation.status.method_name,
         'rotation': simulation.rotation,
         # A shell may have been given apart from the parameters.

@@ -17,8 +17,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from icofabric_sim.kernels.records import State
-from icofabric_sim.parameters.changes import concerns_motion
-from icofabric_sim.parameters.named_files import files_in, with_recorded
+from icofabric_sim.parameters.changes import affects_motion
+from icofabric_sim.parameters.named_files import extract_files, with_recorded_files
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 import numpy as np
@@ -33,7 +33,7 @@ def scene_parameters(header: Mapping[str, Any]) -> Parameters:
     try:
         known = ParameterSet('/icofabric')
         known.add_file(header['scene'].encode(), 'the scene of the checkpoint')
-        return with_recorded(make_parameters(known.parameters()), header['scene'])
+        return with_recorded_files(make_parameters(known.parameters()), header['scene'])
     except ValueError as error:
         raise ValueError(
             f'the checkpoint holds a scene that this version cannot take: {error}') from error
@@ -43,7 +43,7 @@ def material(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters that the motion depends on."""
     return {
         name: value for name, value in parameters.items()
-        if concerns_motion(name) and name != 'solver.threads'}
+        if affects_motion(name) and name != 'solver.threads'}
 
 
 def scene_difference(
@@ -62,7 +62,7 @@ def scene_difference(
         first, second = (material(scene_parameters(each)) for each in (a, b))
         names = sorted(name for name in {*first, *second} if first.get(name) != second.get(name))
         listing = [told(name, _shown(first, name), _shown(second, name)) for name in names]
-        files = [files_in(each['scene']) for each in (a, b)]
+        files = [extract_files(each['scene']) for each in (a, b)]
         for name in sorted(files[0].keys() & files[1].keys()):
             if files[0][name].total != files[1][name].total:
                 listing.append(told(f'the SHA-256 of {name!r}', *(

@@ -16,7 +16,7 @@
 from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import unit_quaternions
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.scene.rates import LARGEST_RATE
+from icofabric_sim.scene.rates import MAX_RATE_PER_S
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
@@ -43,11 +43,11 @@ def complete_state(
         values[name] = convert(name, part, (count, width), row='body')
     for name, size, unit in (
             ('linear_velocity', half_edge, 'm/s'), ('angular_velocity', 1.0, 'rad/s')):
-        fast = np.abs(values[name]).max(axis=1, initial=0.0) > LARGEST_RATE * size
+        fast = np.abs(values[name]).max(axis=1, initial=0.0) > MAX_RATE_PER_S * size
         if given[name] is not None and fast.any():
             body = int(np.argmax(fast))
             raise ValueError(
                 f'{name} of body {body} is {checks.shown(values[name][body])} {unit}: steps can '
-                f'follow {LARGEST_RATE * size:g} {unit} at most')
+                f'follow {MAX_RATE_PER_S * size:g} {unit} at most')
     values['orientation'] = unit_quaternions(values['orientation'])
     return InitialState(**values)

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.paths import Path
-from icofabric_sim.scene.profiles import Piece, Profile, STEADY
+from icofabric_sim.scene.profiles import Piece, Profile, STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.driving import Driving
@@ -323,7 +323,8 @@ class Inputs:
     def _own_rows(self) -> list[WrenchRow]:
         rows = []
         for target in sorted(self.packed, key=load_order):
-            piece = self._piece(target) if target in self._packed_pieces else STEADY.pieces[0]
+            piece = self._piece(target) if target in self._packed_pieces else (
+                STEADY_PROFILE.pieces[0])
             rows.append(self._row(target, self.packed[target], piece))
         return rows + self._field_rows() + self.pulls.packed_rows()
 

@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Contact forces within their friction cones that balance all loads: a limit analysis.
+Limit analysis: contact forces within their friction cones that balance all loads.
 
-The configuration and all that acts there but contacts is given. Contact c pushes with N_c >= 0 and
-rubs with T_c along the surface and a moment M_c about the normal, and by the friction law
+The configuration and all forces except contact forces are given. Contact c has a normal force
+N_c >= 0, a tangential force T_c and a moment M_c about the normal. With the radius r_c of the
+contact patch, the friction law is
 
-    sqrt(|T_c|^2 + (M_c / r_c)^2) <= mu N_c,
+    sqrt(|T_c|^2 + (M_c / r_c)^2) <= mu N_c.
 
-r_c the radius of the patch. The ball is replaced by a polyhedron of 62 corners within it, one of
-them along the friction of elastic sticking, so what is found is admissible; in other directions up
-to 7 % of friction are not used. Linear
-programs (HiGHS: Q. Huangfu and J. A. J. Hall, Math. Prog. Comp. 10, 2018) find the least sum of
-forces that is left over and, where nothing is, the least coefficient mu' with which the contacts
-hold, by bisection: so the smallest margin 1 - |T_c| / (mu N_c) is as large as it can be (the
-static theorem: J. Heyman, Int. J. Solids Struct. 2, 249, 1966; R. K. Livesley, Int. J. Numer.
-Meth. Eng. 12, 1853, 1978).
+The ball is replaced by an inscribed polyhedron of 62 corners, so every solution is admissible. One
+corner lies along the friction of elastic sticking; in other directions up to 7 % of the friction
+remain unused. Linear programs (HiGHS: Q. Huangfu and J. A. J. Hall, Math. Prog. Comp. 10, 2018)
+minimise the sum of unbalanced forces. If it vanishes, bisection finds the smallest coefficient mu'
+for which the contacts hold, which maximises the smallest margin 1 - |T_c| / (mu N_c) (static
+theorem: J. Heyman, Int. J. Solids Struct. 2, 249, 1966; R. K. Livesley, Int. J. Numer. Meth. Eng.
+12, 1853, 1978).
 """
 
 from typing import NamedTuple
 
 from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.statics.contact_points import ContactPoints
 from icofabric_sim.statics.contacts import margin_of
 from icofabric_sim.statics.fabric import Configuration
-from icofabric_sim.statics.meetings import Meetings
 import numpy as np
 from scipy import sparse
 
@@ -44,63 +44,64 @@ _ROUND = np.pi / 6.0 * np.arange(12)
 _CORNERS = np.concatenate([[[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], np.stack([
     np.repeat(np.cos(_RING), 12), np.outer(np.sin(_RING), np.cos(_ROUND)).ravel(),
     np.outer(np.sin(_RING), np.sin(_ROUND)).ravel()], axis=1)])
-# What is left over counts as nothing below this ratio to the largest force.
+# Unbalanced forces below this ratio to the largest force count as zero.
 _HELD_RATIO = 1e-7
-# No contact pushes with more than this ratio to the sum of all forces: what is jammed between two
-# walls would need next to no friction with pushes without end.
+# Upper bound of a normal force, as a ratio to the sum of all forces. Without it, a body jammed
+# between walls would need almost no friction at unlimited normal forces.
 _LARGEST_PUSH_RATIO = 100.0
-# The coefficient is found to this ratio; larger ones than this are not sought.
+# Relative accuracy of the coefficient of friction, and the largest coefficient considered.
 _MU_RATIO, _LARGEST_MU = 1e-7, 100.0
-# Weight of what is left over beside the sum of the pushes, which are as small as they can be.
+# Weight of the sum of normal forces, relative to that of unbalanced forces.
 _PUSH_WEIGHT = 1e-6
 
 
 class Admissible(NamedTuple):
-    """Contact forces of one configuration."""
+    """Admissible contact forces of one configuration."""
 
-    contacts: ContactForces  # with pushes and margins
-    leftover: np.ndarray  # (n, 6) forces [N] and torques [N m] on free bodies
-    is_balanced: bool  # whether next to nothing is left over
-    # The least coefficient of friction with which the contacts hold; infinite: none does.
+    contacts: ContactForces  # with normal forces and margins
+    leftover: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
+    is_balanced: bool
+    # Smallest coefficient of friction with which the contacts hold; infinite: none does.
     friction_needed: float
 
 
 def find_admissible(here: Configuration, coefficient: float) -> Admissible:
     """
-    Find contact forces within the friction cones that balance all else in a configuration.
+    Find contact forces within the friction cones that balance all other forces.
 
     Parameters
     ----------
     here
-        The configuration, with contacts.
+        Configuration with contacts.
     coefficient
-        mu of `contact.friction`.
+        Coefficient of friction mu of `contact.friction`.
 
     Returns
     -------
     Admissible
-        Those with the largest smallest margin; where none balances, those that leave the least.
+        Forces with the largest possible smallest margin; if none balance, those with the
+        smallest unbalanced rest.
 
     """
     contacts = here.fabric.contacts
     assert contacts is not None
-    met = contacts.meetings(here.position, here.axes)
+    met = contacts.contact_points(here.position, here.axes)
     problem = _Problem(here, met)
     left, forces = problem.solve(coefficient)
     if left > _HELD_RATIO:
         return problem.answer(
             forces, coefficient, problem.least(coefficient, _LARGEST_MU), is_balanced=False)
     needed = problem.least(0.0, coefficient)
-    # A little more than needed: rounding of the last program is not to leave anything over.
+    # Slightly more than needed, so that round-off leaves no unbalanced force.
     left, tight = problem.solve(min(coefficient, needed * (1.0 + _MU_RATIO) + 1e-12))
     return problem.answer(
         tight if left <= _HELD_RATIO else forces, coefficient, needed, is_balanced=True)
 
 
 class _Problem:
-    """Linear programs of the pushes and of friction along generators of the cones."""
+    """Linear programs of normal forces and of friction along generators of the cones."""
 
-    def __init__(self, here: Configuration, met: Meetings) -> None:
+    def __init__(self, here: Configuration, met: ContactPoints) -> None:
         self._here, self._met = here, met
         fabric = here.fabric
         count, self._bodies = len(met.pairs), fabric.scene.body_count
@@ -110,14 +111,14 @@ class _Problem:
             if part is not None:
                 self._others -= part.wrench
         self._rub, self._corners = self._generators()
-        # Rows: free freedoms, torques over a; all over the sum of the sizes of the forces.
+        # Rows: free degrees of freedom, torques over a; all over the sum of the force magnitudes.
         scale = np.ones((self._bodies, 6))
         scale[:, 3:] /= fabric.half_edge
         self._free, self._scale = fabric.free.ravel(), scale.ravel()
         size = float(np.linalg.norm(self._others[:, :3], axis=1).sum())
         self._force = max(size, here.force_scale) or 1.0
         columns = np.concatenate([met.wrenches[:, None], self._rub], axis=1)  # (p, 63, 12)
-        of = np.where(met.pairs < 0, self._bodies, met.pairs)  # planes: rows that do not count
+        of = np.where(met.pairs < 0, self._bodies, met.pairs)  # planes: rows dropped below
         rows = 6 * np.repeat(of, 6, axis=1) + np.tile(np.arange(6), 2)
         width = columns.shape[1]
         matrix = sparse.csr_matrix((columns.ravel(), (
@@ -129,9 +130,9 @@ class _Problem:
 
     def _generators(self) -> tuple[np.ndarray, np.ndarray]:
         """
-        Find wrenches (p, 62, 12) of 1 N of friction along the corners of each cone.
+        Return wrenches (p, 62, 12) of 1 N of friction along the corners of each cone.
 
-        And these corners (p, 62, 3): two directions along the surface, and the spin.
+        Also returns the corners (p, 62, 3): two tangential directions, and the spin.
         """
         here, met = self._here, self._met
         normal, rubbed = met.normal, np.zeros((len(met.pairs), 4))
@@ -146,7 +147,7 @@ class _Problem:
         elastic = np.concatenate(
             [np.einsum('pki,pi->pk', plane, rubbed[:, :3]), rubbed[:, 3:]], axis=1)
         elastic[~elastic.any(axis=1), 0] = 1.0
-        # Columns of Q: the elastic direction and two across it.
+        # Columns of Q: the elastic direction and two perpendicular to it.
         frame = np.linalg.qr(np.concatenate(
             [elastic[:, :, None], np.broadcast_to(np.eye(3), (len(normal), 3, 3))], axis=2))[0]
         corners = np.einsum('pij,kj->pki', frame, _CORNERS)
@@ -160,10 +161,10 @@ class _Problem:
 
     def solve(self, coefficient: float) -> tuple[float, np.ndarray]:
         """
-        Find forces that leave as little as possible, with a coefficient of friction.
+        Minimise the unbalanced forces for a coefficient of friction.
 
-        Returns the sum of what is left over, as a ratio to the forces, and pushes and friction of
-        each contact [N], (p, 63).
+        Returns their sum, as a ratio to the forces, and the normal and friction forces of each
+        contact [N], (p, 63).
         """
         from scipy.optimize import linprog
 
@@ -191,7 +192,7 @@ class _Problem:
         return left, self._force * found.x[:columns].reshape(count, width)
 
     def least(self, low: float, high: float) -> float:
-        """Find the least coefficient between two with which contacts hold; infinite: none."""
+        """Return the smallest coefficient in a range with which contacts hold, or infinity."""
         if self.solve(high)[0] > _HELD_RATIO:
             return np.inf
         if self.solve(low)[0] <= _HELD_RATIO:
@@ -204,7 +205,7 @@ class _Problem:
     def answer(
         self, forces: np.ndarray, coefficient: float, needed: float, *, is_balanced: bool
     ) -> Admissible:
-        """Put together what the forces (p, 63) do."""
+        """Return the result for the forces (p, 63) along normals and generators."""
         met, fabric = self._met, self._here.fabric
         assert fabric.contacts is not None
         push = forces[:, 0]

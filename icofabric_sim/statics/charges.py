@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Charges that act on each other (charge.mutual): second derivatives as a matrix, and a scale."""
+"""Coulomb forces between charges (charge.mutual): Hessian matrix and force scale."""
 
 from icofabric_sim.kernels.records import Coulomb
 import numpy as np
@@ -21,11 +21,10 @@ def coulomb_matrix(
     strength: float, position: np.ndarray, charge: np.ndarray | None = None
 ) -> np.ndarray:
     """
-    Second derivatives (3 n, 3 n) of the energy strength q q' / r of all pairs of places (n, 3).
+    Return the Hessian (3 n, 3 n) of the energy strength q q' / r of all pairs of points (n, 3).
 
-    `charge` (n,): q of each, None: 1.
-
-    Two in the same place have no part in it, as in the forces.
+    `charge` (n,) are the charges q; None: all are 1. Coincident points do not interact, as in the
+    forces.
     """
     count = len(position)
     apart = position[:, None] - position[None]
@@ -46,14 +45,14 @@ def largest_repulsion(
     coulomb: Coulomb | None, position: np.ndarray, charge: np.ndarray
 ) -> float:
     """
-    The largest force [N] on one of the charges at `position` (n, 3); 0 without charges.
+    Return the largest force [N] on a charge at `position` (n, 3); 0 without charges.
 
-    `charge` (n,) in parts of the largest.
+    `charge` (n,) are ratios to the largest charge.
     """
     if coulomb is None:
         return 0.0
     most = 0.0
-    # One body at a time: memory stays linear.
+    # One body at a time, so that memory grows linearly.
     for place, own in zip(position, np.broadcast_to(charge, len(position)).tolist()):
         apart = place - position
         square = (apart * apart).sum(axis=1)

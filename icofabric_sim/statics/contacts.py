@@ -11,52 +11,52 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Contact of a configuration at rest: the potential of docs/contact.md, and how it changes."""
+"""Contact at rest: the potential of docs/contact.md and its derivatives."""
 
 from typing import NamedTuple
 
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH, PairForces
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.load_cells import ContactForces
-from icofabric_sim.statics.meetings import Meetings, meetings_of
+from icofabric_sim.statics.contact_points import contact_points_from, ContactPoints
 import numpy as np
 
-# Overlap in parts of a with which a search begins, and how much stiffer contacts get at a time.
-_DEEP, _STIFFER = 0.1, 3.0
-# So many times softer is a search that does not come to an end: then contacts are about as soft
+# Overlap ratio to a at which a search starts, and factor between successive contact stiffnesses.
+_START_OVERLAP_RATIO, _STIFFENING_FACTOR = 0.1, 3.0
+# Stages of softer contacts after a search has stalled: 3^6 times softer contacts are about as soft
 # as connectors.
-_SOFTER = 6
-# Deepest overlap, in parts of a, that contact is meant for; it chooses half of this.
-MEANT = 0.01
+_SOFTER_STAGES = 6
+# Largest intended overlap as a ratio to a; the automatic stiffness aims at half of it.
+MAX_INTENDED_OVERLAP_RATIO = 0.01
 
 
 class Contacts(NamedTuple):
-    """What touches in a configuration."""
+    """Contacts in one configuration."""
 
     energy: float  # [J]
     wrench: np.ndarray  # (n, 6) forces [N] and torques about the centres [N m]
-    pairs: np.ndarray  # (p, 2) bodies that touch
-    planes: tuple[np.ndarray, ...]  # bodies that touch each of the planes
-    depth: float  # [m] the deepest overlap
+    pairs: np.ndarray  # (p, 2) bodies in contact
+    planes: tuple[np.ndarray, ...]  # bodies in contact with each plane
+    depth: float  # [m] largest overlap
     largest_force: float  # [N] of a contact
     stiffness: float  # [N/m] of all contacts
 
 
 def margin_of(push: np.ndarray, friction: np.ndarray, coefficient: float) -> np.ndarray:
-    """Compute 1 - T / (mu N) of pushes N and friction T [N]; NaN where nothing pushes."""
+    """Return 1 - T / (mu N) for normal forces N and friction T [N]; NaN if N = 0."""
     limit = coefficient * push
     return 1.0 - np.divide(friction, limit, out=np.full_like(push, np.nan), where=limit > 0.0)
 
 
 class StaticContacts:
-    """Shells and planes of a scene that push each other."""
+    """Contacts between shells, and between shells and planes, of a scene at rest."""
 
     def __init__(self, setup: ContactSetup, body_count: int) -> None:
-        """See simulation/contact/setup.py."""
+        """Prepare contacts; see simulation/contact/setup.py."""
         self._setup, self._count = setup, body_count
         self._forces = PairForces(setup)
         self._pairs: np.ndarray | None = None
-        # Whether second derivatives are smoothed, for a search.
+        # Smooth second derivatives, for a search.
         self.smoothed = False
 
     @property
@@ -74,7 +74,7 @@ class StaticContacts:
         return self._setup.names
 
     def restrict(self, pairs: np.ndarray) -> None:
-        """Have only these pairs of shells (p, 2) count from now on."""
+        """Restrict contacts to these pairs of shells (p, 2)."""
         self._pairs = np.asarray(pairs, np.int64)
 
     @property
@@ -84,46 +84,50 @@ class StaticContacts:
 
     def stages(self, force: float) -> list[float]:
         """
-        Stiffnesses [N/m], rising to that of the scene, from one that lets a force overlap deeply.
+        Return rising stiffnesses [N/m], up to that of the scene.
+
+        With the first one the `force` [N] causes a large overlap.
         """
         whole = self._setup.stiffness
-        softest = min(force / (_DEEP * self._setup.half_edge), whole)
+        softest = min(force / (_START_OVERLAP_RATIO * self._setup.half_edge), whole)
         if not softest > 0.0:
             return [whole]
-        return self._rising(int(np.ceil(np.log(whole / softest) / np.log(_STIFFER))))
+        return self._rising_stages(
+            int(np.ceil(np.log(whole / softest) / np.log(_STIFFENING_FACTOR))))
 
-    def softer(self) -> list[float]:
-        """The same for a search that has come close, and is held up by stiff contacts."""
-        return self._rising(_SOFTER)
+    def softer_stages(self) -> list[float]:
+        """Return rising stiffnesses [N/m] for a search near its end that stiff contacts stall."""
+        return self._rising_stages(_SOFTER_STAGES)
 
-    def _rising(self, count: int) -> list[float]:
+    def _rising_stages(self, count: int) -> list[float]:
         whole = self._setup.stiffness
-        return [*(whole / _STIFFER**k for k in range(count, 0, -1)), whole]
+        return [*(whole / _STIFFENING_FACTOR**k for k in range(count, 0, -1)), whole]
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> Contacts:
-        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
-        near = self._near(position)
+        """Return the contacts at `position` (n, 3) and `axes` (n, 3, 3), body axes as rows."""
+        near = self._candidate_pairs(position)
         planes = tuple(self._forces.near_planes(position))
-        return self._push(position, axes, near, planes)
+        return self._evaluate(position, axes, near, planes)
 
     def forces(
         self, position: np.ndarray, axes: np.ndarray,
         friction: tuple[np.ndarray, np.ndarray, np.ndarray, float] | None
     ) -> ContactForces:
         """
-        Find what the structure has to sustain: all that acts where shells and planes touch.
+        Return the wrenches in all contacts of shells and planes.
 
         Parameters
         ----------
         position, axes
             Centres (n, 3) [m] and body axes as rows (n, 3, 3), world frame.
         friction
-            Bodies (p, 2), the second one -1 - k for plane k, wrenches (p, 12) on both, sizes (p,)
-            [N], and the coefficient mu; None where nothing rubs.
+            Bodies (p, 2), the second one -1 - k for plane k, wrenches (p, 12) on both, magnitudes
+            (p,) [N], and the coefficient mu; None without friction.
 
         Returns
         -------
-        Push and friction of each pair, see docs/contact.md.
+        ContactForces
+            Normal force and friction of each pair, see docs/contact.md.
 
         """
         bodies, rows, points = [], [], []
@@ -153,13 +157,13 @@ class StaticContacts:
             pairs, np.concatenate(points), first[:, :3], out[:, 11], self._setup.names, first,
             second, *cones)
 
-    def meetings(
+    def contact_points(
         self, position: np.ndarray, axes: np.ndarray, reach: float = FIRST_TOUCH
-    ) -> Meetings:
+    ) -> ContactPoints:
         """
-        Find what touches in a configuration, and how; for friction.
+        Return points, normals and normal forces of contacts, for friction.
 
-        First touches are included: what would touch if it were nearer by `reach`, a ratio to a.
+        Includes pairs at first touch: those in contact if moved closer by `reach`, a ratio to a.
         """
         pairs, pushes, rows, middles = [], [], [], []
         for number, (group, toward) in enumerate(self._candidates(position)):
@@ -167,7 +171,7 @@ class StaticContacts:
             edges = self._forces.half_edges(group)
             touching, out = self._forces.met(places, turns, number - 1, edges)
             push = self.stiffness * np.where(touching[:, None], out[:, :3], 0.0)
-            # Where they are open by next to nothing, how they would meet.
+            # For pairs with a tiny gap: the contact that they would have.
             places[:, 0] += reach * self._setup.half_edge * toward
             nearly, near = self._forces.met(places, turns, number - 1, edges)
             out = np.where(touching[:, None], out, near)
@@ -177,17 +181,17 @@ class StaticContacts:
             pushes.append(push[there])
             rows.append(out[there])
             middles.append(position[group[there]].mean(axis=1))
-        return meetings_of(
+        return contact_points_from(
             np.concatenate(pairs).astype(np.int64), np.concatenate(pushes), np.concatenate(rows),
             np.concatenate(middles))
 
     def _candidates(self, position: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """
-        Pairs (m, 2) that are near, and directions (m, 3) in which the first nears the other.
+        Return candidate pairs (m, 2), and directions (m, 3) from the first body to the second.
 
-        Of shells, and of shells and each plane: a body and itself.
+        The first entry is for pairs of shells, one more for each plane: a body and itself.
         """
-        near = self._near(position)
+        near = self._candidate_pairs(position)
         apart = position[near[:, 0]] - position[near[:, 1]]
         size = np.linalg.norm(apart, axis=1, keepdims=True)
         found = [(near, -apart / np.where(size > 0.0, size, 1.0))]
@@ -200,7 +204,7 @@ class StaticContacts:
     def blocks(
         self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Second derivatives of what touches, see simulation/contact/pair_forces.py."""
+        """Return second derivatives of the contacts, see simulation/contact/pair_forces.py."""
         return self._forces.blocks(
             contacts.pairs, contacts.planes, position, axes, smoothed=self.smoothed)
 
@@ -208,12 +212,12 @@ class StaticContacts:
         self, position: np.ndarray, axes: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Find what touches, or is closer than `reach` [m], and by how much.
+        Find pairs in contact or closer than `reach` [m].
 
-        Pairs of bodies (p, 2), and of a body and itself for planes, depths [m], below 0 of open
-        ones, first derivatives (2, p, 6), and whether they touch.
+        Returns bodies (p, 2) (a body and itself for planes), overlaps [m] (negative: gaps), first
+        derivatives of the overlaps (2, p, 6), and the mask of pairs in contact.
         """
-        near = self._near(position)
+        near = self._candidate_pairs(position)
         groups = [near, *(
             np.repeat(bodies[:, None], 2, axis=1)
             for bodies in self._forces.near_planes(position))]
@@ -226,7 +230,7 @@ class StaticContacts:
         return pairs, depth, np.stack([slopes[:, :6], slopes[:, 6:]]), touching
 
     def first_touches(self, position: np.ndarray, axes: np.ndarray) -> int:
-        """How many pairs of shells, or shells and planes, are at their first touch."""
+        """Count the pairs of shells, or shells and planes, at first touch."""
         first, count = FIRST_TOUCH * self._setup.half_edge, 0
         for number, (group, toward) in enumerate(self._candidates(position)):
             places, turns = position[group], axes[group]
@@ -237,10 +241,10 @@ class StaticContacts:
             count += int(np.count_nonzero(open_yet & touching))
         return count
 
-    def _near(self, position: np.ndarray) -> np.ndarray:
+    def _candidate_pairs(self, position: np.ndarray) -> np.ndarray:
         return self._forces.near(position) if self._pairs is None else self._pairs
 
-    def _push(
+    def _evaluate(
         self, position: np.ndarray, axes: np.ndarray, pairs: np.ndarray,
         planes: tuple[np.ndarray, ...]
     ) -> Contacts:

@@ -12,29 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors that a step takes across their natural length, and shells that it parts or presses.
+Kinks within a step: connectors that cross their natural length, and contacts that open or close.
 
-Where k_e is not k_c the slope of a connector jumps there, and shells that are open do not press.
-The quadratic model of an energy knows one stiffness of each connector. Here its kinks are added to
-it, to first order of the lengths: a function that is quadratic in pieces. Newton's method on the
-pieces with an exact search along each step finds its minimiser (Mangasarian 2002, Optim. Methods
-Softw. 17, 913). With the tangent alone stiff connectors change side at every step, which then are
-as short as their stretch, and so are steps of shells that meet. A contact is a spring that only
-pushes, as long as its depth.
+If k_e differs from k_c, the stiffness of a connector jumps at its natural length; an open contact
+has no stiffness. A quadratic model of the energy has one stiffness per connector. This module adds
+the kinks to the model, to first order in the lengths, so that the model becomes piecewise
+quadratic. Newton's method on the pieces, with an exact line search, finds its minimiser
+(Mangasarian 2002, Optim. Methods Softw. 17, 913). With the tangent alone, stiff connectors would
+change sides in every step, and steps would be as short as their stretches; the same holds for
+contacts. A contact is modelled as a spring that acts only in compression.
 """
 
 from icofabric_sim.statics.fabric import Configuration
 from icofabric_sim.statics.kinks import end_wrenches
 import numpy as np
 
-_HALVINGS = 40
+_BISECTION_STEPS = 40
 
 
 class Crossings:
-    """What kinks add to the tangent of a configuration, along a step that is built up in parts."""
+    """Energy of kinks in addition to the tangent model, along a step that is built up in parts."""
 
     def __init__(self, here: Configuration, reach: float = 0.0) -> None:
-        """The step is zero; contacts count that are closer than `reach` [m], if it is above 0."""
+        """Start with a zero step; `reach` > 0 [m] includes pairs of shells closer than that."""
         fabric = here.fabric
         self._here = here
         self._of = np.flatnonzero(fabric.counted & fabric.laws.kinked)
@@ -55,25 +55,26 @@ class Crossings:
         self._step = np.zeros(len(self._start))
 
     def changes(self, motion: np.ndarray) -> np.ndarray:
-        """Changes of the lengths [m] by a motion (n, 6)."""
+        """Return the changes of length [m] by a motion (n, 6)."""
         return np.asarray(np.einsum('eci,eci->c', motion[self._bodies.T], self._wrench))
 
     def advance(self, changes: np.ndarray) -> bool:
-        """Add a part with these changes of lengths to the step; whether it crosses any kink."""
+        """Extend the step by these changes of length; return True if it crosses a kink."""
         before = self._excess(self._step)
         self._step = self._step + changes
         return not np.array_equal(before, self._excess(self._step))
 
     def energy(self, part: float) -> float:
-        """What kinks add [J] to the tangent's energy along a part of the step."""
+        """Return the energy of the kinks [J] at a fraction `part` of the step."""
         step = part * self._step
         return 0.5 * float(self._excess(step) @ (self._start + step)**2)
 
     def best_part(self, changes: np.ndarray, slope: float, bend: float) -> float:
         """
-        Up to which part of a motion with these changes of lengths the energy falls, at most 1.
+        Return the fraction (at most 1) of a motion up to which the energy decreases.
 
-        `slope` [J] and `bend` [J]: first and second derivative of the tangent's energy along it.
+        `changes` are the motion's changes of length; `slope` [J] and `bend` [J] the first and
+        second derivative of the tangent's energy along the motion.
         """
         def rise(part: float) -> float:
             step = self._step + part * changes
@@ -83,13 +84,13 @@ class Crossings:
         low, high = 0.0, 1.0
         if rise(high) <= 0.0:
             return high
-        for _ in range(_HALVINGS):
+        for _ in range(_BISECTION_STEPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if rise(middle) <= 0.0 else (low, middle)
         return low
 
     def gradient(self) -> np.ndarray:
-        """First derivatives (n, 6) of what kinks add, at the end of the step."""
+        """Return the gradient (n, 6) of the energy of the kinks at the end of the step."""
         gradient = np.zeros((self._here.fabric.scene.body_count, 6))
         pull = self._excess(self._step) * (self._start + self._step)
         for bodies, wrench in zip(self._bodies.T, self._wrench):
@@ -97,7 +98,7 @@ class Crossings:
         return gradient
 
     def model(self) -> Configuration:
-        """The configuration with the stiffnesses that connectors have at the end of the step."""
+        """Return the configuration with the stiffnesses at the end of the step."""
         slope, count = self._here.slope.copy(), len(self._of)
         excess = self._excess(self._step)
         slope[self._of] += excess[:count]
@@ -107,5 +108,5 @@ class Crossings:
             excess[changed, None, None] * rows[:, :, None] * rows[:, None, :]))
 
     def _excess(self, step: np.ndarray) -> np.ndarray:
-        """By how much [N/m] stiffnesses at a step exceed those of the tangent."""
+        """Return the stiffnesses [N/m] at a step less those of the tangent."""
         return np.where(self._start + step > 0.0, self._pull, self._push) - self._tangent

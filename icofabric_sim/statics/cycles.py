@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A slab that is loaded and unloaded again, step by step, and the energy that it loses by that."""
+"""Hysteresis: quasi-static loading and unloading of a slab, and the energy dissipated."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.statics.held_motion import check_along, held_motion, STRAINED, TURNED
-from icofabric_sim.statics.slab_path import follow, Rest, Step
+from icofabric_sim.statics.slab_path import follow_path, InitialEquilibrium, Step
 from icofabric_sim.statics.stretching import check_strains, curve_point, CurvePoint
 from icofabric_sim.statics.turning import check_about, check_angles, turn_point, TurnPoint
 import numpy as np
@@ -30,23 +30,23 @@ KINDS = (*STRAINED, *TURNED)
 
 
 class Cycle(NamedTuple):
-    """One way there and back; energies are NaN where it ended early."""
+    """One cycle of loading and unloading; energies are NaN if the cycle ended early."""
 
-    work: float  # [J] put in on the way there
-    regained: float  # [J] on the way back
-    lost: float  # [J] the area of the loop: work less what was regained
-    released: float  # [J] by which the energy fell at breaks
-    left: float  # [J] that the slab has more at the end than at the beginning
-    broken: int  # connectors that broke in it
+    work: float  # [J] external work of loading
+    regained: float  # [J] work regained in unloading
+    lost: float  # [J] area of the loop: `work` less `regained`
+    released: float  # [J] decrease of energy at breaks
+    left: float  # [J] increase of the slab's energy over the cycle
+    broken: int  # connectors that broke in the cycle
     points: tuple[CurvePoint | TurnPoint, ...]
 
     def __repr__(self) -> str:
-        """Say what was found, without its states."""
-        return (f'<Cycle: {self.work:.6g} J put in, {self.lost:.6g} J lost, '
+        """Return a summary without the states."""
+        return (f'<Cycle: {self.work:.6g} J external work, {self.lost:.6g} J lost, '
                 f'{self.broken:,} broken, {len(self.points):,} states>')
 
     def row(self) -> list[float]:
-        """All but the states as plain values, in the order of `CYCLE_COLUMNS`."""
+        """Return all fields but the states as plain values, in the order of `CYCLE_COLUMNS`."""
         return list(self[:-1])
 
 
@@ -60,17 +60,42 @@ def measure_cycles(
     body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Results[Cycle]:
     """
-    Load a slab through `amounts`, back through the same to 0, and so on `count` times.
+    Load a slab through `amounts` and unload it through the same amounts to 0, `count` times.
 
-    `kind`, `amounts` and `along`: strains of a pull, push, shear, hydrostatic pressure or
-    inflation as in `measure_curve`, or angles [rad] of a bend or twist as in `measure_turning`.
-    What breaks is gone for all that follows. A `body_force` acts as it does in `measure_curve`.
+    Parameters
+    ----------
+    scene
+        The slab, as in `measure_curve`.
+    kind
+        'pull', 'push', 'shear', 'hydrostatic' or 'inflation' (strains, as in `measure_curve`), or
+        'bend' or 'twist' (angles, as in `measure_turning`).
+    amounts
+        Strains, or angles [rad], of the loading path.
+    count
+        Number of cycles. Broken connectors stay broken.
+    axis
+        World axis from end to end.
+    about
+        Axis of a bend, as in `measure_turning`.
+    along
+        Direction of the displacement (3,), world frame, as in `measure_curve`.
+    body_force
+        Steady forces on the bodies, as in `measure_curve`.
+    progress
+        Called with the number of states found.
 
-    The work is the sum over the steps of mean force times path, each step from the state after
-    the breaks of the last one to that before its own; so the area of a loop without breaks is 0 to
-    rounding, and that of one with breaks has an error of second order in the steps. In exact
-    steps `lost` is `released` and `left` together, or more, where the slab snaps on its way.
-    Ends early where no equilibrium is found.
+    Returns
+    -------
+    Results of Cycle
+        One for each cycle. The last one ends early if an equilibrium is not found.
+
+    Notes
+    -----
+    The work is the sum over the steps of mean force times displacement. A step leads from the
+    state after the breaks of the previous step to the state before its own breaks. So the area of
+    a loop without breaks is 0 up to round-off, and the error with breaks is of second order in the
+    step size. For exact steps `lost` equals `released` plus `left`, or exceeds it if the slab
+    snaps through.
     """
     if progress is not None:
         checks.function('progress', progress)
@@ -84,14 +109,14 @@ def measure_cycles(
 
 
 class CycleRun:
-    """Cycles as they are found."""
+    """Run that yields the states of cycles one by one."""
 
     def __init__(
         self, scene: Scene, kind: str, amounts: Sequence[float], *, count: int = 1,
         axis: int = 0, about: int | None = None, along: Sequence[float] | None = None,
         body_force: BodyForce | Force | None = None
     ) -> None:
-        """Judge the arguments of `measure_cycles`."""
+        """Check the arguments of `measure_cycles`."""
         require_scene(scene)
         checks.choice('kind', kind, KINDS)
         there = (check_angles('amounts', amounts) if kind in TURNED else
@@ -100,18 +125,18 @@ class CycleRun:
         if kind in TURNED:
             check_about(kind, axis, about)
         elif about is not None:
-            raise ValueError(f'about is of a bend alone: leave it out for a {kind}')
+            raise ValueError(f'about applies to a bend only: leave it out for a {kind}')
         self._once = [*there, *there[-2::-1], 0.0]
         self._turning = len(there)
         self.path = self._once * checks.count('count', count, 1)
         self._motion = held_motion(
             scene, kind, axis, about, body_force, check_along(kind, axis, along))
-        self._rest = Rest(self._motion)
+        self._rest = InitialEquilibrium(self._motion)
         self._found: list[tuple[Step, CurvePoint | TurnPoint]] = []
 
     def points(self) -> Iterator[CurvePoint | TurnPoint]:
-        """Each state as soon as it is found."""
-        for step in follow(self._motion, self.path, self._rest):
+        """Yield the states one by one, each when found."""
+        for step in follow_path(self._motion, self.path, self._rest):
             point = (
                 turn_point(self._motion, self._rest, step) if self._kind in TURNED else
                 curve_point(self._motion, self._kind, self._rest, step))
@@ -119,7 +144,7 @@ class CycleRun:
             yield point
 
     def cycles(self) -> Results[Cycle]:
-        """What the states found so far make."""
+        """Return the cycles of the states found so far."""
         size, cycles = len(self._once), Results[Cycle](CYCLE_COLUMNS, number='cycle')
         amount, force = 0.0, self._rest.conjugate
         energy = float(self._rest.found.snapshot.energy['total'])

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-In which order the bodies of a fabric are eliminated, so that factors of its matrices stay small.
+Elimination order of bodies that keeps the factors of a fabric's matrices small.
 
-Nested dissection (George 1973, SIAM J. Numer. Anal. 10, 345): connectors lead to grid points that
-differ by at most one along each axis, so the bodies of one grid plane part those on either side of
-it; they come last, after both sides, which are parted in turn.
+Nested dissection (George 1973, SIAM J. Numer. Anal. 10, 345): connectors join grid points that
+differ by at most one along each axis, so the bodies of one grid plane separate those on its two
+sides. The separator is eliminated after both sides, which are dissected in turn.
 """
 
 import numpy as np
@@ -26,12 +26,12 @@ _LEAF = 6  # bodies
 
 def dissection_parts(grid: np.ndarray, leaf: int = _LEAF) -> list[np.ndarray]:
     """
-    Numbers of the bodies at grid points (n, 3): parts to be eliminated together, in their order.
+    Return parts of body numbers, for grid points (n, 3), in order of elimination.
 
-    Up to `leaf` bodies are not parted any more.
+    Parts of up to `leaf` bodies are not divided further.
     """
     parts: list[np.ndarray] = []
-    # Backwards: the separator, then either side, each before its own parts.
+    # In reverse order: the separator, then both sides.
     waiting = [np.arange(len(grid))]
     while waiting:
         bodies = waiting.pop()
@@ -50,5 +50,5 @@ def dissection_parts(grid: np.ndarray, leaf: int = _LEAF) -> list[np.ndarray]:
 
 
 def dissection_order(grid: np.ndarray) -> np.ndarray:
-    """The same numbers, one after the other."""
+    """Return the body numbers, for grid points (n, 3), in order of elimination."""
     return np.concatenate([np.zeros(0, np.int64), *dissection_parts(grid)])

@@ -12,12 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Equilibria (eq 48): configurations in which no force and no moment is left on any body.
+Equilibria (eq 48): configurations without unbalanced forces and moments on the bodies.
 
-The potential energy is minimised by a trust region method on positions and rotations, so every
-accepted step lowers it; the Hessian is the analytic one, also where it is singular. Loads that
-turn with their bodies, and torques, have no potential: within a step they count as they are at its
-start, and as they are found at its end in the next.
+A trust-region method on positions and rotations minimises the potential energy, so every accepted
+step lowers it. The Hessian is analytic and may be singular. Loads that follow their bodies, and
+torques, have no potential; they are constant within a step and updated after it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -39,10 +38,10 @@ from icofabric_sim.statics.admissible import find_admissible
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
-from icofabric_sim.statics.friction import FrictionPath, Relaxation, Rubbing
+from icofabric_sim.statics.friction import ContactFriction, FrictionPath, Relaxation
 from icofabric_sim.statics.held import check_time, held_time, without_potential
 from icofabric_sim.statics.reactions import reactions_of
-from icofabric_sim.statics.resultants import find_least_resultants, LEAST
+from icofabric_sim.statics.resultants import find_least_resultants, LEAST_RESULTANTS
 from icofabric_sim.statics.sides import BRANCHES, PULL, PUSH, SOFT, STIFF
 from icofabric_sim.statics.spectrum import Curvature, judge_curvature
 from icofabric_sim.statics.trust_region import steihaug, Step
@@ -53,102 +52,102 @@ _LOGGER = logging.getLogger('icofabric_sim')
 STABLE = 'equilibrium, stable'
 MECHANISM = 'equilibrium, with mechanisms'
 UNSTABLE = 'equilibrium, unstable'
-# Of fabrics that are too large for it: no motion was found that lowers the energy.
+# For fabrics that are too large to count mechanisms: no motion was found that lowers the energy.
 NOT_COUNTED = 'equilibrium, mechanisms not counted'
-# Connectors are at their natural length, and whether all motions cost energy depends on which of
-# them pull and which push.
+# Connectors are at their natural length, and stability depends on which of them are in extension
+# and which in compression.
 AT_KINK = 'equilibrium, stability depends on the kink'
 NOT_AT_REST = 'not in equilibrium'
 
 _AT_REST = ('body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')
-_STEPS = 2_000
+_MAX_STEPS = 2_000
 RESULTANTS = 'resultants'
-# Products with the Hessian in a step, for each freedom, and at most.
-_PRODUCTS = 2.0
-_MOST_PRODUCTS = 5_000
-# Largest turn [rad] of a body in one step.
-_LARGEST_TURN = 0.7
-# A step is taken that brings this part of what was expected of it; so many lengths are tried.
-_LEAST_GAIN, _TRIES = 1e-4, 4
-_PIECES = 20  # of a step that crosses kinks
-# After a step that brings less than this part of what was expected, because shells met or parted
-# in it, so many steps look out for that: up to so many times as far as a body goes, and at most so
-# far in parts of a. Not where forces have died out: overlaps are next to nothing there.
-_POOR, _MEETING_STEPS, _REACH, _LARGEST_REACH = 0.5, 30, 3.0, 0.05
-# Steps of a search that does not look out for it; it costs much where much is near.
+# Hessian products in a step: per degree of freedom, and at most.
+_PRODUCTS_PER_FREEDOM = 2.0
+_MAX_PRODUCTS = 5_000
+# Largest rotation [rad] of a body in one step.
+_MAX_TURN_RAD = 0.7
+# Smallest accepted ratio of the actual to the predicted decrease; trial lengths of a step.
+_MIN_GAIN_RATIO, _TRIAL_COUNT = 1e-4, 4
+_MAX_PIECES = 20  # most pieces of a step that crosses kinks
+# After a step whose gain ratio is below the first value, because contacts opened or closed in it,
+# the next steps include pairs within a gap: this multiple of the largest displacement, and at most
+# this ratio to a. Not if forces have died out, since overlaps are then negligible.
+_POOR_GAIN_RATIO, _GAP_STEPS, _REACH_FACTOR, _MAX_REACH_RATIO = 0.5, 30, 3.0, 0.05
+# Steps of a search before that, because including gaps is expensive with many candidate pairs.
 _FIRST_STEPS = 800
-# Residual with which contacts are made stiffer; steps after which they are made softer again.
-_NEAR, _PATIENCE = 1e-3, (200, 400, 800, math.inf)
-# Below this part of the energy its differences are rounding.
-_ROUNDING = 1e-9
-# Forces that have fallen below this part of the first ones are measured by those, and are sought
-# to die out for so many further steps.
-_DIED_OUT, _SLACK_STEPS = 1e-7, 200
-# Rounds in which pushes and friction are to agree, to this part of the largest force.
-_ROUNDS, _SETTLED = 60, 1e-8
-# Rounds in which contacts that stick find where they touch; gap over a up to which they do first.
-_ROLLS, _NEARLY_RATIO = 12, 0.02
-# A body that has gone so many times as far as the fabric is large does not come back.
-_AWAY = 1e4
+# Residual at which contacts are stiffened; steps after which they are softened again.
+_STIFFEN_RESIDUAL, _SOFTEN_AFTER_STEPS = 1e-3, (200, 400, 800, math.inf)
+# Relative energy difference below which round-off dominates.
+_ROUNDING_RATIO = 1e-9
+# Forces below this ratio to the initial ones have died out: the residual is then relative to the
+# initial forces, and the search ends after this number of further steps.
+_DIED_OUT_RATIO, _SLACK_STEPS = 1e-7, 200
+# Most rounds until normal forces and friction agree, and tolerance over the largest force.
+_MAX_ROUNDS, _SETTLED_RATIO = 60, 1e-8
+# Most rounds in which sticking contacts update their points; gap over a of contacts in the first.
+_MAX_ROLLS, _FIRST_GAP_RATIO = 12, 0.02
+# Displacement, as a ratio to the size of the fabric, beyond which a body has escaped.
+_ESCAPE_RATIO = 1e4
 
 
 class Progress(NamedTuple):
-    """Where the search stands."""
+    """Progress of a search."""
 
     steps: int
-    residual: float  # the largest force that is left over the largest that acts
+    residual: float  # largest unbalanced force over the largest acting force
     energy: float  # [J]
 
 
 @dataclass(frozen=True, repr=False)
 class Equilibrium(AsTable):
-    """Where the search ended, and what holds there."""
+    """Result of an equilibrium solve: state, verdict, unbalanced forces, tensions, reactions."""
 
     snapshot: Snapshot
     converged: bool
-    # The largest force, or torque over a, left on a free body, over the largest force that acts.
+    # Largest unbalanced force, or torque over a, on a free body, over the largest acting force.
     residual: float
     verdict: str
-    # Motions that cost no energy, rigid ones of the whole included; -1: not counted, because the
-    # fabric is not in equilibrium or has more than 400,000 freedoms.
+    # Zero-energy motions, including rigid motions of the whole; -1: not counted, because the
+    # fabric is not in equilibrium or has more than 400,000 degrees of freedom.
     mechanism_count: int
-    unstable_count: int  # motions that lower it; -1: not counted; of large fabrics 1: some
-    force_scale: float  # [N]
-    leftover: np.ndarray  # (n, 6) forces [N] and torques [N m] left on free bodies
-    tension: np.ndarray  # (c,) [N], positive where connectors pull
-    touching: Contacts | None  # what touches there; None where the scene has no contact
+    unstable_count: int  # motions that lower the energy; -1: not counted; large fabrics: 1 = some
+    force_scale: float  # [N] largest acting force
+    leftover: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
+    tension: np.ndarray  # (c,) [N], positive in extension
+    touching: Contacts | None  # contacts without friction; None: the scene has no contact
     reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
     step_count: int
     product_count: int
-    # Connectors, by number, and anchors, by name, at their natural length, where k_e is not k_c.
-    # The counts above are then of motions for which no side of them matters.
+    # Connectors, by number, and anchors, by name, at their natural length with k_e other than k_c.
+    # The counts above are then those of motions that are independent of the side.
     at_kink: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     anchors_at_kink: tuple[str, ...] = ()
-    # Motions that cost no energy, and that lower it, with k_e in all of these ('pull') and with
-    # k_c ('push'); empty where nothing is at its kink.
+    # Counts of zero-energy and unstable motions with k_e in all of these ('pull') and with k_c
+    # ('push'); empty if nothing is at its kink.
     branches: Mapping[str, Curvature] = field(default_factory=dict)
-    # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
-    # when they are pressed.
+    # Pairs of shells, or shells and planes, at first touch: they count as open, but resist
+    # compression.
     first_touches: int = 0
-    # Why no equilibrium was found, and what to try; '': one was.
+    # Why no equilibrium was found, and what to try; '': an equilibrium was found.
     reason: str = ''
-    # What supports, drives, anchors and planes bear, each by its name.
+    # Reactions of supports, drives, anchors and planes, by name.
     reactions: Reactions | None = None
-    # What friction does, on a path of states; None where nothing rubs.
-    rubbing: Rubbing | None = None
-    # Force, torques and point of each contact, friction included; None where nothing can touch.
+    # Friction on a path of states; None without friction.
+    rubbing: ContactFriction | None = None
+    # Force, torques and point of each contact, including friction; None without contact.
     contacts: ContactForces | None = None
-    # The least contact.friction with which contact forces balance the loads; infinite: none does.
+    # Smallest contact.friction with which contact forces balance the loads; infinite: none does;
     # NaN: not a single equilibrium with friction.
     friction_needed: float = math.nan
 
     def __repr__(self) -> str:
-        """Say what was found, without the numbers."""
+        """Return a summary without arrays."""
         return (f'<Equilibrium: {self.verdict}, residual {self.residual:.2g}, '
                 f'{counted(len(self.snapshot.position), "body")}>')
 
     def table(self) -> dict[str, list[Any]]:
-        """Bodies at rest, and what supports and drives bear: a list for each column."""
+        """Return poses of the bodies and reactions on them, a list for each column."""
         columns = self.snapshot.table()
         at_rest = {name: columns[name] for name in _AT_REST}
         names = [f'reaction_{axis}_n' for axis in 'xyz'] + [
@@ -157,65 +156,70 @@ class Equilibrium(AsTable):
 
     @property
     def worst_bodies(self) -> tuple[int, ...]:
-        """At most four bodies on which the most is left."""
+        """Bodies with the largest unbalanced forces, at most four."""
         size = np.abs(self.leftover[:, :3]).max(axis=1)
         return tuple(int(b) for b in np.argsort(-size, kind='stable')[:4] if size[b] > 0.0)
 
 
 def solve_equilibrium(
     scene: Scene, *, start: Snapshot | None = None, time: float | None = None,
-    tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    tolerance: float = 1e-10, largest_step_count: int = _MAX_STEPS, load_factor: float = 1.0,
     body_force: BodyForce | Force | None = None, objective: str | None = None,
     progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
-    Find where a fabric comes to rest under its loads, supports and drives.
+    Find a static equilibrium of a fabric under its loads, supports and drives.
 
     Parameters
     ----------
     scene
-        The fabric. With `contact.friction` the result is one that can be: see Notes.
+        Fabric, loads and supports. With `contact.friction` the result is one of many possible
+        equilibria, see Notes.
     start
-        Where the search begins, without what is broken there; None: the initial state.
+        Initial guess; connectors broken there are left out. None: the initial state of the scene.
     time
-        Time [s] at which loads, drives and anchors are held; needed where they change with it.
+        Time [s] at which loads, drives and anchors are held; required if they change with time.
     tolerance
-        Largest force that may be left, as a ratio to the largest connector force or load.
+        Largest unbalanced force, as a ratio to the largest connector force or load.
     largest_step_count
         Steps after which the search gives up.
     load_factor
         Factor of weight, electric fields, loads, tractions and the body force.
     body_force
-        A function or `BodyForce` of the user, as `compile_scene` takes it (`ico.surface_force`
-        makes one), at that time and at velocities 0. Its derivatives are differences of it.
+        Function or `BodyForce`, as in `compile_scene` (see also `ico.surface_force`), evaluated at
+        `time` and zero velocity. Derivatives are computed by finite differences.
     objective
         'energy': the potential energy, with contacts as springs. 'resultants': the sum of squares
         of the force and moment resultants (torques over a) on free bodies, without contact forces
-        and without overlap, as the document says after eq 48. `leftover` then has the resultants
-        that contacts must bear; where they are not 0 the verdict is 'least resultants'. None: the
+        and without overlap, as the document states after eq 48. `leftover` then has the resultants
+        that contacts must bear; if they are not 0 the verdict is 'least resultants'. None: the
         `equilibrium.objective` of the scene.
     progress
-        Called with the state of the search at each step.
+        Called with a `Progress` at each step.
 
     Returns
     -------
     Equilibrium
-        State, verdict, what is left over, tensions, reactions and contacts.
+        State, verdict, unbalanced forces, tensions, reactions and contacts.
 
     Raises
     ------
     ValueError
-        If nothing could ever be in equilibrium, the body force acts between bodies, or forces
-        without a potential act and the objective is 'resultants'.
+        If no equilibrium can exist, the body force acts between bodies, or forces without a
+        potential act and the objective is 'resultants'.
 
     Notes
     -----
-    With friction a fabric rests in many ways, which depend on how it came there; `step_loads`
-    follows a path. Here all that touches sticks while the configuration is sought; where that
-    takes more friction than there is, nothing rubs, if a search so finds an equilibrium. Contact
-    forces within the friction cones are then sought that balance all loads in it, with the
-    largest smallest margin (`contacts.margin`, see admissible.py). Where none do, the verdict is
-    'not in equilibrium', the reason says that it slides, and `leftover` has what is left.
+    With friction the equilibrium depends on the load path; `step_loads` follows a path. This
+    function finds one possible equilibrium in two steps.
+
+    1. It finds a configuration in which all contacts stick. If that needs more friction than
+       available, it searches without friction.
+    2. It computes contact forces within the friction cones that balance all loads and maximise
+       the smallest margin (`contacts.margin`, see admissible.py).
+
+    If no such forces exist, the verdict is 'not in equilibrium', the reason states that the fabric
+    slides, and `leftover` has the unbalanced forces.
 
     References
     ----------
@@ -236,19 +240,19 @@ def solve_equilibrium(
     fabric.require_steady(time)
     if objective == RESULTANTS:
         return seek_least_resultants(fabric, start, tolerance, largest_step_count, progress)
-    return seek(fabric, start, tolerance, largest_step_count, progress)
+    return find_equilibrium(fabric, start, tolerance, largest_step_count, progress)
 
 
 def seek_least_resultants(
     fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
-    """Minimise the resultants of a `fabric`, whose contacts are constraints; see resultants.py."""
+    """Minimise the resultants of a `fabric` with contacts as constraints; see resultants.py."""
     turning = _without_potential(fabric, fabric.start)
     if turning:
         raise ValueError(
-            f"objective 'resultants' needs forces that have a potential: {', '.join(turning)} "
-            "turns with its bodies or twists them; leave it out, or take the objective 'energy' "
+            f"objective 'resultants' needs forces with a potential: {', '.join(turning)} follows "
+            "its bodies or applies a torque; leave it out, or use the objective 'energy' "
             '(equilibrium.objective)')
     bare = fabric.without_contacts()
     fabric.friction = None
@@ -266,41 +270,41 @@ def seek_least_resultants(
         return result
     return replace(
         result, converged=found.converged, reason=found.reason,
-        verdict=LEAST if found.converged else NOT_AT_REST)
+        verdict=LEAST_RESULTANTS if found.converged else NOT_AT_REST)
 
 
-def seek(
+def find_equilibrium(
     fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
     progress: Callable[[Progress], None] | None
 ) -> Equilibrium:
-    """Find where a `fabric` comes to rest; see `solve_equilibrium`."""
+    """Find an equilibrium of a `fabric`; see `solve_equilibrium`."""
     friction, contacts = fabric.friction, fabric.contacts
     if friction is None or contacts is None:
-        return _sought(fabric, start, tolerance, largest_step_count, progress).result()
+        return _run_search(fabric, start, tolerance, largest_step_count, progress).result()
     here = fabric.start if start is None else fabric.configuration('start', start)
     first = start
-    for turn in range(_ROLLS):
-        # What touches sticks, where it touches now: bodies roll and tip on their way. At first
-        # what nearly does, too: it would slide off before it touched.
+    for turn in range(_MAX_ROLLS):
+        # Contacts stick at their present points, because bodies roll and tip during the search.
+        # The first round includes small gaps, which would otherwise slide before they close.
         fabric.friction = friction = friction.advanced(
-            contacts, here.position, here.axes, *([] if turn else [_NEARLY_RATIO]))
-        search = _sought(fabric, start, tolerance, largest_step_count, progress)
-        found = _held_by_friction(search, friction.coefficient)
+            contacts, here.position, here.axes, *([] if turn else [_FIRST_GAP_RATIO]))
+        search = _run_search(fabric, start, tolerance, largest_step_count, progress)
+        found = _check_friction(search, friction.coefficient)
         here = search.here
         start = here.snapshot
         if found.converged or not search.steps or not search.is_at_rest:
             break
         if not turn:
-            # What rests without friction needs none.
+            # An equilibrium without friction needs none.
             fabric.friction = None
-            smooth = _sought(fabric, first, tolerance, largest_step_count, progress)
+            smooth = _run_search(fabric, first, tolerance, largest_step_count, progress)
             if smooth.is_at_rest:
-                return _held_by_friction(smooth, friction.coefficient)
+                return _check_friction(smooth, friction.coefficient)
     return found
 
 
-def _held_by_friction(search: '_Search', coefficient: float) -> Equilibrium:
-    """Judge whether contact forces within their cones hold what was found with sticking ones."""
+def _check_friction(search: '_Search', coefficient: float) -> Equilibrium:
+    """Check if contact forces within the friction cones hold a configuration found by sticking."""
     result = search.result()
     if not result.converged:
         return result
@@ -320,34 +324,34 @@ def _held_by_friction(search: '_Search', coefficient: float) -> Equilibrium:
     needed = held.friction_needed
     way_out = (
         f'it would hold with contact.friction of at least {needed:.6g}' if needed < math.inf else
-        'more friction would not help: hold it by supports.NAME, anchors.NAME or planes.NAME')
+        'more friction would not help: add supports.NAME, anchors.NAME or planes.NAME')
     return replace(
         result, converged=False, verdict=NOT_AT_REST, mechanism_count=-1, unstable_count=-1,
         leftover=held.leftover, branches={}, residual=float(np.abs(held.leftover[:, :3]).max(
             initial=0.0) / here.force_scale), reason=(
-                f'slides: no contact forces within the friction cones (contact.friction '
-                f'{coefficient:g}) balance the loads, and up to {left:.4g} N is left on a body; '
-                f'{way_out}'))
+                f'the fabric slides: no contact forces within the friction cones '
+                f'(contact.friction {coefficient:g}) balance the loads, and a force of up to '
+                f'{left:.4g} N on a body is unbalanced; {way_out}'))
 
 
-def _sought(
+def _run_search(
     fabric: StaticFabric, start: Snapshot | None, tolerance: float, largest_step_count: int,
     progress: Callable[[Progress], None] | None
 ) -> '_Search':
-    """The same search where it has ended, not judged yet."""
+    """Run a search and return it without a verdict."""
     here = _start(fabric, start)
     refuse_free_fall(fabric)
-    # Exact ones lead astray where an overlap gains or loses a corner next to where shells are.
+    # Exact derivatives mislead the search where an overlap region gains or loses a corner nearby.
     if fabric.contacts is not None:
         fabric.contacts.smoothed = True
     search = _Search(fabric, here, tolerance, largest_step_count, progress)
-    # From a start that was given little is left to go.
+    # A given start is near the equilibrium.
     search.run(gently=start is None)
     return search
 
 
 def _without_potential(fabric: StaticFabric, here: Configuration) -> list[str]:
-    """Return the names of loads, tractions and body forces that have no energy."""
+    """Return the names of loads, tractions and body forces without a potential."""
     own, blocks = fabric.own_force, here.own_force_blocks
     curls = own is not None and blocks is not None and not own.is_symmetric(blocks)
     # A run has received wrenches, too.
@@ -357,7 +361,7 @@ def _without_potential(fabric: StaticFabric, here: Configuration) -> list[str]:
 
 
 def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:
-    """Return where a search begins; what is held stands where the scene says."""
+    """Return the start of a search; held degrees of freedom are those of the scene."""
     here = fabric.start
     if start is None:
         return here
@@ -367,16 +371,16 @@ def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:
         np.where(fabric.free[:, 3:4], given.orientation, here.orientation))
 
 
-def seek_on_path(
+def find_next_equilibrium(
     scene: Scene, path: FrictionPath | None, *, start: Snapshot | None, time: float | None = None,
-    tolerance: float = 1e-10, largest_step_count: int = _STEPS, load_factor: float = 1.0,
+    tolerance: float = 1e-10, largest_step_count: int = _MAX_STEPS, load_factor: float = 1.0,
     body_force: BodyForce | None = None, progress: Callable[[Progress], None] | None = None
 ) -> tuple[Equilibrium, FrictionPath | None]:
     """
-    The next state of a path with friction, and where it goes on from; see friction.py.
+    Find the next equilibrium of a path with friction; also return the continued path.
 
-    The search of `solve_equilibrium`, with the pushes that friction goes by, until these are those
-    of the state found.
+    Repeats the search of `solve_equilibrium` until the normal forces that limit friction are those
+    of the state found; see friction.py.
     """
     fabric = StaticFabric(
         scene, held_time(scene, time), load_factor=load_factor,
@@ -386,26 +390,26 @@ def seek_on_path(
     fabric.require_steady(time)
     friction, contacts = fabric.friction, fabric.contacts
     if friction is not None and contacts is not None and not friction.is_begun:
-        # What touches where the search begins, first touches included, has not slipped there.
+        # Contacts at the start, including first touches, have not slipped.
         here = fabric.start if start is None else fabric.configuration('start', start)
         friction = fabric.friction = path = friction.advanced(
             contacts, here.position, here.axes)
-    search = _sought(fabric, start, tolerance, largest_step_count, progress)
+    search = _run_search(fabric, start, tolerance, largest_step_count, progress)
     if friction is None or contacts is None:
         return search.result(), None
     change, relaxation = math.inf, Relaxation()
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         if not search.is_at_rest:
             return search.result(), path
         here = search.here
-        change = friction.allow(contacts, here.position, here.axes, relaxation)
-        if change <= _SETTLED * here.force_scale:
+        change = friction.update_limits(contacts, here.position, here.axes, relaxation)
+        if change <= _SETTLED_RATIO * here.force_scale:
             return search.result(), friction.advanced(contacts, here.position, here.axes)
-        search = _sought(fabric, here.snapshot, tolerance, largest_step_count, progress)
+        search = _run_search(fabric, here.snapshot, tolerance, largest_step_count, progress)
     return replace(
         search.result(), converged=False, verdict=NOT_AT_REST,
-        reason=f'pushes and friction did not agree after {_ROUNDS} rounds: limits of friction '
-        f'still changed by {change:.3g} N; take smaller steps of the path'), path
+        reason=f'normal forces and friction did not converge after {_MAX_ROUNDS} rounds: limits '
+        f'of friction still changed by {change:.3g} N; use smaller steps of the path'), path
 
 
 def _check(
@@ -413,13 +417,13 @@ def _check(
     largest_step_count: int, progress: Callable[[Progress], None] | None,
     body_force: BodyForce | Force | None
 ) -> BodyForce | None:
-    """Refuse arguments that no search can begin with; return the body force."""
+    """Check the arguments of a search; return the body force."""
     require_scene(scene)
     check_snapshot('start', start, scene)
     check_time(time)
     checks.number(
         'tolerance', tolerance, above=0.0, below=1.0,
-        wish='a number above 0 and below 1 (a part of the largest force)')
+        wish='a number above 0 and below 1 (a ratio to the largest force)')
     checks.count('largest_step_count', largest_step_count)
     if progress is not None:
         checks.function('progress', progress)
@@ -428,18 +432,38 @@ def _check(
 
 def step_loads(
     scene: Scene, factors: Iterable[float], *, start: Snapshot | None = None,
-    time: float | None = None, tolerance: float = 1e-10, largest_step_count: int = _STEPS,
+    time: float | None = None, tolerance: float = 1e-10, largest_step_count: int = _MAX_STEPS,
     body_force: BodyForce | Force | None = None,
     progress: Callable[[Progress], None] | None = None
 ) -> Iterator[tuple[float, Equilibrium]]:
     """
-    Equilibria under parts of the loads, each sought from the one before.
+    Find equilibria under scaled loads, each starting from the previous one.
 
-    `factors`: of weight, electric fields, loads, tractions and the `body_force`; drives, anchors
-    and pre-stress are whole from the first. Ends where no equilibrium is found: that one is the
-    last. With friction (contact.friction) they are a path on which what touches sticks and slides:
-    smaller steps follow it more exactly. They are equilibria of the energy: ValueError where
-    `equilibrium.objective` says otherwise.
+    Parameters
+    ----------
+    scene
+        Fabric, loads and supports; `equilibrium.objective` must be energy.
+    factors
+        Factors of weight, electric fields, loads, tractions and the `body_force`; drives, anchors
+        and pre-stress are not scaled.
+    start, time, tolerance, largest_step_count, body_force, progress
+        As in `solve_equilibrium`.
+
+    Returns
+    -------
+    iterator of (float, Equilibrium)
+        Factors and equilibria. Ends after the first search that does not converge.
+
+    Raises
+    ------
+    ValueError
+        If a factor is invalid, `equilibrium.objective` is not energy, or as in
+        `solve_equilibrium`.
+
+    Notes
+    -----
+    With `contact.friction` the equilibria are a load path on which contacts stick and slide;
+    smaller steps follow the path more accurately.
     """
     require_scene(scene)
     if scene.parameters['equilibrium.objective'] != 'energy':
@@ -449,7 +473,7 @@ def step_loads(
     force = _check(scene, start, time, tolerance, largest_step_count, progress, body_force)
     if not isinstance(factors, Iterable) or isinstance(factors, (str, bytes, Mapping)):
         raise TypeError(f'factors must be numbers, at least 0, got {checks.shown(factors)}')
-    # One after the other may depend on what was found, so an iterator is not read in advance.
+    # An iterator is not read in advance, because factors may depend on earlier results.
     if not isinstance(factors, Iterator):
         factors = [checks.number('factors', factor, least=0.0) for factor in factors]
         if not factors:
@@ -459,7 +483,7 @@ def step_loads(
         path = FrictionPath.of(scene)
         for given in factors:
             factor = checks.number('factors', given, least=0.0)
-            found, path = seek_on_path(
+            found, path = find_next_equilibrium(
                 scene, path, start=start, time=time, tolerance=tolerance, load_factor=factor,
                 largest_step_count=largest_step_count, body_force=force, progress=progress)
             yield factor, found
@@ -471,7 +495,7 @@ def step_loads(
 
 
 def refuse_free_fall(fabric: StaticFabric) -> None:
-    """Refuse weight and loads that nothing bears: no support, no drive, no anchor."""
+    """Refuse a net load on a fabric without supports, drives, anchors and planes."""
     scene, start = fabric.scene, fabric.start
     if not fabric.free.all() or scene.anchors or (
             fabric.contacts is not None and scene.parameters.names('planes')):
@@ -479,7 +503,7 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
     pushes = start.acting.wrench[:, :3]
     if start.own_wrench is not None and start.own_force_blocks is not None:
         if start.own_force_blocks.any():
-            # A force that changes from place to place may hold the fabric.
+            # A force that depends on position may hold the fabric.
             return
         pushes = pushes + start.own_wrench[:, :3]
     acting = pushes.sum(axis=0)
@@ -490,13 +514,13 @@ def refuse_free_fall(fabric: StaticFabric) -> None:
     scale = float(np.abs(pushes).sum())
     if size > 1e-12 * scale and size > 0.0:
         raise ValueError(
-            f'nothing holds this fabric: a force of {size:.4g} N in all acts on it, by gravity, '
+            f'nothing holds this fabric: a total force of {size:.4g} N acts on it, from gravity, '
             'field.electric, loads or a body force; hold some bodies with supports.NAME, '
             'drives.NAME or anchors.NAME, or put planes.NAME below them')
 
 
 class _Search:
-    """Steps that lower the energy, until nothing pushes any more."""
+    """Trust-region search that lowers the energy until all forces are balanced."""
 
     def __init__(
         self, fabric: StaticFabric, here: Configuration, tolerance: float, largest: int,
@@ -514,52 +538,52 @@ class _Search:
         self.extent = float(np.ptp(start, axis=0).max(initial=0.0)) + fabric.half_edge  # [m]
         self.first_gradient = 0.0
         self.first_force = self._acting()  # [N]
-        self.slack_steps = 0  # with next to nothing of it left
-        # Whether it is looked out for shells that meet or part within steps, and for how many of
-        # the next.
-        self.looks_out, self.meeting_steps = False, 0
+        self.slack_steps = 0  # steps since forces have died out
+        # Allow steps that include gaps between shells; number of next steps that include them.
+        self.includes_gaps, self.gap_steps = False, 0
 
     def run(self, *, gently: bool) -> None:
         """
-        Search until it is found, or nothing gets better.
+        Search until an equilibrium is found or no step improves.
 
-        `gently`: contacts are soft at first, and stiffer each time that an equilibrium is near.
-        Stiff ones change within steps as short as their overlaps, and stop bodies that have far
-        to go. Where they do so for long they are made soft once more.
+        `gently` starts with soft contacts and stiffens them each time an equilibrium is near,
+        because stiff contacts limit steps to the size of their overlaps. If the search stalls,
+        contacts are softened again.
         """
         contacts = self.fabric.contacts
         if contacts is None:
             self._descend(self.tolerance)
             return
         begin, radius = self.here, self.radius
-        self._press_in_rounds(contacts, self.steps + _FIRST_STEPS, gently=gently)
+        self._search_in_rounds(contacts, self.steps + _FIRST_STEPS, gently=gently)
         if not self._has_ended:
-            # Anew, with steps that look out for shells that meet or part within them.
-            self.here, self.radius, self.looks_out = begin, radius, True
-            self._press_in_rounds(contacts, self.largest, gently=gently)
+            # Restart with steps that include gaps between shells.
+            self.here, self.radius, self.includes_gaps = begin, radius, True
+            self._search_in_rounds(contacts, self.largest, gently=gently)
 
-    def _press_in_rounds(
+    def _search_in_rounds(
         self, contacts: StaticContacts, last: int, *, gently: bool
     ) -> None:
-        """Search with contacts that get stiffer, round by round, up to step number `last`."""
+        """Search with contacts stiffened round by round, up to step number `last`."""
         stages = contacts.stages(self.first_force) if gently else [contacts.whole]
-        for patience in _PATIENCE:
+        for patience in _SOFTEN_AFTER_STEPS:
             for stiffness in stages[:-1]:
-                self._press(stiffness, max(self.tolerance, _NEAR), last - self.steps)
-            self._press(contacts.whole, self.tolerance, min(patience, last - self.steps))
+                self._search_at(
+                    stiffness, max(self.tolerance, _STIFFEN_RESIDUAL), last - self.steps)
+            self._search_at(contacts.whole, self.tolerance, min(patience, last - self.steps))
             if self._has_ended or self.steps >= last:
                 return
-            # Where much touches for a moment only, stiff contacts begin and end at every step.
-            stages = contacts.softer()
+            # Many short contacts, which stiff contacts open and close in every step.
+            stages = contacts.softer_stages()
 
     @property
     def _has_ended(self) -> bool:
-        """Whether there is nothing more to search for."""
-        return self.steps >= self.largest or self._good(self.tolerance) or (
+        """True if the search is over."""
+        return self.steps >= self.largest or self._is_balanced(self.tolerance) or (
             self._is_slack() or self._escapes())
 
-    def _press(self, stiffness: float, tolerance: float, most: float) -> None:
-        """Search with contacts of a stiffness [N/m], for so many steps at most."""
+    def _search_at(self, stiffness: float, tolerance: float, most: float) -> None:
+        """Search with a contact stiffness [N/m], for at most `most` steps."""
         assert self.fabric.contacts is not None
         self.fabric.contacts.stiffness = stiffness
         self.here = Configuration(
@@ -567,13 +591,13 @@ class _Search:
         self._descend(tolerance, self.steps + most)
 
     def _acting(self) -> float:
-        """The largest force [N] on a body before anything has moved: weight, loads, connectors."""
+        """Return the largest force [N] on a body: weight, loads, connectors, or unbalanced."""
         return max(self.here.force_scale, float(np.abs(self.leftover()[:, :3]).max(initial=0.0)))
 
     def _descend(self, tolerance: float, last: float = math.inf) -> None:
         stuck = 0
         while self.steps < min(self.largest, last) and stuck < 30 and not (
-                self._good(tolerance) or self._is_slack() or self._escapes()):
+                self._is_balanced(tolerance) or self._is_slack() or self._escapes()):
             before = self.residual()
             if self.progress is not None:
                 self.progress(Progress(self.steps, before, self.here.energy))
@@ -585,100 +609,100 @@ class _Search:
                 stuck += 1
 
     def residual(self) -> float:
-        """The largest force left, or torque over a, in parts of the largest force that acts."""
+        """Return the largest unbalanced force, or torque over a, over the largest acting force."""
         left = np.abs(self.leftover())
         left[:, 3:] /= self.fabric.half_edge
         most, scale = float(left.max(initial=0.0)), self._scale()
         least = 10.0 * self.fabric.rounding
         if scale > least:
             return float(most / scale)
-        # Where nothing acts, rounding of the lengths is all there is.
+        # Without acting forces, only the round-off of lengths remains.
         return 1.0 if most > least else 0.0
 
     def _scale(self) -> float:
         """
-        The largest force that acts [N]; the first one where next to nothing of it is left.
+        Return the largest acting force [N], or the initial one if forces have died out.
 
-        In parts of what is left, forces that die out would never come near to rest.
+        Relative to the present forces, forces that die out would never count as balanced.
         """
         return self.first_force if self._has_died_out() else self.here.force_scale
 
     def _has_died_out(self) -> bool:
-        """Whether next to nothing acts any more; weight and loads, however small, always do."""
+        """Return True if forces have become negligible and no weight or load acts."""
         here = self.here
-        return (here.force_scale < _DIED_OUT * self.first_force
+        return (here.force_scale < _DIED_OUT_RATIO * self.first_force
                 and self.fabric.model.gravity is None and not here.acting.wrench.any()
                 and (here.own_wrench is None or not here.own_wrench.any()))
 
     def _is_slack(self) -> bool:
-        """Whether forces die out, and only ever more slowly."""
+        """Return True if forces have been dying out for many steps."""
         return self.slack_steps > _SLACK_STEPS
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether no more is left than is tolerated."""
-        return self._good(self.tolerance)
+        """True if the unbalanced forces are within the tolerance."""
+        return self._is_balanced(self.tolerance)
 
     def _escapes(self) -> bool:
-        """Whether a body has gone so far that nothing will hold it back."""
-        return self._farthest()[1] > _AWAY * self.extent
+        """Return True if a body has moved so far that no force will bring it back."""
+        return self._farthest()[1] > _ESCAPE_RATIO * self.extent
 
     def _farthest(self) -> tuple[int, float, np.ndarray]:
-        """The body that has gone the farthest, how far [m], and in which direction (3,)."""
+        """Return the body with the largest displacement, its size [m] and direction (3,)."""
         moved = self.here.position - self.fabric.start.position
         away = np.linalg.norm(moved, axis=1)
         body = int(np.argmax(away))
         return body, float(away[body]), moved[body] / max(float(away[body]), 1e-300)
 
-    def _good(self, tolerance: float) -> bool:
-        """Whether no more is left than is tolerated, or than rounding of the lengths may be."""
+    def _is_balanced(self, tolerance: float) -> bool:
+        """Return True if unbalanced forces are within the tolerance or the round-off."""
         rounding, scale = self.fabric.rounding, self._scale()
         return self.residual() <= max(
             tolerance, rounding / scale if scale > 10.0 * rounding else 0.0)
 
     def leftover(self) -> np.ndarray:
-        """Forces and torques on free freedoms (n, 6)."""
+        """Return the unbalanced forces and torques (n, 6); 0 on held degrees of freedom."""
         return np.where(self.free, self.here.force, 0.0)
 
     def _step(self) -> bool:
-        """Try one step; whether it was taken."""
+        """Try one step; return True if it was accepted."""
         here, layout = self.here, self.fabric.layout
         gradient = layout.spread(-self.leftover())
         size = math.sqrt(weighted_square(self.weight, gradient))
         self.first_gradient = max(self.first_gradient, size)
         accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
-        most = min(_MOST_PRODUCTS, int(_PRODUCTS * self.free.sum()) + 20)
+        most = min(_MAX_PRODUCTS, int(_PRODUCTS_PER_FREEDOM * self.free.sum()) + 20)
         found, bend, crossings = self._descent(gradient, accuracy, most)
         motion = layout.gather(found.step)
-        # Only turns are cut: all of a fabric may move far, and the energy limits it.
+        # Only rotations are limited; a fabric may move far, as long as the energy decreases.
         turn = float(np.abs(motion[:, 3:]).max(initial=0.0))
-        part = _LARGEST_TURN / turn if turn > _LARGEST_TURN else 1.0
+        part = _MAX_TURN_RAD / turn if turn > _MAX_TURN_RAD else 1.0
         slope = product_of(gradient, found.step)
         # Shorter steps in the same direction cost no products (Nocedal and Yuan 1998, Combining
         # trust region and line search techniques).
-        for _ in range(_TRIES):
+        for _ in range(_TRIAL_COUNT):
             expected = part * slope + part**2 * bend
             if crossings is not None:
                 expected += crossings.energy(part)
             there = here.moved(part * motion)
             gain = self._gain(part * motion, expected, there)
-            if gain > _LEAST_GAIN:
+            if gain > _MIN_GAIN_RATIO:
                 break
             part *= 0.5
         length = part * found.length
-        if gain < _POOR and self.looks_out and not self._touches_alike(there):
-            self.meeting_steps = _MEETING_STEPS
+        if gain < _POOR_GAIN_RATIO and self.includes_gaps and not self._has_equal_contacts(there):
+            self.gap_steps = _GAP_STEPS
         if gain < 0.25:
             self.radius = 0.5 * length
         elif gain > 0.75 and (found.on_border or part < 1.0):
             self.radius = max(self.radius, 2.0 * length)
-        if gain > _LEAST_GAIN:
+        if gain > _MIN_GAIN_RATIO:
             self.here = there
             return True
         return False
 
-    def _touches_alike(self, there: Configuration) -> bool:
-        """Whether the same shells touch as here, about: as many."""
+    def _has_equal_contacts(self, there: Configuration) -> bool:
+        """Return True if the number of contacts is the same as in the present configuration."""
         here = self.here.touching, there.touching
         return all(part is None for part in here) or len({
             len(part.pairs) + sum(map(len, part.planes)) for part in here if part is not None
@@ -687,26 +711,24 @@ class _Search:
     def _descent(
         self, gradient: np.ndarray, accuracy: float, most: int
     ) -> tuple[Step, float, Crossings | None]:
-        """
-        A step, what the tangent expects of it in second order [J], and the kinks that it crosses.
-        """
+        """Return a step, its second-order energy change by the tangent [J], and its kinks."""
         here, layout = self.here, self.fabric.layout
         found = steihaug(here.multiply, self.weight, gradient, self.radius, accuracy, most)
         self.products += found.iterations
         bend = found.expected - product_of(gradient, found.step)
-        self.meeting_steps = max(self.meeting_steps - 1, 0)
-        meets = self.meeting_steps > 0 and not self._has_died_out()
+        self.gap_steps = max(self.gap_steps - 1, 0)
+        meets = self.gap_steps > 0 and not self._has_died_out()
         if not (meets or self.fabric.laws.kinked.any()):
             return found, bend, None
         reach = 0.0
         if meets:
-            # As far as both bodies of a pair may go.
+            # Bounds the displacements of both bodies of a pair.
             farthest = float(np.abs(layout.gather(found.step)[:, :3]).max(initial=0.0))
-            reach = min(_REACH * farthest, _LARGEST_REACH * self.fabric.half_edge)
+            reach = min(_REACH_FACTOR * farthest, _MAX_REACH_RATIO * self.fabric.half_edge)
         crossings = Crossings(here, reach)
         step, product, image = (np.zeros_like(found.step) for _ in range(3))
         slopes, length, on_border = gradient, 0.0, False
-        for _ in range(_PIECES):
+        for _ in range(_MAX_PIECES):
             changes = crossings.changes(layout.gather(found.step))
             here.multiply(found.step, image)
             part = crossings.best_part(
@@ -732,28 +754,28 @@ class _Search:
         return Step(step, length, expected, 0, on_border), bend, crossings
 
     def _gain(self, motion: np.ndarray, expected: float, there: Configuration) -> float:
-        """How much of what the model expected a step has brought."""
+        """Return the ratio of the actual to the expected change of energy."""
         here = self.here
         if not expected < 0.0:
             return -1.0
-        # Loads without a potential push as at the start of the step.
-        pushed = here.acting.wrench - self._dead(here)
+        # Loads without a potential are those at the start of the step.
+        pushed = here.acting.wrench - self._conservative_wrench(here)
         change = there.energy - here.energy - float((pushed * motion).sum())
         own = self.fabric.own_force
         if own is not None and not own.has_potential:
             change -= own.work(here.position, here.orientation, motion)
-        if abs(expected) < _ROUNDING * max(abs(here.energy), abs(there.energy)):
-            # From the forces at both ends, which know it better than a difference of energies.
-            ahead = there.force - (there.acting.wrench - self._dead(there)) + pushed
+        if abs(expected) < _ROUNDING_RATIO * max(abs(here.energy), abs(there.energy)):
+            # The forces at both ends are more accurate than the difference of energies.
+            ahead = there.force - (there.acting.wrench - self._conservative_wrench(there)) + pushed
             change = -0.5 * float(((here.force + ahead) * motion).sum())
         return change / expected if math.isfinite(change) else -1.0
 
-    def _dead(self, at: Configuration) -> np.ndarray:
-        """The part of the wrenches that has a potential, (n, 6)."""
+    def _conservative_wrench(self, at: Configuration) -> np.ndarray:
+        """Return the wrenches with a potential, (n, 6)."""
         return self.fabric.loads.dead_wrench(at.axes)
 
     def result(self) -> Equilibrium:
-        """Judge where the search stands."""
+        """Return the result with its verdict."""
         residual, converged = self.residual(), self.is_at_rest
         here = self.exact()
         contacts = here.contact_forces
@@ -766,14 +788,14 @@ class _Search:
                 converged = False
             elif beyond:
                 _LOGGER.warning(
-                    '%s at rest: the law goes on straight there (connector.law_beyond)', beyond)
+                    '%s at rest: the law is extrapolated there (connector.law_beyond)', beyond)
         verdict, curvature = NOT_AT_REST, Curvature(-1, -1)
         branches: Mapping[str, Curvature] = {}
         if converged:
-            verdict, curvature, branches = judge(here)
+            verdict, curvature, branches = judge_equilibrium(here)
         reason = '' if converged else self._reason() if not beyond else (
-            f'{beyond} at rest, and connector.law_beyond is stop; extrapolate lets it go on '
-            'straight')
+            f'{beyond} at rest, and connector.law_beyond is stop; extrapolate continues the law '
+            'linearly')
         return Equilibrium(
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,
@@ -786,7 +808,7 @@ class _Search:
                 here, here.force, contacts), rubbing=here.rubbing, contacts=contacts)
 
     def exact(self) -> Configuration:
-        """Return where the search stands, with exact second derivatives of contacts."""
+        """Return the present configuration with exact second derivatives of contacts."""
         contacts = self.fabric.contacts
         if contacts is None:
             return self.here
@@ -794,46 +816,45 @@ class _Search:
         return self.here.anew()
 
     def _reason(self) -> str:
-        """Why the search has ended before it was at rest, and what to try."""
+        """Return why the search ended without an equilibrium, and what to try."""
         if self._escapes():
             body, far, (x, y, z) = self._farthest()
             return (
-                f'body {body} has gone {far:.3g} m along ({x:.4g}, {y:.4g}, {z:.4g}), and nothing '
-                'holds it back: in this direction the loads do work without end; hold it by '
-                'supports.NAME, anchors.NAME, planes.NAME or contact.friction, or take smaller '
-                'loads')
+                f'body {body} has moved {far:.3g} m along ({x:.4g}, {y:.4g}, {z:.4g}), and '
+                'nothing holds it back: the energy decreases without bound in this direction; '
+                'hold it by supports.NAME, anchors.NAME, planes.NAME or contact.friction, or '
+                'reduce the loads')
         turning = _without_potential(self.fabric, self.here)
         if turning:
             return (
-                f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy '
-                'that a search could lower, and there may be no equilibrium at all; seek it from '
-                'smaller loads on (--load-steps, ico.step_loads), or see in a run with drag what '
-                'the fabric does')
-        if pushing := self._pushing_around():
+                f'{", ".join(turning)}: follows its bodies or applies a torque, so it has no '
+                'potential energy to minimise, and there may be no equilibrium; increase the '
+                'loads in steps (--load-steps, ico.step_loads), or simulate the fabric with drag')
+        if pushing := self._compressed_wrapped():
             names = ', '.join(map(str, pushing[:4])) + (' and more' if len(pushing) > 4 else '')
             return (
-                f'connectors {names} push while they lie around shells (connector.obstruction '
-                'wrap): they rest where another geodesic becomes the shorter one, and their force '
-                'jumps there, so that no step comes nearer; bands only pull: set '
-                'connector.stiffness_compression to 0.0, give a connector.natural_length that '
-                'keeps them taut, or see in a run with drag what the fabric does')
+                f'connectors {names} are in compression while wrapped over shells '
+                '(connector.obstruction wrap): they rest where another geodesic becomes shorter '
+                'and their force jumps, so that no step converges; real connectors over shells '
+                'only pull: set connector.stiffness_compression to 0.0, give a '
+                'connector.natural_length that keeps them taut, or simulate the fabric with drag')
         if self._has_died_out():
             return (
-                f'it goes slack: of the forces at first {self.residual():.1g} is left, and less '
-                'with every step, so it bears nothing and has no stiffness there; give it a '
-                'connector.natural_length that keeps it tight, or loads')
+                f'the fabric goes slack: the forces have dropped to {self.residual():.1g} of '
+                'their initial values and decrease with every step, so it bears no load and has '
+                'no stiffness; give a connector.natural_length that keeps it taut, or loads')
         if self.steps >= self.largest:
             return (
-                f'the search took all of its {self.largest:,} steps; give it more (--steps, '
-                'largest_step_count), or seek it from smaller loads on (--load-steps, '
+                f'the search took all of its {self.largest:,} steps; allow more (--steps, '
+                'largest_step_count), or increase the loads in steps (--load-steps, '
                 'ico.step_loads)')
         return (
-            'no step lowers the energy any more: rounding hides what is left, or forces jump '
-            'there; seek it from smaller loads on (--load-steps, ico.step_loads), or take a '
-            'larger tolerance')
+            'no step lowers the energy: the unbalanced forces are within round-off, or forces are '
+            'discontinuous there; increase the loads in steps (--load-steps, ico.step_loads), or '
+            'use a larger tolerance')
 
-    def _pushing_around(self) -> list[int]:
-        """Connectors around shells that push, on the bodies on which the most is left."""
+    def _compressed_wrapped(self) -> list[int]:
+        """Return wrapped connectors in compression on the bodies with the largest residuals."""
         here, of = self.here, self.here.wrapped.of
         left = np.abs(self.leftover()[:, :3]).max(axis=1)
         bodies = self.fabric.scene.connectors.bodies[of]
@@ -842,9 +863,11 @@ class _Search:
         return found
 
 
-def judge(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]:
+def judge_equilibrium(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]:
     """
-    Verdict of a configuration at rest, counts that no kink changes, and those of both branches.
+    Return the verdict of an equilibrium, its curvature, and the curvatures of both branches.
+
+    The first curvature counts motions that are independent of the side of kinks.
     """
     jumps = here.kink_jumps
     if not len(jumps):
@@ -861,7 +884,7 @@ def judge(here: Configuration) -> tuple[str, Curvature, Mapping[str, Curvature]]
 
 
 def _verdict(soft: Curvature, stiff: Curvature) -> str:
-    """By the least and the most that a motion may cost."""
+    """Return the verdict from the curvatures with the softest and the stiffest kinks."""
     if stiff.negative > 0:
         return UNSTABLE
     if soft.negative > 0:

@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-A scene held still at a time: potential energy, forces and second derivatives of a configuration.
+Potential energy, forces and Hessian of a scene at one time, without motion.
 
 Vectors are (n, 6): displacements [m] and rotation vectors [rad] of the bodies, world frame, or
-forces [N] and torques about the centres [N m]. The configuration moves to x + dx, exp(dtheta) R.
+forces [N] and torques about the centres [N m]. A motion (dx, dtheta) moves a configuration to
+x + dx, exp(dtheta) R.
 """
 
 from collections.abc import Mapping
@@ -52,7 +53,7 @@ from icofabric_sim.simulation.model.shared_kinds import (
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
-from icofabric_sim.statics.friction import FrictionPath, Rubbing
+from icofabric_sim.statics.friction import ContactFriction, FrictionPath
 from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
 from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
@@ -62,7 +63,7 @@ import numpy as np
 
 
 class StaticFabric:
-    """What does not change while a configuration is sought."""
+    """Data of a fabric that is independent of the configuration."""
 
     def __init__(
         self, scene: Scene, time: float = 0.0, *, only: np.ndarray | None = None,
@@ -71,16 +72,16 @@ class StaticFabric:
         anchors_broken_since: np.ndarray | None = None, body_force: BodyForce | None = None
     ) -> None:
         """
-        Hold loads, drives and points of anchors as they are at `time` [s].
+        Hold loads, drives and points of anchors at `time` [s].
 
-        `only`: numbers of the connectors that forces and second derivatives count; None: all.
-        `contact`: whether shells and planes push each other, where the scene has it.
-        `load_factor`: of weight, electric fields, loads, tractions and the body force.
-        `broken_since`: as in snapshots (c,); connectors that have broken are left out.
-        `anchors_broken_since`: likewise (a,).
-        `inputs`: what acts in place of the scene's own loads and drives; not used elsewhere.
-        `friction`: springs of friction on a path of states; None: nothing rubs.
-        `body_force`: of the user, see own_force.py.
+        - `only`: connectors that forces and the Hessian include, by number; None: all.
+        - `contact`: include contacts, if the scene has them.
+        - `load_factor`: factor of weight, electric fields, loads, tractions and the body force.
+        - `broken_since`: as in snapshots (c,); broken connectors are left out.
+        - `anchors_broken_since`: likewise (a,).
+        - `inputs`: inputs that replace the loads and drives of the scene; changed by this call.
+        - `friction`: friction springs on a path of states; None: no friction.
+        - `body_force`: body force of the user, see own_force.py.
         """
         self.friction = friction
         if not 0.0 <= time < math.inf:
@@ -124,7 +125,7 @@ class StaticFabric:
             self.free[:, 3:] = ~scene.supports.rotation[:, None]
         for drive in scene.drives.values():
             self.free[drive.bodies] &= ~drive.freedoms
-        # Forces on held freedoms are wanted too: the supports bear them.
+        # Without supports, because forces on held degrees of freedom give the reactions.
         self.model = model._replace(supports=None)
         self.springs = without(self.model, 'bending', 'twisting', *BESIDE_CONNECTORS)
         self.laws = TangentLaws(self.packed)
@@ -133,38 +134,38 @@ class StaticFabric:
         self.room = np.zeros_like(self.work.points), np.zeros((3, self.layout.slot_count))
         setup = pack_contact(scene, np.zeros(3), moving=False) if contact else None
         self.contacts = None if setup is None else StaticContacts(setup, scene.body_count)
-        # Whose attachment points are in the room.
+        # Configuration whose attachment points are in the buffers.
         self.placed: Configuration | None = None
-        # Slots without a body stay as they are.
+        # Slots without a body stay 0.
         self.product = aligned_zeros((6, self.layout.slot_count))
-        # [N] of a connector whose length is off by a few last bits.
+        # [N] force of a connector by the round-off of its length.
         connectors = self.packed.connectors
         self.rounding = 0.0 if connectors is None else 1e-14 * float(
             max(connectors.extension.max(), connectors.compression.max())
             * np.max(scene.connectors.woven_length))
         if setup is not None:
-            # And of shells that lie face to face, whose places are.
+            # And force of shells face to face by the round-off of their positions.
             self.rounding = max(
                 self.rounding, 1e-15 * setup.stiffness * scene.geometry.half_edge)
-        # [N] of charges on each other, the largest on a body where the search begins.
+        # [N] largest Coulomb force on a body at the start.
         self.repulsion = largest_repulsion(
             self.model.coulomb, position, self.relative_charge)
-        # Roots of masses and inertias: in these coordinates second derivatives are frequencies.
-        # (6,), or (n, 6) where bodies have masses of their own.
+        # Square roots of masses and inertias, (6,), or (n, 6) if they differ. In coordinates
+        # scaled by them the eigenvalues of the Hessian are squared frequencies.
         masses = self.packed.masses
         self.root = np.sqrt(np.repeat(np.column_stack(masses), 3, axis=1))
         if masses.alike:
             self.root = self.root[0]
-        # Forces on held freedoms are wanted too: the supports bear them.
+        # Without supports, because forces on held degrees of freedom give the reactions.
         unheld = self.model if masses.alike else self.model._replace(
             supports=pack_supports(masses, None, self.layout))
         self.unheld = without(unheld, *BESIDE_ACCELERATIONS)
 
     def without_contacts(self) -> 'StaticFabric':
-        """Return the same fabric, whose shells and planes do not push each other."""
+        """Return a copy of the fabric without contacts."""
         bare = copy(self)
         bare.contacts = bare.friction = bare.placed = None
-        # Rooms of its own: what is placed in them is known to one of the two only.
+        # Separate buffers: each fabric tracks only the configuration placed in its own.
         bare.work = bare.layout.room(bare.model.links)
         bare.room = np.zeros_like(bare.work.points), np.zeros_like(self.room[1])
         bare.start = Configuration(bare, self.start.position, self.start.orientation)
@@ -172,29 +173,29 @@ class StaticFabric:
 
     @property
     def relative_charge(self) -> np.ndarray:
-        """Charges of the bodies in parts of the largest, (n,)."""
+        """Charges of the bodies relative to the largest, (n,)."""
         charge = np.broadcast_to(self.scene.electric.charge, self.scene.body_count)
         largest = float(np.abs(charge).max(initial=0.0))
         return charge / largest if largest > 0.0 else charge
 
     def require_steady(self, time: float | None) -> None:
-        """Refuse a body force that changes with time where no `time` [s] is given; ValueError."""
+        """Raise ValueError if the body force changes with time and no `time` [s] is given."""
         if self.own_force is not None and time is None:
             self.own_force.require_steady(self.start.position, self.start.orientation)
 
     def configuration(self, name: str, snapshot: Snapshot) -> 'Configuration':
-        """Where a snapshot, the argument `name`, has the bodies."""
+        """Return the configuration of a snapshot, which is the argument `name`."""
         check_snapshot(name, snapshot, self.scene)
         return Configuration(self, snapshot.position.copy(), snapshot.orientation.copy())
 
     @property
     def half_edge(self) -> float:
-        """The length a [m]."""
+        """Half edge a [m]."""
         return self.scene.geometry.half_edge
 
 
 def check_snapshot(name: str, snapshot: Snapshot | None, scene: Scene) -> None:
-    """Refuse what is neither None nor a snapshot of as many bodies and connectors as a scene."""
+    """Raise TypeError or ValueError unless `snapshot` fits the scene; None passes."""
     if snapshot is None:
         return
     checks.instance(
@@ -219,7 +220,7 @@ def check_snapshot(name: str, snapshot: Snapshot | None, scene: Scene) -> None:
 
 
 def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
-    """Weight, and what electric fields do, times a factor."""
+    """Return a packed scene with weight and electric fields times a factor."""
     model = packed.model
     if model.gravity is not None:
         model = model._replace(gravity=Gravity(factor * model.gravity.acceleration))
@@ -242,32 +243,32 @@ def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:
 
 
 class Configuration:
-    """Where the bodies are; everything else follows, once it is asked for."""
+    """Poses of the bodies; energy, forces and derivatives are computed when first used."""
 
     def __init__(
         self, fabric: StaticFabric, position: np.ndarray, orientation: np.ndarray,
         side: str = ACTUAL
     ) -> None:
         """
-        Positions (n, 3) [m] and quaternions x y z w (n, 4).
+        Store positions (n, 3) [m] and quaternions x y z w (n, 4).
 
-        `side`: how connectors at their kink count in second derivatives, see sides.py.
+        `side`: stiffness of connectors at their kink in second derivatives, see sides.py.
         """
         self.fabric, self.position, self.orientation = fabric, position, orientation
         self.side = side
 
     def on(self, side: str) -> 'Configuration':
-        """The same with another side of the connectors that are at their kink."""
+        """Return the configuration with another side of connectors at their kink."""
         return self._alike(side)
 
     def with_slope(
         self, slope: np.ndarray, bodies: np.ndarray, blocks: np.ndarray
     ) -> 'Configuration':
         """
-        The same with other slopes of the tensions [N/m], (c,), in second derivatives.
+        Return the configuration with other stiffnesses `slope` [N/m], (c,), in the Hessian.
 
-        And with `blocks` (p, 12, 12) of pairs of `bodies` (p, 2), of a body and itself the first
-        6 x 6 numbers, added to those of contacts.
+        `blocks` (p, 12, 12) of pairs of `bodies` (p, 2) are added to those of contacts; of a body
+        paired with itself only the first 6 x 6 entries are used.
         """
         there = self._alike(self.side)
         there.__dict__['slope'] = slope
@@ -278,14 +279,14 @@ class Configuration:
         return there
 
     def anew(self) -> 'Configuration':
-        """The same, with second derivatives of contacts found anew."""
+        """Return the configuration with second derivatives of contacts to be recomputed."""
         there = self._alike(self.side)
         there.__dict__.pop('contact_blocks', None)
         return there
 
     def _alike(self, side: str) -> 'Configuration':
         there = Configuration(self.fabric, self.position, self.orientation, side)
-        # What does not depend on it, as far as it is known.
+        # Copy the cached values that do not depend on the side.
         for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
                      'tension', 'stretched', 'pulled', 'state', 'first_touches', 'wrapped',
                      'free_ends', 'rubbing', 'rubbing_blocks', 'own_wrench', 'own_force_blocks'):
@@ -295,7 +296,7 @@ class Configuration:
 
     @cached_property
     def stretched(self) -> Stretched:
-        """Lengths of the connectors, and which of those that count are at their kinks."""
+        """Lengths of the connectors, and the included ones at their kinks."""
         fabric = self.fabric
         found = fabric.laws.stretched(
             self.snapshot.connector_length, self.snapshot.connector_ends, fabric.lever)
@@ -304,18 +305,18 @@ class Configuration:
 
     @property
     def at_kink(self) -> np.ndarray:
-        """Numbers of the connectors that are at their kink."""
+        """Numbers of the connectors at their kink."""
         return np.flatnonzero(self.stretched.at_kink)
 
     @property
     def anchors_at_kink(self) -> tuple[str, ...]:
-        """Names of the anchors that are."""
+        """Names of the anchors at their kink."""
         names = tuple(self.fabric.scene.anchors)
         return tuple(names[a] for a in np.flatnonzero(self.pulled.here.at_kink))
 
     @property
     def kink_jumps(self) -> np.ndarray:
-        """k_e - k_c [N/m] of the connectors and anchors that are at their kink, (j,)."""
+        """k_e - k_c [N/m] of the connectors and anchors at their kink, (j,)."""
         jumps = [self.fabric.laws.jump(self.at_kink)]
         if self.pulled.here.at_kink.any():
             jumps.append(self.pulled.jump[self.pulled.here.at_kink])
@@ -323,29 +324,29 @@ class Configuration:
 
     @cached_property
     def first_touches(self) -> int:
-        """How many pairs of shells, or shells and planes, are at their first touch."""
+        """Number of pairs of shells, or shells and planes, at first touch."""
         contacts = self.fabric.contacts
         return 0 if contacts is None else contacts.first_touches(self.position, self.axes)
 
     @cached_property
     def slope(self) -> np.ndarray:
-        """Slopes of the connectors' tensions [N/m], (c,)."""
+        """Tangent stiffnesses of the connectors [N/m], (c,)."""
         return self.fabric.laws.slope(self.stretched, self.side)
 
     @cached_property
     def anchor_slope(self) -> np.ndarray:
-        """Slopes of the anchors' tensions [N/m], (a,)."""
+        """Tangent stiffnesses of the anchors [N/m], (a,)."""
         return self.fabric.anchors.slope(self.pulled, self.side)
 
     def moved(self, motion: np.ndarray) -> 'Configuration':
-        """The configuration displaced and turned by a vector (n, 6)."""
+        """Return the configuration displaced and rotated by a vector (n, 6)."""
         return Configuration(
             self.fabric, self.position + motion[:, :3],
             turned_by(motion[:, 3:], self.orientation))
 
     @cached_property
     def snapshot(self) -> Snapshot:
-        """The same as a snapshot at rest."""
+        """Snapshot of the configuration at rest."""
         fabric, zero = self.fabric, np.zeros_like(self.position)
         books: Mapping[str, float] = {
             'work_in': 0.0, 'spent': 0.0, 'start': 0.0,
@@ -369,7 +370,7 @@ class Configuration:
 
     @cached_property
     def force(self) -> np.ndarray:
-        """Forces and torques (n, 6) on all freedoms, held ones too."""
+        """Forces and torques (n, 6) on all degrees of freedom, including held ones."""
         fabric = self.fabric
         work = fabric.work
         keep_accelerations(
@@ -386,13 +387,13 @@ class Configuration:
 
     @cached_property
     def touching(self) -> Contacts | None:
-        """What touches; None where the scene has no contact."""
+        """Contacts without friction; None without contact."""
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
 
     @property
     def contact_forces(self) -> ContactForces | None:
-        """Force, torques and point of each contact; None where the scene has no contact."""
+        """Force, torques and point of each contact; None without contact."""
         contacts, rubbing, path = self.fabric.contacts, self.rubbing, self.fabric.friction
         return None if contacts is None else contacts.forces(
             self.position, self.axes,
@@ -400,14 +401,14 @@ class Configuration:
                 rubbing.pairs, rubbing.wrenches, path.sizes(rubbing), path.coefficient))
 
     @cached_property
-    def rubbing(self) -> Rubbing | None:
-        """What friction does; None where nothing rubs."""
+    def rubbing(self) -> ContactFriction | None:
+        """Friction; None without friction."""
         friction = self.fabric.friction
         return None if friction is None else friction.act(self.position, self.axes)
 
     @cached_property
     def rubbing_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second derivatives of friction by pairs, as those of contacts."""
+        """Second derivatives of friction by pairs, in the form of `contact_blocks`."""
         friction = self.fabric.friction
         if friction is None or not len(friction.pairs):
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
@@ -415,18 +416,18 @@ class Configuration:
 
     @cached_property
     def acting(self) -> Acting:
-        """The loads here."""
+        """Loads in this configuration."""
         return self.fabric.loads.act(self.position, self.axes)
 
     @cached_property
     def own_wrench(self) -> np.ndarray | None:
-        """Forces and torques (n, 6) of the user's body force; None where there is none."""
+        """Forces and torques (n, 6) of the user's body force; None without a body force."""
         own = self.fabric.own_force
         return None if own is None else own.wrench(self.position, self.orientation)
 
     @cached_property
     def own_force_blocks(self) -> np.ndarray | None:
-        """Derivatives (n, 6, 6) of that force, see own_force.py; None where there is none."""
+        """Derivatives (n, 6, 6) of the user's body force, see own_force.py; None without one."""
         own = self.fabric.own_force
         return None if own is None else own.blocks(self.position, self.orientation)
 
@@ -445,10 +446,10 @@ class Configuration:
     @cached_property
     def force_scale(self) -> float:
         """
-        The largest force [N] of a connector, an anchor, a load, charges, weight or body force.
+        Largest force [N] of a connector, an anchor, a load, charges, weight or body force.
 
-        Where none of them acts that of what is held, which then bears moments of connectors alone,
-        or of a torque over a.
+        If none of them acts: the largest reaction, which then balances only moments of connectors,
+        or the largest torque over a.
         """
         fabric = self.fabric
         weight = 0.0 if self.own_wrench is None else float(
@@ -473,7 +474,7 @@ class Configuration:
 
     @cached_property
     def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second derivatives of contacts: two bodies each (m, 2), and blocks (m, 12, 12)."""
+        """Second derivatives of contacts: bodies (m, 2), and blocks (m, 12, 12)."""
         fabric = self.fabric
         if fabric.contacts is None or self.touching is None:
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
@@ -481,7 +482,7 @@ class Configuration:
 
     @cached_property
     def wrapped(self) -> Wrapped:
-        """The connectors that lie around shells."""
+        """Connectors wrapped over shells."""
         fabric, snapshot = self.fabric, self.snapshot
         model = fabric.packed.model
         if model.wrapping is None:
@@ -495,10 +496,10 @@ class Configuration:
     @cached_property
     def free_ends(self) -> np.ndarray:
         """
-        Points of the world [m] between which connectors are straight and free, (c, 2, 3).
+        World points [m] between which connectors are straight and free, (c, 2, 3).
 
-        Attachment points, or the places where connectors leave shells that they lie around.
-        Lengths change as if they were fixed on the bodies.
+        They are attachment points, or the points where wrapped connectors leave their shells. To
+        first order, lengths change as if these points were fixed on the bodies.
         """
         if not len(self.wrapped.of):
             return self.snapshot.connector_ends
@@ -508,13 +509,13 @@ class Configuration:
 
     @cached_property
     def wrapped_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of connectors around shells."""
+        """Second derivatives of wrapped connectors, in the form of `contact_blocks`."""
         wrapped = self.wrapped
         if not len(wrapped.of):
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
         rounded = self.stretched.rounded[wrapped.of]
         pull = np.where(rounded, 0.0, self.tension[wrapped.of])
-        # By the ends that they leave from.
+        # First derivatives by the points where they leave the shells.
         gradient = np.hstack(list(wrapped.end_wrenches(
             self.position[self.fabric.scene.connectors.bodies[wrapped.of]])))
         blocks = pull[:, None, None] * wrapped.second
@@ -524,15 +525,15 @@ class Configuration:
 
     @cached_property
     def pair_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of all: contacts, connectors around shells, and friction."""
+        """Second derivatives of contacts, wrapped connectors and friction by pairs."""
         bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks, self.rubbing_blocks)
         return np.concatenate(bodies), np.concatenate(blocks)
 
     def times(self, motion: np.ndarray, *, pairs: bool = True) -> np.ndarray:
         """
-        Second derivative of the energy along a vector, (n, 6) both; held freedoms count.
+        Return the Hessian times a vector, (n, 6) both, on all degrees of freedom.
 
-        `pairs`: whether contacts, connectors around shells and mutual charges do.
+        `pairs` includes contacts, friction, wrapped connectors and mutual charges.
         """
         layout, product = self.fabric.layout, self.fabric.product
         self.multiply(layout.spread(motion), product, pairs=pairs)
@@ -541,7 +542,7 @@ class Configuration:
     def multiply(
         self, vector: np.ndarray, product: np.ndarray, *, pairs: bool = True
     ) -> None:
-        """The same of vectors (6, s), zero in slots without a body; overwrites `product`."""
+        """Write the Hessian times a vector to `product`, both (6, s) and 0 in empty slots."""
         fabric = self.fabric
         points, turns = fabric.room
         self._placed()
@@ -579,7 +580,7 @@ class Configuration:
 
     @cached_property
     def _turning(self) -> np.ndarray | None:
-        """Second derivatives along rotations alone: of dead loads and of dipoles."""
+        """Second derivatives along rotations, of dead loads and of dipoles."""
         turning, dipole = self.acting.turning, self.fabric.model.dipole
         if dipole is None:
             return turning
@@ -589,7 +590,7 @@ class Configuration:
 
     @cached_property
     def tangent(self) -> Any:
-        """The model with the laws of connectors as they are here, without supports."""
+        """Model with the tangent stiffnesses of connectors, without supports."""
         return self.fabric.laws.model(
             self.stretched, self.slope, self.wrapped.of)._replace(supports=None)
 
@@ -604,13 +605,13 @@ class Configuration:
 
     @cached_property
     def state(self) -> Any:
-        """The same for the kernels, at rest."""
+        """Packed state at rest, for the kernels."""
         zero = np.zeros_like(self.position)
         return self.fabric.layout.pack(
             InitialState(self.position, self.orientation, zero, zero))
 
     def _placed(self) -> Any:
-        """The state, with the attachment points in the room that all configurations share."""
+        """Return the state, with its attachment points in the buffers shared by configurations."""
         fabric = self.fabric
         if fabric.placed is not self:
             place_all(

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Where the motions without energy of a woven fabric are.
+Locate the mechanisms (zero-energy motions) of a woven fabric.
 
 The null space of the compatibility matrix has a projector P, whose trace is the number of
-mechanisms. The part of the trace that belongs to a body says how many of its six freedoms are in
-mechanisms: it does not depend on which basis of the null space is taken. In coordinates scaled by
-the roots of masses and inertias, as frequencies are.
+mechanisms. The trace of a body's block counts how many of its six degrees of freedom take part in
+mechanisms, independent of the basis of the null space. Coordinates are scaled by the square roots
+of masses and inertias, as for frequencies.
 """
 
 from typing import NamedTuple
@@ -29,26 +29,26 @@ from icofabric_sim.statics.mechanisms import compatibility_matrix, Counts
 from icofabric_sim.statics.one_thread import one_thread
 import numpy as np
 
-# Freedoms of a dense decomposition: 10 s of one core.
-_MOST = 3_000
-# Singular values below this part of the largest are zero (docs/statics.md).
-_ZERO = 1e-9
-# Layers below the faces of a slab that are told apart.
+# Most degrees of freedom of the dense decomposition: 10 s on one core.
+_MAX_FREEDOMS = 3_000
+# Singular values below this ratio to the largest count as zero (docs/statics.md).
+_ZERO_RATIO = 1e-9
+# Layers below the faces of a slab that are reported separately.
 LAYERS = 4
 CORNER, EDGE, FACE, WITHIN = PLACES = ('corner', 'edge', 'face', 'within')
 
 
 class Floppy(NamedTuple):
-    """Counts, and how many freedoms of each body are in motions without energy."""
+    """Mechanism counts, and the share of each body in the mechanisms."""
 
     counts: Counts
-    content: np.ndarray  # (n,) of 6 freedoms; the sum is the number of mechanisms
-    turning: np.ndarray  # (n,) the part of it in rotations
+    content: np.ndarray  # (n,) degrees of freedom, 0 to 6; their sum is the number of mechanisms
+    turning: np.ndarray  # (n,) the part of `content` in rotations
     place: np.ndarray  # (n,) number in PLACES; -1: the fabric is not an orthogonal slab
     depth: np.ndarray  # (n,) layers below the nearest face
 
     def by_place(self) -> dict[str, float]:
-        """Mean content of the bodies of each place, and of each of the first layers; NaN: none."""
+        """Return the mean content of the bodies by place and by layer; NaN without bodies."""
         found = {name: _mean(self.content[self.place == number])
                  for number, name in enumerate(PLACES)}
         whole = self.place[0] >= 0 if len(self.place) else False
@@ -58,13 +58,13 @@ class Floppy(NamedTuple):
 
 
 def require_dense(scene: Scene) -> None:
-    """Refuse fabrics that are too large for a dense decomposition, or that have no connector."""
+    """Refuse fabrics that are too large for a dense decomposition or have no connectors."""
     freedoms = 6 * scene.body_count
-    if freedoms > _MOST:
+    if freedoms > _MAX_FREEDOMS:
         raise ParameterError(
-            'weave.size', f'weave.size: where mechanisms are is found for at most {_MOST:,} '
-            f'freedoms, and these {scene.body_count:,} bodies have {freedoms:,}; take a smaller '
-            'slab (`modes` counts those of larger ones)')
+            'weave.size', f'weave.size: mechanisms are located for at most {_MAX_FREEDOMS:,} '
+            f'degrees of freedom, but {scene.body_count:,} bodies have {freedoms:,}; use a '
+            'smaller slab (`modes` counts the mechanisms of larger ones)')
     if not scene.connector_count:
         raise ParameterError(
             'weave.size', 'weave.size: the fabric has no connector, so all motions cost no energy')
@@ -73,10 +73,10 @@ def require_dense(scene: Scene) -> None:
 @one_thread()
 def find_floppy(scene: Scene) -> Floppy:
     """
-    Find where the mechanisms of the woven fabric are, by its connectors alone.
+    Locate the mechanisms of the woven fabric from its connectors and supports.
 
-    Supports count; contact, bending and twisting stiffness do not. ParameterError for more than
-    3,000 freedoms.
+    Ignores contact, bending and twisting stiffness. Raises ParameterError above 3,000 degrees of
+    freedom.
     """
     require_scene(scene)
     require_dense(scene)
@@ -84,7 +84,7 @@ def find_floppy(scene: Scene) -> Floppy:
     matrix = compatibility_matrix(here)
     connectors, freedoms = matrix.shape
     _, values, rows = np.linalg.svd(matrix, full_matrices=False)
-    rank = int(np.count_nonzero(values > _ZERO * max(float(values[0]), 1e-300)))
+    rank = int(np.count_nonzero(values > _ZERO_RATIO * max(float(values[0]), 1e-300)))
     stretched = np.zeros(6 * scene.body_count)
     free = here.fabric.free.ravel()
     stretched[free] = (rows[:rank] ** 2).sum(axis=0)
@@ -96,7 +96,7 @@ def find_floppy(scene: Scene) -> Floppy:
 
 
 def _places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Corner, edge, face or within, and layers below the nearest face, of an orthogonal slab."""
+    """Return the place (corner, edge, face, within) and depth of each body of a slab."""
     count = scene.body_count
     parameters = scene.parameters
     if parameters['weave.kind'] != 'orthogonal' or parameters['weave.region'] or (

@@ -12,22 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Friction of what touches, along a path of states at rest.
+Static friction in contacts along a path of equilibria.
 
-With friction a fabric rests in many ways, which depend on how it came there. So a path is stated,
-and followed in steps. From the state before, where the surfaces of a pair met in one point of
-each body, these points have moved apart along the surface by u, and the bodies have turned against
-each other about the normal by theta. Springs of the stiffness k of the dynamics (docs/contact.md)
-hold them back, as far as the push N allows: with s = (s0 + u, r theta), s0 what the springs had
-before and r the radius of the patch,
+With friction an equilibrium depends on the load path. So a path is given and followed in steps. In
+the previous state the two surfaces of a pair met in one point of each body. Since then these
+points have moved apart along the surface by u, and the bodies have rotated against each other
+about the normal by theta. Springs of the stiffness k of the dynamics (docs/contact.md) resist this
+motion, limited by the normal force N. With s = (s0 + u, r theta), where s0 is the previous stretch
+of the springs and r the radius of the patch,
 
-    V(s) = k |s|^2 / 2             where k |s| <= mu N, and the pair sticks,
-    V(s) = mu N (|s| - mu N / 2 k) beyond, where it slides.
+    V(s) = k |s|^2 / 2             if k |s| <= mu N: the pair sticks,
+    V(s) = mu N (|s| - mu N / 2 k) otherwise: the pair slides.
 
-With mu N given V is a convex function of the places, so an equilibrium is a minimum of the energy,
-sought as without friction. N is that of the equilibrium found, and the search goes on until it
-does not change (P. D. Panagiotopoulos, A nonlinear programming approach to the unilateral contact-
-and friction-boundary value problem in the theory of elasticity, Ing.-Archiv 44, 1975).
+For given mu N the function V is convex in the positions, so an equilibrium is a minimum of the
+energy, as without friction. N is then taken from the equilibrium found, and the search is repeated
+until N is unchanged (P. D. Panagiotopoulos, A nonlinear programming approach to the unilateral
+contact- and friction-boundary value problem in the theory of elasticity, Ing.-Archiv 44, 1975).
 """
 
 from dataclasses import dataclass, field, replace
@@ -38,59 +38,59 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.friction_state import TANGENTIAL
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH
 from icofabric_sim.simulation.contact.setup import pack_contact
+from icofabric_sim.statics.contact_points import ContactPoints
 from icofabric_sim.statics.contacts import StaticContacts
-from icofabric_sim.statics.meetings import Meetings
 import numpy as np
 
-# Steps of the differences of forces, in parts of a and in rad.
-_STEP = 1e-6
+# Step of force differences, as a ratio to a and in rad.
+_DIFFERENCE_STEP = 1e-6
 _EYE = np.eye(3)
 # What a path knows of each pair.
 _OF_PAIRS = ('pairs', 'arms', 'axes', 'normal', 'radius', 'before', 'limit')
 
-# The least part of their way that limits of friction go in a round.
-_LEAST_PART = 0.05
+# Smallest relaxation factor of friction limits in a round.
+_MIN_RELAXATION = 0.05
 
 
-class Rubbing(NamedTuple):
-    """What friction does in one configuration."""
+class ContactFriction(NamedTuple):
+    """Friction in one configuration."""
 
-    energy: float  # [J] of the springs, and of what slides against a constant force
+    energy: float  # [J] of the springs, and of sliding against a constant force
     wrench: np.ndarray  # (n, 6) [N], [N m] on the bodies
     pairs: np.ndarray  # (p, 2) bodies; the second one -1 - k: plane k
     # (p, 12) force [N] and torque about its centre [N m] on the first body, and on the second.
     wrenches: np.ndarray
-    slides: np.ndarray  # (p,) bool; else they stick
-    stretch: np.ndarray  # (p, 4) [m] of the springs, world frame, the last about the normal
+    slides: np.ndarray  # (p,) bool; False: sticks
+    stretch: np.ndarray  # (p, 4) [m] of the springs, world frame; the last one about the normal
 
     @property
     def force(self) -> np.ndarray:
-        """Forces [N] of friction on the first body of each pair, (p, 3), world frame."""
+        """Friction forces [N] on the first body of each pair, (p, 3), world frame."""
         return self.wrenches[:, :3]
 
 
 class Relaxation:
     """
-    How much of the way limits of friction go to where the pushes have them.
+    Relaxation factor of the friction limits between rounds of a search.
 
-    Pushes answer limits: where friction is strong by more than these were changed, and to the
-    other side, so that whole ways would swing ever wider. The part follows from the last two
-    rounds (dynamic relaxation of Irons and Tuck 1969, Int. J. Numer. Meth. Eng. 1, 275).
+    Normal forces respond to the limits. Under strong friction they change by more than the limits,
+    in the opposite direction, so that full updates would diverge. The factor follows from the last
+    two rounds (dynamic relaxation of Irons and Tuck 1969, Int. J. Numer. Meth. Eng. 1, 275).
     """
 
     def __init__(self) -> None:
-        """Begin with the whole way."""
+        """Start with the factor 1."""
         self._part, self._before = 1.0, np.zeros(0)
 
-    def part_of(self, off: np.ndarray) -> float:
-        """The part of the way for limits that are off by (p,)."""
+    def factor_for(self, off: np.ndarray) -> float:
+        """Return the relaxation factor for limits with errors `off` (p,)."""
         change = off - self._before if len(off) == len(self._before) else np.zeros(0)
         square = float(change @ change)
         if square > 0.0:
             part = -self._part * float(self._before @ change) / square
-            self._part = min(max(part, _LEAST_PART), 1.0)
+            self._part = min(max(part, _MIN_RELAXATION), 1.0)
         else:
-            # Other pairs than before.
+            # The pairs have changed.
             self._part = 1.0
         self._before = off
         return self._part
@@ -98,14 +98,14 @@ class Relaxation:
 
 @dataclass
 class FrictionPath:
-    """Springs of friction between what touches, carried from one state of a path to the next."""
+    """Friction springs of contacts, carried from one state of a path to the next."""
 
     coefficient: float  # mu
     stiffness: float  # k [N/m]
     half_edge: float  # a [m]
     body_count: int
-    # Of each pair where the step began: bodies, as in `Rubbing`; the point that they had in
-    # common, in the axes of both (of a plane in the world's); these axes; normal and radius.
+    # State of each pair at the start of the step: bodies, as in `ContactFriction`; their common
+    # point, in the axes of both bodies (world axes for a plane); these axes; normal and radius.
     pairs: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     arms: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))  # [m]
     axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3, 3)))
@@ -113,47 +113,47 @@ class FrictionPath:
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))  # [m]
     before: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # s0 [m]
     limit: np.ndarray = field(default_factory=lambda: np.zeros(0))  # mu N / k [m]
-    is_begun: bool = False  # whether there is a state that the step goes on from
+    is_begun: bool = False  # the step continues from a previous state
 
     @classmethod
     def of(cls, scene: Scene) -> 'FrictionPath | None':
-        """Of a scene before anything has slipped; None where nothing rubs."""
+        """Return the path of a scene before any slip, or None without friction."""
         setup = pack_contact(scene, np.zeros(3), moving=False)
         if setup is None or not setup.friction > 0.0:
             return None
         return cls(
             setup.friction, TANGENTIAL * setup.stiffness, setup.half_edge, scene.body_count)
 
-    def act(self, position: np.ndarray, axes: np.ndarray) -> Rubbing:
-        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
+    def act(self, position: np.ndarray, axes: np.ndarray) -> ContactFriction:
+        """Return the friction at `position` (n, 3) and `axes` (n, 3, 3), body axes as rows."""
         wrench = np.zeros((self.body_count, 6))
         wrenches, energy, stretch = self._wrenches(*self._of_pairs(position, axes))
         np.add.at(wrench, self.pairs[:, 0], wrenches[:, :6])
         shells = self.pairs[:, 1] >= 0
         np.add.at(wrench, self.pairs[shells, 1], wrenches[shells, 6:])
         slides = np.linalg.norm(stretch, axis=1) > self.limit
-        return Rubbing(
+        return ContactFriction(
             float(energy.sum()), wrench, self.pairs, wrenches, slides, stretch)
 
     def blocks(
         self, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
+        Return second derivatives by pairs: bodies (m, 2), and blocks (m, 12, 12).
 
-        By differences of forces, as those of contacts; a pair with a plane is one of a body and
+        Computed by differences of forces, as for contacts; a pair with a plane is a body and
         itself.
         """
         places, turns = self._of_pairs(position, axes)
         here, count = self._wrenches(places, turns)[0], len(self.pairs)
-        # Copies of all pairs, one for each freedom and sign: a single call is much faster.
+        # Copies of all pairs, one for each degree of freedom and sign, for a single fast call.
         moved, turned = (np.repeat(part[None], 24, axis=0) for part in (places, turns))
         for copy in range(24):
             (end, k), sign = divmod(copy // 2, 6), 1.0 - 2.0 * (copy % 2)
             if k < 3:
-                moved[copy, :, end, k] += sign * _STEP * self.half_edge
+                moved[copy, :, end, k] += sign * _DIFFERENCE_STEP * self.half_edge
             else:
-                rotation = np.broadcast_to(sign * _STEP * _EYE[k - 3], (count, 3))
+                rotation = np.broadcast_to(sign * _DIFFERENCE_STEP * _EYE[k - 3], (count, 3))
                 turned[copy, :, end] = turned_axes(rotation, turns[:, end])
         copies = replace(self)
         for name in _OF_PAIRS:
@@ -161,9 +161,9 @@ class FrictionPath:
         sides = copies._wrenches(
             moved.reshape(-1, 2, 3), turned.reshape(-1, 2, 3, 3))[0].reshape(12, 2, count, 12)
         lengths = np.tile(np.repeat([self.half_edge, 1.0], 3), 2)
-        part = np.moveaxis(sides[:, 1] - sides[:, 0], 0, 2) / (2.0 * _STEP * lengths)
+        part = np.moveaxis(sides[:, 1] - sides[:, 0], 0, 2) / (2.0 * _DIFFERENCE_STEP * lengths)
         for freedom in (3, 4, 5, 9, 10, 11):
-            # A torque on a turned body is seen from other axes: half of its turn.
+            # Turning the body also rotates the torque; half of that is symmetric.
             torque = slice(freedom // 6 * 6 + 3, freedom // 6 * 6 + 6)
             part[:, torque, freedom] += 0.5 * np.cross(_EYE[freedom % 6 - 3], here[:, torque])
         planes = self.pairs[:, 1] < 0
@@ -172,21 +172,21 @@ class FrictionPath:
         bodies = np.where(planes[:, None], self.pairs[:, :1], self.pairs)
         return bodies, 0.5 * (part + np.swapaxes(part, 1, 2))
 
-    def sizes(self, rubbing: Rubbing) -> np.ndarray:
-        """Compute how large friction is [N], that about the normal included, (p,)."""
+    def sizes(self, rubbing: ContactFriction) -> np.ndarray:
+        """Return the magnitude of friction [N], (p,), including the part about the normal."""
         stretch = np.linalg.norm(rubbing.stretch, axis=1)
         return np.asarray(self.stiffness * np.minimum(stretch, self.limit))
 
-    def allow(
+    def update_limits(
         self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray,
         relaxation: Relaxation
     ) -> float:
         """
-        Let pairs slide as their pushes are in a configuration; returns how far off they were [N].
+        Update friction limits to the normal forces in a configuration; return their error [N].
 
-        What touches there and did not before begins there.
+        Adds pairs that have come into contact since.
         """
-        met = contacts.meetings(position, axes)
+        met = contacts.contact_points(position, axes)
         limit = np.zeros(len(self.pairs))
         known = {pair: row for row, pair in enumerate(map(tuple, self.pairs.tolist()))}
         rows = np.array([known.get(tuple(pair), -1) for pair in met.pairs.tolist()], np.int64)
@@ -194,9 +194,9 @@ class FrictionPath:
         limit[rows[mine]] = self.coefficient / self.stiffness * met.push[mine]
         off = limit - self.limit
         change = float(np.abs(off).max(initial=0.0))
-        self.limit = np.maximum(self.limit + relaxation.part_of(off) * off, 0.0)
+        self.limit = np.maximum(self.limit + relaxation.factor_for(off) * off, 0.0)
         if not mine.all():
-            fresh = self._begun(met, ~mine, position, axes)
+            fresh = self._with_unloaded_springs(met, ~mine, position, axes)
             fresh.limit = self.coefficient / self.stiffness * met.push[~mine]
             change = max(change, float(fresh.limit.max()))
             for name in _OF_PAIRS:
@@ -208,12 +208,12 @@ class FrictionPath:
         reach: float = FIRST_TOUCH
     ) -> 'FrictionPath':
         """
-        Where the next step begins: what touches in a configuration, with what its springs kept.
+        Return the start of the next step: contacts in a configuration, with their spring stretch.
 
         `reach`: see `StaticContacts.meetings`.
         """
-        met = contacts.meetings(position, axes, reach)
-        there = self._begun(met, np.ones(len(met.pairs), bool), position, axes)
+        met = contacts.contact_points(position, axes, reach)
+        there = self._with_unloaded_springs(met, np.ones(len(met.pairs), bool), position, axes)
         if not len(self.pairs) or not len(there.pairs):
             return there
         places, turns = self._of_pairs(position, axes)
@@ -221,7 +221,7 @@ class FrictionPath:
         size = np.linalg.norm(stretch, axis=1)
         kept = stretch * np.minimum(
             1.0, self.limit / np.where(size > 0.0, size, 1.0))[:, None]
-        # Springs turn with their surfaces, by the mean of both bodies; a plane does not turn.
+        # Springs rotate with their surfaces, by the mean of both bodies; planes do not rotate.
         turn = self._turns(turns)
         planes = self.pairs[:, 1] < 0
         mean = np.where(
@@ -236,21 +236,19 @@ class FrictionPath:
                 there.before[row, 3] = vector[3]
         return there
 
-    def pressed(
+    def sticking(
         self, contacts: StaticContacts, position: np.ndarray, axes: np.ndarray
     ) -> 'FrictionPath':
-        """
-        For small motions about a configuration: what presses there sticks, and holds nothing yet.
-        """
-        met = contacts.meetings(position, axes)
-        # Beside what shells at their first touch press each other with, by rounding.
+        """Return sticking springs without force in loaded contacts, for small motions."""
+        met = contacts.contact_points(position, axes)
+        # Larger than the round-off forces of shells at first touch.
         least = contacts.stiffness * FIRST_TOUCH * self.half_edge
-        return self._begun(met, met.push > least, position, axes)
+        return self._with_unloaded_springs(met, met.push > least, position, axes)
 
-    def _begun(
-        self, met: Meetings, chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
+    def _with_unloaded_springs(
+        self, met: ContactPoints, chosen: np.ndarray, position: np.ndarray, axes: np.ndarray
     ) -> 'FrictionPath':
-        """Some of what meets in a configuration, with springs that hold nothing yet."""
+        """Return the `chosen` contacts of a configuration with springs without force."""
         pairs, point = met.pairs[chosen], met.point[chosen]
         there = replace(self, pairs=pairs)
         places, turns = there._of_pairs(position, axes)
@@ -258,13 +256,13 @@ class FrictionPath:
         return replace(
             there, arms=arms, axes=turns.copy(), normal=met.normal[chosen],
             radius=met.radius[chosen], before=np.zeros((len(pairs), 4)),
-            # The pushes are not known yet: in the first round all pairs stick.
+            # Normal forces are not known yet, so all pairs stick in the first round.
             limit=np.full(len(pairs), self.half_edge), is_begun=True)
 
     def _of_pairs(
         self, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Places (p, 2, 3) and axes (p, 2, 3, 3) of the bodies of pairs; planes are the world."""
+        """Return positions (p, 2, 3) and axes (p, 2, 3, 3) of pairs; planes have world axes."""
         planes = self.pairs[:, 1] < 0
         bodies = np.maximum(self.pairs, 0)
         places, turns = position[bodies], axes[bodies]
@@ -272,7 +270,7 @@ class FrictionPath:
         return places, turns
 
     def _turns(self, turns: np.ndarray) -> np.ndarray:
-        """Rotation vectors (p, 2, 3) [rad] of both bodies since the step began."""
+        """Return rotation vectors (p, 2, 3) [rad] of both bodies since the start of the step."""
         from scipy.spatial.transform import Rotation
 
         matrices = np.einsum('peai,peaj->peij', turns, self.axes)
@@ -282,7 +280,7 @@ class FrictionPath:
     def _wrenches(
         self, places: np.ndarray, turns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Wrenches on both (p, 12), energies [J], and stretches s (p, 4) [m], of all pairs."""
+        """Return wrenches on both bodies (p, 12), energies [J] and stretches s (p, 4) [m]."""
         count = len(self.pairs)
         if not count:
             return np.zeros((0, 12)), np.zeros(0), np.zeros((0, 4))
@@ -309,9 +307,9 @@ class FrictionPath:
 
 def _about(axis: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """
-    Derivative (p, 3) of axis . log R by small turns exp(dtheta) R, where log R is `turn` (p, 3).
+    Return the derivative (p, 3) of axis . log R for R -> exp(dtheta) R; log R is `turn` (p, 3).
 
-    The transpose of the inverse of the left Jacobian of rotations, times the axis.
+    It is the transposed inverse of the left Jacobian of rotations, times the axis.
     """
     angle = np.linalg.norm(turn, axis=1)
     small = angle < 1e-4

@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-How many eigenvalues of a sparse symmetric matrix lie below a shift, without keeping its factors.
+Count the eigenvalues of a sparse symmetric matrix below a shift, without storing its factors.
 
-By Sylvester's law of inertia these are the negative pivots of an elimination. It goes part by part
-of the fabric (multifrontal: Duff and Reid 1983, ACM Trans. Math. Softw. 9, 302): a part's freedoms
-are eliminated in a small dense matrix, its front, and only what they leave on the freedoms around
-it is handed on, until these go in turn. Factors, which are most of the memory, are never stored.
+By Sylvester's law of inertia their number is that of the negative pivots of an elimination. The
+elimination is multifrontal (Duff and Reid 1983, ACM Trans. Math. Softw. 9, 302): the degrees of
+freedom of a part of the fabric are eliminated in a small dense matrix, its front. Only the update
+of the surrounding degrees of freedom is passed on. Factors, which would need most of the memory,
+are never stored.
 """
 
 from icofabric_sim.kernels.fronts import add_update, pack_lower
@@ -30,9 +31,10 @@ from scipy.linalg.lapack import dpotrf
 
 def count_negative(matrix: sparse.csr_matrix, ends: np.ndarray, shift: float) -> int:
     """
-    How many eigenvalues of a matrix, in order of elimination, lie below `shift`; -1: undecided.
+    Count the eigenvalues of a matrix, in order of elimination, below `shift`; -1: undecided.
 
-    `ends` (t,): where the parts end that are eliminated together; rising, the last is the size.
+    `ends` (t,) are the increasing ends of the parts that are eliminated together; the last one is
+    the size of the matrix.
     """
     upper = sparse.triu(matrix, format='csr')
     starts = np.concatenate([[0], ends[:-1]])
@@ -75,16 +77,14 @@ def count_negative(matrix: sparse.csr_matrix, ends: np.ndarray, shift: float) ->
 
 
 def _eliminate(own: np.ndarray, side: np.ndarray, rest: np.ndarray) -> int:
-    """
-    Negative pivots of `own`; what it leaves is added to `rest`, in place. Lower triangles count.
-    """
+    """Count the negative pivots of `own` and add its update to `rest` (lower triangles)."""
     factor, failed = dpotrf(own, lower=1, clean=0)
     if not failed:
         if len(rest):
             along = dtrsm(1.0, factor, side, side=1, lower=1, trans_a=1, overwrite_b=1)
             dsyrk(-1.0, along, beta=1.0, c=rest, lower=1, overwrite_c=1)
         return 0
-    # Pivots of one and two freedoms (Bunch and Kaufman 1977).
+    # Pivots of one and two degrees of freedom (Bunch and Kaufman 1977).
     lower, pivots, order = ldl(own, lower=True)
     if not np.isfinite(pivots).all():
         return -1

@@ -15,12 +15,12 @@
 Vibrations of fabrics whose connectors differ by orders of magnitude in stiffness.
 
 The mass-scaled Hessian is H = B^T B + R: B = sqrt(k) A from the changes of length A of connectors
-and anchors (mechanisms.py), R from all else, such as tensions. A solver of H errs by the rounding
-of its largest entry, which hides soft motions beside stiff ones. One-sided Jacobi rotations find
-each singular value of B to nearly all digits, because its rows are scaled (Demmel and Veselic
-1992, SIAM J. Matrix Anal. Appl. 13, 1204; LAPACK's dgejsv: Drmac and Veselic 2008, the same 29,
-1322). On its singular vectors V, H is S^2 + V^T R V, of which a stiff part is eliminated where it
-is far above the rest and above R: the soft part keeps its own digits.
+and anchors (mechanisms.py), R from all other terms, such as tensions. An eigensolver for H has the
+round-off of its largest entry, which hides soft motions. One-sided Jacobi rotations compute every
+singular value of B to nearly full accuracy, because its rows are scaled (Demmel and Veselic 1992,
+SIAM J. Matrix Anal. Appl. 13, 1204; LAPACK's dgejsv: Drmac and Veselic 2008, ibid. 29, 1322). On
+the singular vectors V, H is S^2 + V^T R V. A stiff block far above the rest and above R is
+eliminated, so that the soft block keeps its accuracy.
 """
 
 from icofabric_sim.statics.fabric import Configuration
@@ -30,19 +30,19 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import lapack
 
-# Ratio of stiffnesses from which the extra work is done; ratio of squared frequencies from which
-# stiff motions are eliminated, which leaves a relative error of its inverse squared.
+# Ratio of stiffnesses above which a fabric counts as graded; ratio of squared frequencies above
+# which stiff motions are eliminated, with a relative error of its inverse squared.
 _GRADED_RATIO, _GAP_RATIO = 1e4, 1e5
-# Squared frequencies below this ratio to the largest that they are computed with are zero.
+# Squared frequencies below this ratio to the largest of their block count as zero.
 ZERO_RATIO = 1e-10
-# Error of a squared frequency by rounding, as a ratio to the largest.
+# Round-off error of a squared frequency, as a ratio to the largest.
 ROUNDING_RATIO = 1e-15
-# What dgejsv is asked: scaled columns, or rows; left vectors, all of them, or right ones; none.
-_COLUMNS, _ROWS, _ALL_LEFT, _RIGHT, _NO_LEFT, _NO_RIGHT = 0, 2, 1, 0, 3, 3
+# Options of dgejsv: scaled columns or rows; all left vectors, right vectors, no vectors.
+_SCALED_COLUMNS, _SCALED_ROWS, _ALL_LEFT, _RIGHT, _NO_LEFT, _NO_RIGHT = 0, 2, 1, 0, 3, 3
 
 
 def is_graded(here: Configuration) -> bool:
-    """Whether connectors and anchors differ so much in stiffness that soft motions need care."""
+    """Return True if the stiffnesses of connectors and anchors differ by orders of magnitude."""
     slope = _slopes(here)
     slope = slope[slope != 0.0]
     return len(slope) > 0 and bool(
@@ -62,18 +62,18 @@ def solve_graded(
     rest
         R (f, f), see `without_slopes`.
     unequal
-        (f, f) what scales the freedoms once more; None: nothing does.
+        Additional scaling (f, f) of the degrees of freedom; None: none.
 
     Returns
     -------
-    values : (f,) rising; zero ones are exactly 0.
-    vectors : (f, f) columns of mass-scaled free freedoms.
-    errors : (f,) estimated absolute errors of the values by rounding.
-    zero : squared frequency below which one counts as zero.
+    values : (f,) rising; zero values are exactly 0.
+    vectors : (f, f) columns of mass-scaled free degrees of freedom.
+    errors : (f,) estimated absolute round-off errors of the values.
+    zero : limit below which a squared frequency counts as zero.
     """
     matrix, slope = sparse_compatibility(here), _slopes(here)
     if here.fabric.laws.is_plain:
-        # Connectors are in R.
+        # Connectors are part of R.
         slope[:len(slope) - len(here.anchor_slope)] = 0.0
     matrix, slope = matrix[slope != 0.0], slope[slope != 0.0]
     if unequal is not None:
@@ -97,9 +97,10 @@ def solve_graded(
         remainder[soft, soft] -= remainder[soft, stiff] @ mixed
         basis[:, stiff], basis[:, soft] = (
             basis[:, stiff] + basis[:, soft] @ mixed.T, basis[:, soft] - basis[:, stiff] @ mixed)
-        found.append(_own(top, basis[:, stiff]))
+        found.append(_eigen_of_block(top, basis[:, stiff]))
         start = end
-    found.append(_own(np.diag(square[start:]) + remainder[start:, start:], basis[:, start:]))
+    found.append(_eigen_of_block(
+        np.diag(square[start:]) + remainder[start:, start:], basis[:, start:]))
     zero = ZERO_RATIO * float(np.abs(found[-1][0]).max())
     values, vectors, errors = (np.concatenate(part, axis=-1) for part in zip(*found[::-1]))
     values = np.where(np.abs(values) <= zero, 0.0, values)
@@ -108,9 +109,9 @@ def solve_graded(
 
 def without_slopes(here: Configuration) -> Configuration:
     """
-    Return the configuration with the tensions of connectors and anchors, without their slopes.
+    Return the configuration with tensions of connectors and anchors but without stiffnesses.
 
-    Its second derivatives are R. Tensions that rounding of lengths makes are left out.
+    Its Hessian is R. Tensions within the round-off of lengths are set to 0.
     """
     bare = here.with_slope(np.zeros_like(here.slope), np.zeros((0, 2), np.int64), np.zeros(0))
     length, stretch = here.stretched.length, here.stretched.stretch
@@ -123,20 +124,20 @@ def without_slopes(here: Configuration) -> Configuration:
 
 
 def _slopes(here: Configuration) -> np.ndarray:
-    """Slopes [N/m] of the rows of the compatibility matrix."""
+    """Return the stiffnesses [N/m] of the rows of the compatibility matrix."""
     slope = here.slope[(here.slope != 0.0) & here.snapshot.intact]
     return np.concatenate([slope, here.anchor_slope])
 
 
 def _squares(matrix: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:
-    """Squared singular values (f,) of B (c, f), falling, and all right singular vectors (f, f)."""
+    """Return squared singular values (f,) of B (c, f), descending, and right vectors (f, f)."""
     rows, columns = matrix.shape
     if rows <= columns:
         values, vectors, _, scale, _, info = lapack.dgejsv(
-            matrix.T, joba=_COLUMNS, jobu=_ALL_LEFT, jobv=_NO_RIGHT)
+            matrix.T, joba=_SCALED_COLUMNS, jobu=_ALL_LEFT, jobv=_NO_RIGHT)
     else:
         values, _, vectors, scale, _, info = lapack.dgejsv(
-            matrix, joba=_ROWS, jobu=_NO_LEFT, jobv=_RIGHT)
+            matrix, joba=_SCALED_ROWS, jobu=_NO_LEFT, jobv=_RIGHT)
     if info:
         raise np.linalg.LinAlgError(f'the singular values did not converge (dgejsv: {info})')
     square = np.zeros(columns)
@@ -144,10 +145,10 @@ def _squares(matrix: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:
     return square, np.array(vectors)
 
 
-def _own(
+def _eigen_of_block(
     matrix: np.ndarray, basis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values and vectors of one part on its basis, and what rounding adds to the values."""
+    """Return eigenvalues, vectors on a basis, and round-off of the values of one block."""
     values, turns = np.linalg.eigh(matrix)
     error = ROUNDING_RATIO * float(np.abs(values).max(initial=0.0))
     return values, basis @ turns, np.full(len(values), error)

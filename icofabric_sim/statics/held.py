@@ -11,24 +11,24 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What of a scene needs a time to be held at, or has no potential."""
+"""Parameters of a scene that change with time, and loads without a potential."""
 
 from icofabric_sim import checks
-from icofabric_sim.scene.profiles import STEADY
+from icofabric_sim.scene.profiles import STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene
 
 
 def check_time(time: float | None) -> None:
-    """Refuse what is neither None nor a simulated time [s]."""
+    """Raise TypeError or ValueError unless `time` is a simulated time [s]; None passes."""
     if time is not None:
         checks.number('time', time, unit='s', least=0.0)
 
 
 def held_time(scene: Scene, time: float | None) -> float:
     """
-    The time [s] at which a scene is held; None: 0, where nothing in it changes with time.
+    Return the time [s] at which a scene is held; 0 if none is given and the scene is steady.
 
-    Raises ValueError naming what does.
+    Raises ValueError with the parameters that change with time.
     """
     if time is not None:
         return float(time)
@@ -36,13 +36,13 @@ def held_time(scene: Scene, time: float | None) -> float:
     if moving:
         several = f' and {len(moving) - 1} more' if len(moving) > 1 else ''
         raise ValueError(
-            f'{moving[0]}{several}: changes with time, and a fabric is at rest only where that is '
-            'held; say at which time (time=, or icofabric statics --time S)')
+            f'{moving[0]}{several}: changes with time, but an equilibrium needs steady loads; '
+            'give the time at which to hold them (time=, or icofabric statics --time S)')
     return 0.0
 
 
 def varying(scene: Scene) -> list[str]:
-    """Names of parameters that make drives, anchors, loads or tractions change with time."""
+    """Return the parameters that make drives, anchors, loads or tractions change with time."""
     parameters = scene.parameters
     found = [
         f'drives.{name}.motion' for name in parameters.names('drives')
@@ -52,7 +52,7 @@ def varying(scene: Scene) -> list[str]:
             found.append(f'anchors.{name}.file')
         elif any(parameters[f'anchors.{name}.velocity']):
             found.append(f'anchors.{name}.velocity')
-    if not scene.electric.is_potential and scene.electric.profile != STEADY:
+    if not scene.electric.is_potential and scene.electric.profile != STEADY_PROFILE:
         found.append('field.profile')
     for section in ('loads', 'tractions'):
         for name in parameters.names(section):
@@ -65,7 +65,7 @@ def varying(scene: Scene) -> list[str]:
 
 
 def without_potential(scene: Scene) -> list[str]:
-    """Names of loads and tractions that turn with their bodies, or twist them."""
+    """Return the names of loads and tractions that follow their bodies or apply torques."""
     parameters = scene.parameters
     found = []
     for name in parameters.names('loads'):

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-How held bodies of a slab are moved: its ends against each other, or all of its outer faces.
+Prescribed motions of held bodies of a slab: one end against the other, or all outer faces.
 
-A motion says for each amount, a strain or an angle, where the bodies are that it moves, and at
-which rate they go on from there. What their supports bear times that rate is the derivative of the
-energy by the amount.
+For each amount (a strain or an angle) a motion gives the poses of the moved bodies and their rates
+of change with the amount. The reactions of the supports times these rates are the derivative of
+the energy by the amount.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -25,7 +25,7 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim import checks
-from icofabric_sim.scene.body_sizes import names_of_sizes
+from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.initial import rotate_by_vector
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
@@ -35,42 +35,42 @@ PULL, PUSH, SHEAR = 'pull', 'push', 'shear'
 # All outer faces towards the centre, or away from it.
 HYDROSTATIC, INFLATION = 'hydrostatic', 'inflation'
 BEND, TWIST = 'bend', 'twist'
-# What the amount is: a strain, or an angle [rad].
+# Load cases whose amount is a strain, and those whose amount is an angle [rad].
 STRAINED, TURNED = (PULL, PUSH, SHEAR, HYDROSTATIC, INFLATION), (BEND, TWIST)
-# Those whose moved end may go along a given direction.
+# Load cases whose moved end may follow a given direction.
 DIRECTED = (PULL, PUSH, SHEAR)
-# A displacement this close to across an axis, as a part of its length, is across it.
+# Ratio of the axial component of a displacement below which the displacement counts as lateral.
 _ACROSS_RATIO = 1e-9
 _SECTIONS = (
     'groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial', 'masses.')
-# Of a body within the weave.
+# Neighbours of a body inside the weave.
 _NEIGHBOURS = 12
-# Below this angle [rad] a series is more exact than differences of sines.
-_SMALL = 0.01
+# Below this angle a series is more accurate than differences of sines.
+_SERIES_LIMIT_RAD = 0.01
 
 
 class Placement(NamedTuple):
-    """Where the moved bodies are, and how they go on."""
+    """Poses of the moved bodies and their rates of change with the amount."""
 
     position: np.ndarray  # (m, 3) [m]
-    rotation: np.ndarray  # (3,) [rad] from how they are woven
-    rate: np.ndarray  # (m, 6) displacement [m] and rotation [rad] for each unit of the amount
+    rotation: np.ndarray  # (3,) [rad] from the woven orientation
+    rate: np.ndarray  # (m, 6) displacement [m] and rotation [rad] per unit of the amount
 
 
 @dataclass(frozen=True)
 class HeldMotion:
-    """A slab, which of its bodies are held, and how some of them move."""
+    """Slab with held bodies, some of which follow a prescribed motion."""
 
-    scene: Scene  # the slab with its held bodies as woven
+    scene: Scene  # slab with its held bodies as woven
     axis: int  # from end to end
     length: float  # [m] between the centres of the ends
-    end: np.ndarray  # (e,) the bodies of the end that moves, or of the face there
-    moved: np.ndarray  # (m,) all bodies that move
+    end: np.ndarray  # (e,) bodies of the moved end, or of the face there
+    moved: np.ndarray  # (m,) all moved bodies
     at: Callable[[float], Placement]
-    body_force: BodyForce | None = None  # of the user, which acts beside the supports
+    body_force: BodyForce | None = None  # of the user, acts in addition to the supports
 
     def placed(self, amount: float) -> Scene:
-        """The slab with its held bodies where an amount puts them."""
+        """Return the slab with its held bodies at an amount."""
         placement = self.at(amount)
         start = self.scene.initial
         position, orientation = start.position.copy(), start.orientation.copy()
@@ -81,16 +81,16 @@ class HeldMotion:
 
     def conjugate(self, amount: float, reaction: np.ndarray) -> float:
         """
-        What the supports do for each unit of the amount [J]: the derivative of the energy.
+        Return the derivative of the energy by the amount [J], from reactions (n, 6) at an amount.
 
-        Of reactions (n, 6) on bodies where an amount puts them. A moment [N m] for an angle.
+        For an angle the derivative is a moment [N m].
         """
         return float((reaction[self.moved] * self.at(amount).rate).sum())
 
     def end_wrench(
         self, position: np.ndarray, reaction: np.ndarray
     ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Force [N] and moment [N m] about its centre that hold the moved end, world axes."""
+        """Return force [N] and moment [N m] on the moved end about its centre, world axes."""
         place, held = position[self.end], reaction[self.end]
         arm = place - place.mean(axis=0)
         fx, fy, fz = held[:, :3].sum(axis=0).tolist()
@@ -103,12 +103,15 @@ def held_motion(
     body_force: BodyForce | Force | None = None, along: np.ndarray | None = None
 ) -> HeldMotion:
     """
-    The motion of a kind for the slab of a scene, without its loads, supports and drives.
+    Return the motion of a load case for the slab of a scene, without loads, supports and drives.
 
-    `axis`: from end to end. `about`: the axis across it that a bend turns about, None: the next.
-    `body_force`: what acts on the slab all the same. `along` (3,), of length 1: where the end of
-    a pull or shear goes, and a push comes from; None: the axis, or for a shear the next one.
-    ValueError where the slab has no two ends.
+    - `axis`: world axis from end to end.
+    - `about`: lateral axis of a bend; None: the next axis.
+    - `body_force`: body force that acts on the slab.
+    - `along` (3,): unit vector along which the end of a pull or shear moves, and against which the
+      end of a push moves; None: the axis, or the next axis for a shear.
+
+    Raises ValueError if the slab does not have two ends.
     """
     own = as_body_force(body_force)
     letter = 'xyz'[axis]
@@ -117,7 +120,7 @@ def held_motion(
     length = float(coordinate[ends[1]].mean() - coordinate[ends[0]].mean())
     if not length > 0.0 or len(set(ends[0]) & set(ends[1])):
         raise ValueError(
-            f'the fabric has no two ends along the axis {letter}: weave.size must be at '
+            f'the fabric does not have two ends along the axis {letter}: weave.size must be at '
             'least 3 there')
     end = ends[1]
     place, unit = base.position[end], np.eye(3)
@@ -156,26 +159,27 @@ def check_along(kind: str, axis: int, along: Sequence[float] | None) -> np.ndarr
     kind : str
         Load case.
     axis : int
-        From end to end: 0, 1 or 2.
+        World axis from end to end: 0, 1 or 2.
     along : sequence of three floats or None
-        Direction, world frame, of any length; None: that of the load case.
+        Direction, world frame, of any length; None: the default of the load case.
 
     Returns
     -------
     ndarray or None
-        The same (3,) of length 1.
+        Unit vector (3,).
 
     Raises
     ------
     ValueError
-        Of a load case without such a direction, of a shear that is not across the axis, or of a
-        pull or push that does not part or approach the ends.
+        If the load case has no direction, a shear is not perpendicular to the axis, or a pull or
+        push does not change the distance of the ends.
     """
     if along is None:
         return None
     letter = 'xyz'[axis]
     if kind not in DIRECTED:
-        raise ValueError(f'along is of {", ".join(DIRECTED)} alone: leave it out for a {kind}')
+        raise ValueError(
+            f'along applies to {", ".join(DIRECTED)} only: leave it out for a {kind}')
     given = checks.array('along', along, (3,))
     size = float(np.abs(given).max())
     if not size > 0.0:
@@ -184,17 +188,18 @@ def check_along(kind: str, axis: int, along: Sequence[float] | None) -> np.ndarr
     unit = unit / np.linalg.norm(unit)
     if kind == SHEAR and abs(unit[axis]) > _ACROSS_RATIO:
         raise ValueError(
-            f'along {checks.shown(given.tolist())} of a shear must be across the axis {letter}: '
-            'an oblique displacement is that of a pull or push')
+            f'along {checks.shown(given.tolist())} of a shear must be perpendicular to the axis '
+            f'{letter}: use a pull or push for an oblique displacement')
     if kind != SHEAR and not unit[axis] > _ACROSS_RATIO:
         raise ValueError(
-            f'along {checks.shown(given.tolist())} of a {kind} must lead from the fixed end to '
-            f'the moved one, with a part along {letter} above 0; across it is a shear')
+            f'along {checks.shown(given.tolist())} of a {kind} must point from the fixed end to '
+            f'the moved one, with a component along {letter} above 0; use a shear for a lateral '
+            'displacement')
     return np.asarray(unit)
 
 
 def _ends(scene: Scene, axis: int) -> dict[str, str]:
-    """Selectors of the fixed end and the moved one: of a radial weave its first and last row."""
+    """Return selectors of the fixed and the moved end; radial weave: its first and last row."""
     if scene.weave.kind != 'radial':
         return {'fixed_end': f'{"xyz"[axis]}_min', 'moved_end': f'{"xyz"[axis]}_max'}
     word, place = ('row', 'column', 'level')[axis], scene.weave.grid[:, axis]
@@ -202,7 +207,7 @@ def _ends(scene: Scene, axis: int) -> dict[str, str]:
 
 
 def _scaled(place: np.ndarray, sign: float, amount: float) -> Placement:
-    """All bodies farther from their centre, or nearer (-1), by a part of their distance."""
+    """Scale distances from the centre by 1 + sign * amount."""
     arm = place - 0.5 * (place.min(axis=0) + place.max(axis=0))
     return Placement(
         place + sign * amount * arm, np.zeros(3), np.hstack([sign * arm, np.zeros_like(arm)]))
@@ -212,12 +217,12 @@ def _bent(
     place: np.ndarray, along: np.ndarray, turn: np.ndarray, length: float, angle: float
 ) -> Placement:
     """
-    An end turned about a lateral axis, its centre at the end of an arc of the woven length.
+    Rotate an end about a lateral axis, with its centre at the end of an arc of the woven length.
 
-    So the line through the centres of a slab that bends evenly keeps its length.
+    The centre line of a uniformly bent slab then keeps its length.
     """
     aside = np.cross(turn, along)
-    if abs(angle) < _SMALL:
+    if abs(angle) < _SERIES_LIMIT_RAD:
         square = angle * angle
         shorter = -square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0))
         sideways = 0.5 * angle * (1.0 - square / 12.0 * (1.0 - square / 30.0))
@@ -235,7 +240,7 @@ def _bent(
 def _turned(
     place: np.ndarray, shift: np.ndarray, rate: np.ndarray, axis: np.ndarray, angle: float
 ) -> Placement:
-    """Bodies turned about an axis through their centre, which is shifted, at a rate (3,)."""
+    """Rotate bodies about an axis through their centre, and shift the centre at a rate (3,)."""
     centre = place.mean(axis=0)
     arm = place - centre
     level = arm - np.outer(arm @ axis, axis)
@@ -245,16 +250,16 @@ def _turned(
         centre + shift + arm, angle * axis, np.hstack([rate + np.cross(axis, arm), spin]))
 
 
-def _bare(scene: Scene) -> dict[str, object]:
-    """Parameters of the fabric alone: shells, weave and connectors, and groups that these need."""
+def _fabric_parameters(scene: Scene) -> dict[str, object]:
+    """Return the parameters of shells, weave and connectors, and of groups that these use."""
     sections: tuple[str, ...] = (*_SECTIONS, 'gravity', 'field')
     if not scene.electric.mutual:
-        # Without a field charges do nothing but this.
+        # Without a field, charges have no other effect.
         sections = (*sections, 'charge')
     charged = scene.electric.mutual and scene.parameters.names('charges')
-    sized = names_of_sizes(scene.parameters, scene.shell, ('masses',))
+    sized = size_parameter_names(scene.parameters, scene.shell, ('masses',))
     if sized:
-        # At rest masses matter to nothing else.
+        # At rest, masses have no other effect.
         sections = tuple(name for name in sections if name != 'masses.')
     if charged or sized or scene.parameters.names('connector_groups'):
         sections = tuple(name for name in sections if name != 'groups.')
@@ -263,17 +268,17 @@ def _bare(scene: Scene) -> dict[str, object]:
 
 
 def _held(scene: Scene, groups: dict[str, str]) -> tuple[Scene, list[np.ndarray]]:
-    """The bare fabric with groups held as they are woven, and the bodies of each."""
-    names = [_unlike(name, scene.groups) for name in groups]
+    """Return the bare fabric with groups held as woven, and the bodies of each group."""
+    names = [_unused_name(name, scene.groups) for name in groups]
     held: dict[str, object] = {}
     for name, selector in zip(names, groups.values()):
         held |= {f'groups.{name}': selector, f'supports.{name}.group': name}
-    found = Scene.from_parameters({**_bare(scene), **held})
+    found = Scene.from_parameters({**_fabric_parameters(scene), **held})
     return found, [found.groups[name] for name in names]
 
 
-def _unlike(name: str, others: Container[str]) -> str:
-    """A name of our own beside those of the user."""
+def _unused_name(name: str, others: Container[str]) -> str:
+    """Return a name that differs from those of the user."""
     while name in others:
         name += '_'
     return name
@@ -281,9 +286,9 @@ def _unlike(name: str, others: Container[str]) -> str:
 
 def _within_faces(scene: Scene) -> tuple[Scene, np.ndarray]:
     """
-    The bare fabric with its outermost bodies held, and which they are.
+    Return the bare fabric with its outermost bodies held, and their numbers.
 
-    Those of the weave that lack a neighbour: also where a face has steps, as in bias.
+    They are the woven bodies that lack a neighbour, also on the steps of a face as in bias.
     """
     count = len(scene.weave.position)
     joined = np.bincount(scene.connectors.bodies.ravel(), minlength=count)[:count]

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The Lanczos iteration (lanczos.py) of a configuration at rest, with all that acts in it."""
+"""Lanczos iteration (lanczos.py) of the Hessian of a configuration at rest."""
 
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.records import SecondDerivatives, Supports
@@ -19,23 +19,24 @@ from icofabric_sim.simulation.model.lanczos import find_largest, Lanczos, start_
 from icofabric_sim.statics.fabric import Configuration
 import numpy as np
 
-# Relative accuracy of the largest squared frequency; a step is content with 1e-4.
+# Relative accuracy of the largest squared frequency; the choice of steps needs only 1e-4.
 _ACCURACY = 1e-9
-_MOST = 3_000  # products
-_LOOKS = 16  # products between two tests of convergence
+_MAX_PRODUCTS = 3_000
+_PRODUCTS_PER_TEST = 16  # between two tests of convergence
 
 
 def begin(here: Configuration, most: int, *, seed: int = 1) -> tuple[Lanczos, np.ndarray]:
     """
-    The iteration of a configuration, for at most so many steps, and the vector it begins with.
+    Return the iteration of a configuration, for at most `most` steps, and its start vector.
 
-    Contacts, anchors, loads and what pre-stress does count. The vector is 0 where all is held.
+    The Hessian includes contacts, anchors, loads and pre-stress. The vector is 0 if everything is
+    held.
     """
     fabric = here.fabric
     layout, model = fabric.layout, here.tangent
     supports, free = None, fabric.free
     if not free.all() or fabric.root.ndim > 1:
-        # Bodies that are driven are held too.
+        # Driven bodies are held too.
         inverse = np.where(free, fabric.root**-2.0, 0.0)
         supports = Supports(layout.spread(inverse[:, :3]), layout.spread(inverse[:, 3:4]))
     work = layout.room(model.links)
@@ -67,12 +68,12 @@ def _pair_blocks(here: Configuration, scale: np.ndarray) -> SecondDerivatives | 
 
 def largest_square(here: Configuration) -> float:
     """
-    Largest squared frequency [1/s^2], by what also chooses steps (stability.py).
+    Return the largest squared frequency [1/s^2], by the iteration that chooses steps.
 
-    The step choice counts the stiffer side of connectors with two stiffnesses, and bounds of what
-    contacts, anchors, fields and ways around shells add: it is never below this.
+    The choice of steps (stability.py) uses the stiffer side of connectors with two stiffnesses and
+    upper bounds for contacts, anchors, fields and wrapped connectors, so its value is never lower.
     """
-    run, start = begin(here, min(_MOST, 6 * here.fabric.scene.body_count))
+    run, start = begin(here, min(_MAX_PRODUCTS, 6 * here.fabric.scene.body_count))
     if not start.any():
         return 0.0
-    return max(0.0, find_largest(run, np.inf, _ACCURACY, _LOOKS).value)
+    return max(0.0, find_largest(run, np.inf, _ACCURACY, _PRODUCTS_PER_TEST).value)

@@ -11,33 +11,31 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""How far a motion goes until the first connector comes from pulling to pushing, or back."""
+"""Amplitude of a motion at which the first connector crosses its natural length."""
 
 from icofabric_sim.statics.fabric import Configuration
 import numpy as np
 
-# A change of length below this part of the motion is rounding.
+# A change of length below this ratio to the motion is round-off.
 _ROUNDING = 1e-9
 
 
 def length_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
-    """First-order changes of the connectors' lengths (m, c) by motions (m, n, 6)."""
+    """Return first-order changes of the connectors' lengths (m, c) by motions (m, n, 6)."""
     motions = np.asarray(motions)
     if not here.snapshot.connector_count:
         return np.zeros((len(motions), 0))
     bodies = here.fabric.scene.connectors.bodies
     changes = np.zeros((len(motions), len(bodies)))
     for of, wrench in zip(bodies.T, end_wrenches(here, slice(None))):
-        # One motion at a time: all of them at once need as much room as the shapes again.
+        # One motion at a time; all at once would double the memory of the shapes.
         for row, motion in zip(changes, motions):
             row += np.einsum('ci,ci->c', motion[of], wrench)
     return changes
 
 
 def end_wrenches(here: Configuration, chosen: np.ndarray | slice) -> np.ndarray:
-    """
-    Derivatives of the lengths of the `chosen` connectors along motions of both bodies, (2, c, 6).
-    """
+    """Return derivatives of the `chosen` connectors' lengths by motions of bodies, (2, c, 6)."""
     ends = here.free_ends[chosen]
     bodies = here.fabric.scene.connectors.bodies[chosen]
     reach = ends[:, 1] - ends[:, 0]
@@ -49,7 +47,7 @@ def end_wrenches(here: Configuration, chosen: np.ndarray | slice) -> np.ndarray:
 
 
 def anchor_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
-    """The same of anchors, (m, a)."""
+    """Return first-order changes of the anchors' lengths (m, a) by motions (m, n, 6)."""
     columns = [
         -(motions[:, body, :3] @ along + motions[:, body, 3:] @ np.cross(arm, along))
         for body, arm, along in here.fabric.anchors.directions(here.position, here.axes)]
@@ -58,10 +56,10 @@ def anchor_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
 
 def amplitudes_to_kink(here: Configuration, motions: np.ndarray) -> np.ndarray:
     """
-    By which factor motions (m, n, 6) may be taken, either way, before a connector changes side.
+    Return the factors (m,) of motions (m, n, 6) at which the first connector changes side.
 
-    (m,); to first order. 0 where a connector at its kink changes its length, infinity where no
-    connector has two stiffnesses or none of those changes its length.
+    To first order, in either direction. 0 if a connector at its kink changes its length; infinity
+    if no connector with two stiffnesses changes its length.
     """
     counted = here.fabric.counted & here.fabric.laws.kinked
     size = np.abs(motions[..., :3]).max(axis=(1, 2), initial=0.0) + (

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Rest of the fabric without end: places follow one deformation, bodies turn alike.
+Equilibrium of the periodic fabric: a uniform deformation, and the same rotation of every body.
 
-With one body to a cell that is all that can relax without parting bodies that are alike: six
-strains and a turn. Pre-stress and the push of shells on their neighbours count. Whether waves
-lower the energy of that state the bands say (periodic.py).
+The unit cell has one body, so a state that keeps all bodies equivalent has nine degrees of
+freedom: six strains and a rotation. Pre-stress and contact between neighbours are included. The
+bands (periodic.py) show whether waves lower the energy of this state.
 """
 
 from typing import Final, NamedTuple
@@ -27,52 +27,52 @@ from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
 import numpy as np
 
-# Voigt's order xx yy zz yz xz xy: a strain of 1 is a displacement gradient of this.
+# Components of the displacement gradient in Voigt's order xx yy zz yz xz xy.
 VOIGT: Final = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-# Tells one of two opposite neighbours from the other.
+# Vector that orders opposite neighbours.
 _ORDER: Final = np.array([1.0, np.pi, np.e**3])
-# Strain or turn [rad] of a step, at first and at most.
-_FIRST, _LONGEST = 0.02, 0.1
+# Strain or rotation [rad] of a step: initial and largest.
+_FIRST_STEP, _MAX_STEP = 0.02, 0.1
 _STEPS: Final = 300
-# Over the largest curvature of the energy: its slope at rest at most, a curvature that counts as
-# zero, and the least one that a step assumes.
-_RESTING, _FLAT, _LEAST = 1e-11, 1e-8, 1e-6
-# Along a curvature below zero a search goes on by so much, so many times.
+# Ratios to the largest curvature of the energy: largest slope at an equilibrium, curvature that
+# counts as zero, and smallest curvature that a step assumes.
+_SLOPE_RATIO, _ZERO_RATIO, _MIN_CURVATURE_RATIO = 1e-11, 1e-8, 1e-6
+# Step along a negative curvature, and the number of such steps.
 _NUDGE, _NUDGES = 1e-3, 4
-# Volume over that of the woven fabric beyond which no rest is looked for.
-_LEAST_VOLUME, _LARGEST_VOLUME = 0.2**3, 4.0**3
-# What a step gains over what was expected of it: enough to take it, and to take longer ones.
-_TAKEN, _GOOD = 0.1, 0.7
+# Range of the volume over that of the woven fabric in which an equilibrium is sought.
+_MIN_VOLUME_RATIO, _MAX_VOLUME_RATIO = 0.2**3, 4.0**3
+# Ratios of the actual to the expected decrease: to accept a step, and to enlarge the next ones.
+_ACCEPTED_GAIN_RATIO, _GOOD_GAIN_RATIO = 0.1, 0.7
 
 
 class LatticeRest(NamedTuple):
-    """An endless fabric at rest."""
+    """Equilibrium of a periodic fabric."""
 
-    gradient: np.ndarray  # (3, 3) of the places, by those as woven
-    turn: np.ndarray  # (4,) x y z w of each body, by its orientation as woven
-    pressing: np.ndarray  # (p, 3) [m] from each body to those that it presses on, once for a pair
-    overlap: float  # [m] the deepest
-    first_touches: int  # pairs of a body that touch without a push: they resist one way only
-    curvature: np.ndarray  # (9,) of the energy [J], rising; of strains and turns alike
+    gradient: np.ndarray  # (3, 3) deformation gradient from the woven state
+    turn: np.ndarray  # (4,) x y z w rotation of each body from its woven orientation
+    pressing: np.ndarray  # (p, 3) [m] from a body to neighbours in contact, one of each pair
+    overlap: float  # [m] largest overlap
+    first_touches: int  # pairs of a body in contact without force: they resist one way only
+    curvature: np.ndarray  # (9,) eigenvalues of the Hessian [J] by strains and rotations, rising
     step_count: int
 
     @property
     def verdict(self) -> str:
-        """Whether other strains and turns would lower the energy, or cost none."""
-        least = _FLAT * float(np.abs(self.curvature).max())
+        """Stability against strains and rotations: 'stable', 'with soft strains', 'unstable'."""
+        least = _ZERO_RATIO * float(np.abs(self.curvature).max())
         if self.curvature[0] < -least:
             return 'unstable'
         return 'with soft strains' if self.curvature[0] <= least else 'stable'
 
 
 class Lattice:
-    """A cell of an endless fabric: a body of a piece, and what joins it to half of the others."""
+    """Unit cell of a periodic fabric: one body, and its joints to half of its neighbours."""
 
     def __init__(self, piece: Scene, body: int, *, contact: bool) -> None:
-        """Take `body` of the `piece`, which has all its neighbours there."""
+        """Use `body` of the finite `piece`, which contains all neighbours of that body."""
         bodies = piece.connectors.bodies
         place = piece.position - piece.position[body]
-        # Of the two connectors in opposite directions one belongs to the cell.
+        # One of two connectors in opposite directions belongs to the cell.
         own = np.flatnonzero((bodies == body).any(axis=1))
         ahead = place[bodies[own].sum(axis=1) - body] @ _ORDER > 0.0
         self.fabric = StaticFabric(
@@ -86,11 +86,11 @@ class Lattice:
         self.body = body
 
     def at(self, gradient: np.ndarray, turn: np.ndarray) -> Configuration:
-        """Where the piece is by a deformation gradient (3, 3) and a turn (4,) of each body."""
-        return placed(self.fabric, self._place, gradient, turn)
+        """Return the piece under a deformation gradient (3, 3) and body rotation (4,)."""
+        return deformed_configuration(self.fabric, self._place, gradient, turn)
 
     def motions(self, gradient: np.ndarray) -> np.ndarray:
-        """The six strains and three turns of the deformed lattice, (9, n, 6)."""
+        """Return six strains and three rotations of the deformed lattice, (9, n, 6)."""
         place = self._place @ gradient.T
         motions = np.zeros((9, len(place), 6))
         for number, (i, j) in enumerate(VOIGT):
@@ -100,12 +100,12 @@ class Lattice:
         return motions
 
 
-def placed(
+def deformed_configuration(
     fabric: StaticFabric, place: np.ndarray, gradient: np.ndarray, turn: np.ndarray
 ) -> Configuration:
-    """A piece whose places (n, 3) [m] are deformed, and whose bodies are turned alike."""
+    """Return a piece with deformed positions (n, 3) [m] and equally rotated bodies."""
     woven = fabric.scene.orientation
-    # The turn, as a rotation vector.
+    # The rotation vector of `turn`.
     size = float(np.linalg.norm(turn[:3]))
     angle = 2.0 * np.arctan2(size, turn[3])
     vector = turn[:3] * (angle / size if size > 0.0 else 0.0)
@@ -113,8 +113,8 @@ def placed(
         fabric, place @ gradient.T, turned_by(np.tile(vector, (len(woven), 1)), woven.copy()))
 
 
-def form(here: Configuration, motions: np.ndarray) -> np.ndarray:
-    """Second derivatives of the energy along motions, (m, m)."""
+def hessian_along(here: Configuration, motions: np.ndarray) -> np.ndarray:
+    """Return second derivatives of the energy along motions, (m, m)."""
     energy = np.einsum(
         'inf,jnf->ij', motions, np.array([here.times(motion) for motion in motions]))
     return np.asarray(0.5 * (energy + energy.T))
@@ -122,49 +122,52 @@ def form(here: Configuration, motions: np.ndarray) -> np.ndarray:
 
 def relax(lattice: Lattice) -> LatticeRest:
     """
-    Where the energy of a cell is least, from the woven state on.
+    Minimise the energy of a unit cell, starting from the woven state.
 
-    Newton steps with the sizes of the curvatures, as long as the energy falls as expected; its
-    change is the integral of its slope along the step. Raises ValueError where there is no rest.
+    Uses Newton steps with absolute values of the curvatures, limited so that the energy decreases
+    as expected; its change is the integral of its slope along the step. Raises ValueError if
+    there is no equilibrium.
     """
     gradient, turn = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
     here = lattice.at(gradient, turn)
     slope = _slope(lattice, here, gradient)
-    radius, nudges = _FIRST, 0
+    radius, nudges = _FIRST_STEP, 0
     curvature = np.zeros(9)
     for count in range(_STEPS):
-        second = form(here, lattice.motions(gradient))
+        second = hessian_along(here, lattice.motions(gradient))
         curvature, vectors = np.linalg.eigh(second)
         largest = float(np.abs(curvature).max())
         if not np.isfinite(largest) or largest == 0.0:
             break
-        if np.abs(slope).max() <= _RESTING * largest:
-            if curvature[0] >= -_FLAT * largest or nudges >= _NUDGES:
+        if np.abs(slope).max() <= _SLOPE_RATIO * largest:
+            if curvature[0] >= -_ZERO_RATIO * largest or nudges >= _NUDGES:
                 return _rest(lattice, here, gradient, turn, curvature, count)
             nudges += 1
             step = _NUDGE * vectors[:, 0]
         else:
             along = vectors.T @ slope
-            step = -vectors @ (along / np.maximum(np.abs(curvature), _LEAST * largest))
+            step = -vectors @ (
+                along / np.maximum(np.abs(curvature), _MIN_CURVATURE_RATIO * largest))
             step *= min(1.0, radius / float(np.linalg.norm(step)))
             expected = float(slope @ step + 0.5 * step @ second @ step)
             gained = _change(lattice, gradient, turn, step, slope)
             after = _slope(lattice, *_moved(lattice, gradient, turn, step, 1.0)[:2])
             calmer = np.abs(after).max() < 0.5 * np.abs(slope).max()
-            if not (calmer and radius >= _FIRST) and not gained <= _TAKEN * min(expected, 0.0):
+            if not (calmer and radius >= _FIRST_STEP) and not (
+                    gained <= _ACCEPTED_GAIN_RATIO * min(expected, 0.0)):
                 radius = 0.3 * float(np.linalg.norm(step))
                 if radius < 1e-14:
                     break
                 continue
-            if gained <= _GOOD * expected:
-                radius = min(2.0 * radius, _LONGEST)
+            if gained <= _GOOD_GAIN_RATIO * expected:
+                radius = min(2.0 * radius, _MAX_STEP)
         here, gradient, turn = _moved(lattice, gradient, turn, step, 1.0)
         slope = _slope(lattice, here, gradient)
-        if not _LEAST_VOLUME < float(np.linalg.det(gradient)) < _LARGEST_VOLUME:
+        if not _MIN_VOLUME_RATIO < float(np.linalg.det(gradient)) < _MAX_VOLUME_RATIO:
             break
     raise ValueError(
-        'connector.natural_length: the endless fabric finds no rest between a fifth of its woven '
-        'size and four times that; take a length nearer to that of the connectors as woven, '
+        'connector.natural_length: the periodic fabric has no equilibrium between a fifth of its '
+        'woven size and four times that; give a length closer to the woven length of connectors, '
         f'{float(lattice.fabric.scene.geometry.connector_length)!r} m, or contact.mode always')
 
 
@@ -183,12 +186,12 @@ def _rest(
 def _slope(
     lattice: Lattice, here: Configuration, gradient: np.ndarray
 ) -> np.ndarray:
-    """Derivatives of the energy of a cell by strains and turns, (9,) [J]."""
+    """Return derivatives of the energy of a cell by strains and rotations, (9,) [J]."""
     return -np.asarray(np.einsum('inf,nf->i', lattice.motions(gradient), here.force))
 
 
 def _strain(step: np.ndarray) -> np.ndarray:
-    """The displacement gradient (3, 3) of the strains of a step, symmetric."""
+    """Return the symmetric displacement gradient (3, 3) of the strains of a step."""
     strain = np.zeros((3, 3))
     for value, (i, j) in zip(step, VOIGT):
         strain[i, j] += 0.5 * value
@@ -199,7 +202,7 @@ def _strain(step: np.ndarray) -> np.ndarray:
 def _moved(
     lattice: Lattice, gradient: np.ndarray, turn: np.ndarray, step: np.ndarray, part: float
 ) -> tuple[Configuration, np.ndarray, np.ndarray]:
-    """The configuration after a part of a step, its deformation gradient, and its turn."""
+    """Return the configuration after a fraction of a step, its deformation and rotation."""
     after = (np.eye(3) + part * _strain(step[:6])) @ gradient
     turned = turned_by(part * step[None, 6:], turn[None])[0]
     return lattice.at(after, turned), after, turned
@@ -208,11 +211,11 @@ def _moved(
 def _change(
     lattice: Lattice, gradient: np.ndarray, turn: np.ndarray, step: np.ndarray, slope: np.ndarray
 ) -> float:
-    """By how much the energy of a cell changes in a step [J], by Simpson's rule."""
+    """Return the change of the energy of a cell in a step [J], by Simpson's rule."""
     total, strain = float(slope @ step), _strain(step[:6])
     for part, weight in ((0.5, 4.0), (1.0, 1.0)):
         here, after, _ = _moved(lattice, gradient, turn, step, part)
-        # How the strain goes on there: a function of the first, so symmetric as well.
+        # Rate of the strain there: a function of the first strain, so symmetric as well.
         rate = strain @ np.linalg.inv(np.eye(3) + part * strain)
         going = np.array([
             *(rate[i, j] * (1.0 if i == j else 2.0) for i, j in VOIGT), *step[6:]])

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What acts on a fabric that is held still at a time: wrenches and anchors, body by body."""
+"""Wrenches and anchors on a fabric at one time."""
 
 from typing import NamedTuple
 
@@ -24,46 +24,46 @@ import numpy as np
 
 
 class Acting(NamedTuple):
-    """Wrenches in one configuration, and the part of them that has a potential."""
+    """Wrenches in one configuration, and the energy of those with a potential."""
 
-    energy: float  # [J] of the dead loads: forces that keep direction and place in the body
+    energy: float  # [J] of dead loads: forces of fixed direction at fixed points of their bodies
     wrench: np.ndarray  # (n, 6) force [N] and torque about the centre [N m], world frame
-    # (n, 3, 3) second derivative of that energy along rotation vectors; None: no dead load has
-    # its point off the centre.
+    # (n, 3, 3) second derivative of that energy along rotation vectors; None: all dead loads act
+    # at centres.
     turning: np.ndarray | None
 
 
 class DeadLoads:
-    """Wrenches at one time; those that turn with their bodies, and torques, have no potential."""
+    """Wrenches at one time; follower loads and torques have no potential."""
 
     def __init__(
         self, rows: list[WrenchRow], time: float, body_count: int, factor: float = 1.0
     ) -> None:
-        """Take the wrenches at `time` [s], times a `factor`."""
+        """Evaluate the wrenches at `time` [s], times a `factor`."""
         self._count = body_count
         self._rows = [(row, factor * row.piece.at(time)) for row in rows]
         self._rows = [(row, factor) for row, factor in self._rows if factor != 0.0]
 
     @property
     def largest_force(self) -> float:
-        """The largest force [N] on a body."""
+        """Largest force [N] on a body."""
         return max((float(np.linalg.norm(factor * row.force)) for row, factor in self._rows),
                    default=0.0)
 
     @property
     def largest_torque(self) -> float:
-        """The largest torque [N m] on a body, beside that of its force."""
+        """Largest torque [N m] on a body, without that of its force."""
         return max((float(np.linalg.norm(factor * row.torque)) for row, factor in self._rows),
                    default=0.0)
 
     @property
     def conservative(self) -> bool:
-        """Whether all of them have a potential."""
+        """True if all wrenches have a potential."""
         return not any(
             row.in_body_axes or row.torque.any() or row.normal.any() for row, _ in self._rows)
 
     def dead_wrench(self, axes: np.ndarray) -> np.ndarray:
-        """The part of the wrenches (n, 6) that has a potential."""
+        """Return the wrenches (n, 6) that have a potential."""
         wrench = np.zeros((self._count, 6))
         for row, factor in self._rows:
             if not (row.in_body_axes or row.normal.any()):
@@ -73,7 +73,7 @@ class DeadLoads:
         return wrench
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> Acting:
-        """In a configuration: `position` (n, 3), `axes` (n, 3, 3) with body axes as rows."""
+        """Return the wrenches at `position` (n, 3) and `axes` (n, 3, 3), body axes as rows."""
         energy, wrench = 0.0, np.zeros((self._count, 6))
         turning: np.ndarray | None = None
         for row, factor in self._rows:
@@ -101,10 +101,10 @@ class DeadLoads:
 
 def turned_potential(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """
-    Second derivative (n, 3, 3) of - F . (R p) along rotation vectors, with s = R p the arm.
+    Return the second derivative (n, 3, 3) of - F . (R p) along rotation vectors; s = R p: `arm`.
 
-    The second variation of s is (t (t . s) + t (s . t)) / 2 - s t^2, t = dtheta, so it is
-    (F . s) 1 - (F s^T + s F^T) / 2.
+    With t = dtheta the second variation of s is (t (t . s) + t (s . t)) / 2 - s t^2, so the result
+    is (F . s) 1 - (F s^T + s F^T) / 2.
     """
     mixed = force[:, :, None] * arm[:, None, :]
     dot = (force * arm).sum(axis=1)
@@ -113,29 +113,29 @@ def turned_potential(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 class AnchorPull:
-    """Anchors with their points where they are at one time."""
+    """Anchors with their world points at one time."""
 
     def __init__(
         self, anchors: Anchors | None, bodies: tuple[int, ...], points: np.ndarray, time: float
     ) -> None:
-        """`points` (a, 3) [m] of the world; `time` [s]."""
+        """Store world `points` (a, 3) [m] at `time` [s]."""
         self._anchors, self._time = anchors, time
         self._bodies, self._points = np.array(bodies, np.int64), points
 
     @property
     def points(self) -> np.ndarray:
-        """Points of the world (a, 3) [m] where they end."""
+        """World points (a, 3) [m] of the anchors."""
         return self._points
 
     @property
     def count(self) -> int:
-        """Count the anchors."""
+        """Number of anchors."""
         return len(self._bodies)
 
     def directions(
         self, position: np.ndarray, axes: np.ndarray
     ) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Body, arm [m] and direction from there to the point, of every anchor."""
+        """Return body, arm [m] and direction to the world point of every anchor."""
         if self._anchors is None:
             return []
         arm = np.einsum('ai,aij->aj', self._anchors.arm, axes[self._bodies])
@@ -144,7 +144,7 @@ class AnchorPull:
         return list(zip(self._bodies.tolist(), arm, reach))
 
     def act(self, position: np.ndarray, axes: np.ndarray, lever: float) -> 'Pulled':
-        """In a configuration; `lever`: see lever_of."""
+        """Return the anchors in a configuration; `lever`: see `lever_of`."""
         wrench = np.zeros((len(position), 6))
         anchors = self._anchors
         if anchors is None:
@@ -166,7 +166,7 @@ class AnchorPull:
         return Pulled(float(0.5 * (tension * stretch).sum()), wrench, tension, jump, here)
 
     def slope(self, pulled: 'Pulled', side: str) -> np.ndarray:
-        """Slopes of the tensions [N/m], (a,), by the `side` of anchors that are at their kink."""
+        """Return tangent stiffnesses [N/m], (a,), with the `side` of anchors at their kink."""
         anchors, here = self._anchors, pulled.here
         return np.zeros(0) if anchors is None else slopes_on(
             side, anchors.extension, anchors.compression, here.stretch, here.at_kink, here.rounded)
@@ -174,7 +174,7 @@ class AnchorPull:
     def blocks(
         self, pulled: 'Pulled', position: np.ndarray, axes: np.ndarray, slope: np.ndarray
     ) -> list[tuple[int, np.ndarray]]:
-        """Second derivatives (6, 6) by body, by the slopes of the tensions [N/m], (a,)."""
+        """Return second derivatives (6, 6) by body, from tangent stiffnesses [N/m], (a,)."""
         anchors, here = self._anchors, pulled.here
         if anchors is None:
             return []
@@ -193,7 +193,7 @@ class Pulled(NamedTuple):
     """Anchors in one configuration."""
 
     energy: float  # [J]
-    wrench: np.ndarray  # (n, 6) of the bodies
+    wrench: np.ndarray  # (n, 6) on the bodies
     tension: np.ndarray  # (a,) [N]
     jump: np.ndarray  # (a,) k_e - k_c [N/m]
     here: Stretched

@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The lowest frequencies of a large fabric, in memory that grows with the fabric alone.
+Lowest frequencies of a large fabric, in memory proportional to its size.
 
-The Lanczos iteration (lanczos.py) goes on until they have come out of it. Its vectors are not
-kept: they are made again for the shapes. Without them it loses orthogonality and finds values
-again; what was found again only is recognised by its vector's part of the start, which is next to
-nothing (Cullum and Willoughby 1985, Lanczos Algorithms for Large Symmetric Eigenvalue
-Computations, 4.5). Of motions with one frequency a pass finds one; the next begins without it.
+The Lanczos iteration (lanczos.py) runs until these frequencies have converged. Its vectors are not
+stored but recomputed for the shapes. Without reorthogonalisation the iteration finds spurious
+copies of eigenvalues. A copy is recognised because its vector has almost no component along the
+start vector (Cullum and Willoughby 1985, Lanczos Algorithms for Large Symmetric Eigenvalue
+Computations, 4.5). A pass finds one motion of each multiple frequency; the next pass starts
+orthogonal to the motions found.
 """
 
 from collections.abc import Callable
@@ -29,20 +30,20 @@ from icofabric_sim.statics.iteration import begin
 import numpy as np
 from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal
 
-# Steps before the first test of convergence, and how many more until the next.
-_FIRST, _LONGER = 100, 1.25
-# Residual of a squared frequency, in parts of it.
-_RESIDUAL = 1e-8
-# Part of the start below which a value was only found again; what is left of a vector without
-# those that are known where it is a new one.
-_AGAIN, _NEW = 1e-7, 0.1
-# Values that differ by less, in parts of themselves or of the largest, are one.
-_SAME, _ROUNDING = 1e-7, 1e-12
+# Steps before the first test of convergence, and factor of steps until the next one.
+_FIRST_STEPS, _STEP_FACTOR = 100, 1.25
+# Relative residual of a squared frequency.
+_RESIDUAL_RATIO = 1e-8
+# Component along the start vector below which a value is spurious; norm of a vector orthogonal to
+# the known ones above which it is new.
+_SPURIOUS_RATIO, _NEW_RATIO = 1e-7, 0.1
+# Values count as equal if they differ by less, relative to themselves or to the largest.
+_EQUAL_RATIO, _ROUNDING_RATIO = 1e-7, 1e-12
 _PASSES = 8
 
 
 class NotFoundError(ValueError):
-    """Frequencies did not come out of as many products as there may be."""
+    """Frequencies did not converge within the largest number of products."""
 
 
 def lowest_modes(
@@ -50,11 +51,12 @@ def lowest_modes(
     most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    `count` squared frequencies above `zero` [1/s^2], rising, and scaled free motions (f, count).
+    Return the lowest `count` squared frequencies above `zero` [1/s^2], and motions (f, count).
 
-    `below` counts those between zero and a value, which shows whether one is missing; None
-    where that is too large to count: then passes are made until one brings nothing new. Raises
-    NotFoundError where they do not come out of `most` products.
+    Motions are mass-scaled, on free degrees of freedom. `below` counts the frequencies between
+    zero and a value and so detects missing ones; without it (fabrics too large to count) passes
+    continue until one finds nothing new. Raises NotFoundError if they do not converge within
+    `most` products.
     """
     layout, free = here.fabric.layout, here.fabric.free
     values, vectors = np.zeros(0), np.zeros((0, int(free.sum())))
@@ -74,7 +76,7 @@ def lowest_modes(
             for _ in range(2):
                 shape = shape - vectors.T @ (vectors @ shape)
             left = float(np.linalg.norm(shape))
-            if left > _NEW:
+            if left > _NEW_RATIO:
                 values = np.append(values, value)
                 vectors = np.vstack([vectors, shape / left])
         order = np.argsort(values, kind='stable')[:count]
@@ -82,13 +84,13 @@ def lowest_modes(
         values, vectors = values[order], vectors[order]
         if len(values) == count and (
                 not new or below is not None
-                and below((1.0 + 100.0 * _SAME) * float(values[-1])) <= count):
+                and below((1.0 + 100.0 * _EQUAL_RATIO) * float(values[-1])) <= count):
             break
     return _refined(here, vectors)
 
 
 def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and vectors (f, j) of the Hessian on the space of orthonormal vectors (j, f)."""
+    """Return Ritz values and vectors (f, j) of the Hessian on orthonormal vectors (j, f)."""
     free, root = here.fabric.free, here.fabric.root
     products = np.empty_like(vectors)
     for vector, product in zip(vectors, products):
@@ -100,8 +102,8 @@ def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest values above zero, each once, and the weights (i, j) of their vectors."""
-    until, matrix = _FIRST, run.matrix
+    """Return the lowest distinct values above zero, and the weights (i, j) of their vectors."""
+    until, matrix = _FIRST_STEPS, run.matrix
     while True:
         run.go_on(until - matrix.done)
         size = matrix.size
@@ -116,29 +118,30 @@ def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.nd
                 first, min(first + sought, size) - 1))
             found, vectors = _each_once(found, vectors, largest)
             found, vectors = found[:count], vectors[:, :count]
-            good = matrix.off[size - 1] * np.abs(vectors[-1]) <= _RESIDUAL * found
+            good = matrix.off[size - 1] * np.abs(vectors[-1]) <= _RESIDUAL_RATIO * found
             sought *= 2
         if len(good) == count and good.all():
             return found, vectors
         if matrix.ended:
             raise NotFoundError(
-                f'of the {count} lowest frequencies of this fabric only {good.sum()} came out of '
-                f'{matrix.done:,} products: they lie too close to zero or to each other; ask for '
-                "fewer, or for which='highest'")
-        until = int(_LONGER * until) + 1
+                f'only {good.sum()} of the {count} lowest frequencies of this fabric converged '
+                f'within {matrix.done:,} products: they lie too close to zero or to each other; '
+                "request fewer, or which='highest'")
+        until = int(_STEP_FACTOR * until) + 1
 
 
 def _each_once(
     values: np.ndarray, vectors: np.ndarray, largest: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Values that differ by rounding taken together, and a vector (m,) for each.
+    Return values without copies that differ by round-off, and a vector (m,) for each.
 
-    Several are there because one of them has come out long ago (Paige 1980, Linear Algebra Appl.
-    34, 235), and their vectors may be mixed: of all combinations the one without the last step.
+    Copies appear after a value has converged (Paige 1980, Linear Algebra Appl. 34, 235), and their
+    vectors may be mixed; the result is the combination without the last step.
     """
-    real = np.flatnonzero(np.abs(vectors[0]) > _AGAIN)
-    gap = np.diff(values[real]) > _SAME * np.abs(values[real[1:]]) + _ROUNDING * largest
+    real = np.flatnonzero(np.abs(vectors[0]) > _SPURIOUS_RATIO)
+    gap = np.diff(values[real]) > (
+        _EQUAL_RATIO * np.abs(values[real[1:]]) + _ROUNDING_RATIO * largest)
     groups = np.split(real, np.flatnonzero(gap) + 1) if len(real) else []
     singled = [vectors[:, :0]]
     for group in groups:

@@ -14,10 +14,11 @@
 """
 Mechanisms and states of self-stress, counted from the geometry of the connectors alone.
 
-The compatibility matrix A takes motions of the bodies to changes of the connectors' lengths. Its
-null space are the motions that stretch nothing, that of its transpose the tensions that need no
-load. Of f free freedoms and c connectors (Calladine 1978, Int. J. Solids Struct. 14, 161):
-f - c = mechanisms - states of self-stress, because both counts use the one rank of A.
+The compatibility matrix A maps motions of the bodies to changes of the connectors' lengths. Its
+null space contains the motions that stretch no connector, that of its transpose the tensions in
+equilibrium without loads. For f free degrees of freedom and c connectors (Calladine 1978, Int. J.
+Solids Struct. 14, 161): f - c = mechanisms - states of self-stress, because both counts follow
+from the rank of A.
 """
 
 from typing import NamedTuple
@@ -26,13 +27,13 @@ from icofabric_sim.statics.fabric import Configuration
 import numpy as np
 from scipy import sparse
 
-# Singular values below this part of the largest are zero; those of woven slabs are 0 or above 0.09
-# (docs/statics.md).
-_ZERO = 1e-9
+# Singular values below this ratio to the largest are zero; those of woven slabs are 0 or above
+# 0.09 (docs/statics.md).
+_ZERO_RATIO = 1e-9
 
 
 class Counts(NamedTuple):
-    """Freedoms, connectors, and what follows from the rank of the compatibility matrix."""
+    """Counts of a fabric that follow from the rank of the compatibility matrix."""
 
     freedoms: int
     connectors: int
@@ -40,21 +41,21 @@ class Counts(NamedTuple):
 
     @property
     def mechanisms(self) -> int:
-        """Motions that stretch no connector, rigid ones of the whole included."""
+        """Number of motions that stretch no connector, including rigid motions of the whole."""
         return self.freedoms - self.rank
 
     @property
     def self_stresses(self) -> int:
-        """Independent tensions that are in equilibrium without loads."""
+        """Number of independent tensions in equilibrium without loads."""
         return self.connectors - self.rank
 
 
 def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     """
-    Changes of length of connectors and anchors per motion of the free freedoms.
+    Return changes of length of connectors and anchors by motions of free degrees of freedom.
 
-    Scaled by the roots of masses and inertias: (c, f), [1/sqrt(kg)]. For connectors that have
-    broken, or have no stiffness at this length, there is no row.
+    (c, f), scaled by the square roots of masses and inertias [1/sqrt(kg)]. Broken connectors and
+    connectors without stiffness have no row.
     """
     fabric, snapshot = here.fabric, here.snapshot
     scene, ends = fabric.scene, here.free_ends
@@ -63,7 +64,7 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     bodies, ends = bodies[chosen], ends[chosen]
     reach = ends[:, 1] - ends[:, 0]
     direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-    # Of each row the numbers of the bodies and what their motions do to the length.
+    # For each row the numbers of the bodies, and the derivatives of the length by their motions.
     joined, changes = [bodies[:, 0], bodies[:, 1]], []
     for end, sign in ((0, -1.0), (1, 1.0)):
         arm = ends[:, end] - here.position[bodies[:, end]]
@@ -84,15 +85,15 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
 
 
 def compatibility_matrix(here: Configuration) -> np.ndarray:
-    """The same, dense."""
+    """Return the dense compatibility matrix; see `sparse_compatibility`."""
     return np.ascontiguousarray(sparse_compatibility(here).toarray())
 
 
 def count_mechanisms(matrix: np.ndarray) -> Counts:
-    """Rank of a compatibility matrix (c, f) by its singular values."""
+    """Return the counts of a compatibility matrix (c, f), from its singular values."""
     if not min(matrix.shape):
         return Counts(matrix.shape[1], matrix.shape[0], 0)
     values = np.linalg.svd(matrix, compute_uv=False)
     return Counts(
         matrix.shape[1], matrix.shape[0],
-        int(np.count_nonzero(values > _ZERO * max(float(values[0]), 1e-300))))
+        int(np.count_nonzero(values > _ZERO_RATIO * max(float(values[0]), 1e-300))))

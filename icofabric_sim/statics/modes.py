@@ -14,8 +14,7 @@
 """
 Small vibrations about a configuration: M u'' + H u = 0, with the analytic Hessian H.
 
-Motions that cost no energy are counted and kept apart: the rigid ones of the whole, and the
-mechanisms within it.
+Zero-energy motions are counted separately: rigid motions of the whole, and mechanisms.
 """
 
 from collections.abc import Mapping
@@ -65,7 +64,7 @@ from icofabric_sim.statics.spectrum import (
     factorise,
     is_counted,
     judge_ends,
-    LARGE_ZERO,
+    LARGE_ZERO_RATIO,
     row_sum,
     scaled_hessian,
     zero_limit,
@@ -75,74 +74,75 @@ from scipy import sparse
 
 LOWEST, HIGHEST = 'lowest', 'highest'
 # Change of length, as a ratio to the largest, above which a motion stretches connectors.
-_STRETCHED = 1e-3
-# Freedoms above which the lowest are first sought by iteration, and with how many products: at
-# 27,786 freedoms six of one frequency took 16 s so, and 163 s with factors.
-ITERATED, _FEW, _MOST = 8_000, 5_000, 40_000
-# Modes that are sought in a large fabric by default.
-_SOME = 20
+_STRETCHED_RATIO = 1e-3
+# Degrees of freedom above which the lowest frequencies are first computed by iteration, and the
+# most products for that, with and without the alternative of factors. At 27,786 degrees of freedom
+# six equal frequencies took 16 s by iteration and 163 s with factors.
+ITERATED, _MAX_TRIAL_PRODUCTS, _MAX_PRODUCTS = 8_000, 5_000, 40_000
+# Modes that are computed for a large fabric by default.
+_DEFAULT_COUNT = 20
 _SEARCHES = 40
 
 
 @dataclass(frozen=True, repr=False)
 class Spectrum(AsTable):
-    """Frequencies and shapes of small vibrations, and the motions without any."""
+    """Frequencies and shapes of small vibrations, and zero-energy motions."""
 
-    frequencies: np.ndarray  # (m,) [rad/s], rising; those of zero-energy motions are left out
+    frequencies: np.ndarray  # (m,) [rad/s], rising; without zero-energy motions
     # (m, n, 6) displacements [m] and rotation vectors [rad], world frame; of kinetic energy 1/2 J
     # at 1 rad/s
     shapes: np.ndarray
-    # Motions that cost no energy, the rigid ones included; -1: not counted.
+    # Number of zero-energy motions, including rigid ones; -1: not counted.
     mechanism_count: int
-    mechanisms: np.ndarray  # (z, n, 6) of them an orthonormal basis; empty for large fabrics
+    mechanisms: np.ndarray  # (z, n, 6) orthonormal basis of them; empty for large fabrics
     rigid_count: int  # rigid motions of the whole among them
     # (u,) [1/s] of motions that lower the energy; empty for large fabrics
     growth_rates: np.ndarray
-    unstable_count: int  # how many there are; -1: not counted
-    freedoms: int
-    # By the geometry of the connectors alone; None above 400,000 freedoms.
+    unstable_count: int  # number of motions that lower the energy; -1: not counted
+    freedoms: int  # free degrees of freedom
+    # Counts from the geometry of the connectors; None above 400,000 degrees of freedom.
     counts: Counts | None
     snapshot: Snapshot  # the configuration
-    here: Configuration = field(repr=False)  # the same with all that acts in it
-    # Connectors, by number, and anchors, by name, at their natural length, where k_e is not k_c.
-    # There is no single tangent there: all of the above is of the `branch`, 'push' (k_c) or 'pull'
-    # (k_e in all of them); '' where nothing is at its kink.
+    here: Configuration = field(repr=False)  # the configuration with its loads and contacts
+    # Connectors, by number, and anchors, by name, at their natural length with k_e other than k_c.
+    # There is no single tangent there, so all of the above is for the `branch`, 'push' (k_c) or
+    # 'pull' (k_e in all of them); '' if nothing is at its kink.
     at_kink: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     anchors_at_kink: tuple[str, ...] = ()
     branch: str = ''
-    # Both by name; empty where nothing is at its kink.
+    # Both branches by name; empty if nothing is at its kink.
     branches: Mapping[str, 'Spectrum'] = field(default_factory=dict, repr=False)
-    # (m, 2) [rad/s] between which the frequencies of every mixture of pulling and pushing
-    # connectors lie: row k of the (k + bounds_from)-th of all motions, those without energy
-    # counted first, as 0; NaN below those that lower the energy. None where nothing is at its
-    # kink, or motions without energy were not counted.
+    # (m, 2) [rad/s] bounds of the frequencies for every mixture of connectors in extension and
+    # compression. Row k belongs to motion k + bounds_from of all motions, where zero-energy
+    # motions come first, with 0; NaN below motions that lower the energy. None if nothing is at
+    # its kink, or zero-energy motions were not counted.
     bounds: np.ndarray | None = None
     bounds_from: int = 0
-    # Pairs of shells, or shells and planes, at their first touch: they count as open, and resist
-    # when they are pressed.
+    # Pairs of shells, or shells and planes, at first touch: they count as open, but resist
+    # compression.
     first_touches: int = 0
-    # (m,) estimated relative errors of the frequencies by rounding.
+    # (m,) estimated relative round-off errors of the frequencies.
     relative_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     zero_below: float = 0.0  # [rad/s] smaller frequencies count as zero
-    # Motions that stretch connectors among those that count as without energy.
+    # Number of motions counted as zero-energy motions that stretch connectors.
     hidden_count: int = 0
 
     def __repr__(self) -> str:
-        """Say what was found, without the numbers."""
+        """Return a summary without arrays."""
         found = 'no frequencies' if not len(self.frequencies) else (
             f'{len(self.frequencies):,} frequencies, {self.frequencies[0]:.6g} to '
             f'{self.frequencies[-1]:.6g} rad/s')
-        return f'<Spectrum: {found}, {self.mechanism_count:,} motions without energy>'
+        return f'<Spectrum: {found}, {self.mechanism_count:,} zero-energy motions>'
 
     def table(self) -> dict[str, list[Any]]:
-        """Frequencies: a list for each column."""
+        """Return the frequencies, a list for each column."""
         return {'mode': list(range(len(self.frequencies))),
                 'rad_per_s': self.frequencies.tolist(),
                 'hertz': (self.frequencies / (2.0 * math.pi)).tolist()}
 
     @cached_property
     def largest_frequency(self) -> float:
-        """The largest of all [rad/s], by the iteration that chooses steps (lanczos.py)."""
+        """Largest frequency [rad/s] of all, by the iteration that chooses steps (lanczos.py)."""
         if self.here.fabric.scene.principal_inertia is None:
             return math.sqrt(largest_square(self.here))
         matrix = _scaled(self.here)
@@ -154,16 +154,16 @@ class Spectrum(AsTable):
     @cached_property
     def amplitudes(self) -> np.ndarray:
         """
-        How many times its shape a mode may swing before the first connector changes side, (m,).
+        Amplitudes of the modes, as factors of their shapes, at the first change of side, (m,).
 
-        To first order. 0 where a connector at its kink changes its length; infinite where none
-        has two stiffnesses.
+        At this amplitude the first connector crosses its natural length, to first order. 0 if a
+        connector at its kink changes its length; infinite if none has two stiffnesses.
         """
         return amplitudes_to_kink(self.here, self.shapes)
 
     @property
     def self_stress_count(self) -> int:
-        """Independent tensions that need no load; -1: not counted."""
+        """Number of independent tensions in equilibrium without loads; -1: not counted."""
         return -1 if self.counts is None else self.counts.self_stresses
 
 
@@ -176,32 +176,34 @@ def solve_modes(
     """
     Find vibrations about the initial configuration of a scene, or about a snapshot.
 
-    Dead loads with their point off the centre count, follower loads do not. With
-    `contact.friction` what presses sticks: small motions stretch its springs, which count as if
-    they held nothing in that configuration.
+    The Hessian includes dead loads at points off the centre, but not follower loads. With
+    `contact.friction` loaded contacts stick: their friction springs resist small motions and have
+    no force in the configuration.
 
     Parameters
     ----------
     scene
-        The fabric.
+        Fabric, loads and supports.
     at
-        The configuration (an equilibrium), without what is broken there; None: the initial one.
+        Configuration (an equilibrium); connectors broken there are left out. None: the initial
+        state of the scene.
     time
-        Time [s] at which loads, drives and anchors are held; needed where they change with it.
+        Time [s] at which loads, drives and anchors are held; required if they change with time.
     count
-        How many frequencies; None: all of a fabric with up to 2,400 free freedoms, 20 of a larger.
+        Number of frequencies; None: all up to 2,400 free degrees of freedom, 20 above.
     which
-        'lowest' or 'highest' of them.
+        'lowest' or 'highest' frequencies.
     branch
-        How connectors at their kink count in what is not given for both: 'push' (None) or 'pull'.
+        Side of connectors at their kink in results that exist for one side: 'push' (None) or
+        'pull'.
     body_force
-        A function or `BodyForce` of the user, as `compile_scene` takes it (`ico.surface_force`
-        makes one), at that time and at velocities 0. Its derivatives are differences of it.
+        Function or `BodyForce`, as in `compile_scene` (see also `ico.surface_force`), evaluated at
+        `time` and zero velocity. Derivatives are computed by finite differences.
 
     Returns
     -------
     Spectrum
-        Frequencies [rad/s], shapes, and the motions without energy.
+        Frequencies [rad/s], shapes, and zero-energy motions.
 
     Raises
     ------
@@ -226,7 +228,7 @@ def solve_modes(
     fabric.require_steady(time)
     here = fabric.start if at is None else fabric.configuration('at', at)
     if friction is not None and fabric.contacts is not None:
-        fabric.friction = friction.pressed(fabric.contacts, here.position, here.axes)
+        fabric.friction = friction.sticking(fabric.contacts, here.position, here.axes)
     if fabric.own_force is not None and here.own_force_blocks is not None:
         fabric.own_force.require_symmetric(here.own_force_blocks)
     jumps = here.kink_jumps
@@ -256,7 +258,7 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
         return _all_modes(here, *_all_values(here, matrix), count, which)
     if size > FACTORED:
         _require_isotropic(here, FACTORED)
-    wanted = min(_SOME if count is None else count, size - 2)
+    wanted = min(_DEFAULT_COUNT if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
@@ -264,24 +266,25 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
 
 
 def _require_isotropic(here: Configuration, most: int) -> None:
-    """Of more freedoms than this products with the matrix are those of the kernels."""
+    """Refuse anisotropic inertia, which the kernels for `most` and more freedoms ignore."""
     scene = here.fabric.scene
     require_isotropic(
-        scene.parameters, scene.principal_inertia, f'vibrations of more than {most:,} freedoms')
+        scene.parameters, scene.principal_inertia,
+        f'vibrations of more than {most:,} degrees of freedom')
 
 
 def _scaled(here: Configuration) -> sparse.csr_matrix:
-    """The mass-scaled Hessian, also of bodies whose inertia is not isotropic."""
-    matrix, unequal = scaled_hessian(here), _unequal(here)
+    """Return the mass-scaled Hessian, with anisotropic inertia if any."""
+    matrix, unequal = scaled_hessian(here), _inertia_scaling(here)
     return matrix if unequal is None else sparse.csr_matrix(unequal @ matrix @ unequal)
 
 
-def _unequal(here: Configuration) -> sparse.csr_matrix | None:
+def _inertia_scaling(here: Configuration) -> sparse.csr_matrix | None:
     """
-    What scales rotations beside the smallest moment of each body, (f, f); None: nothing does.
+    Return the scaling (f, f) of rotations relative to the smallest moment; None if isotropic.
 
-    R diag(I_k / Lambda)^(-1/2) R^T of each body on world axes, for its free freedoms: none of its
-    rotations is free, or all are.
+    For each body R diag(I_k / Lambda)^(-1/2) R^T on world axes, for its free degrees of freedom
+    (either all of its rotations are free or none).
     """
     fabric = here.fabric
     moments = fabric.scene.principal_inertia
@@ -298,7 +301,7 @@ def _some_modes(
     here: Configuration, values: np.ndarray, vectors: np.ndarray, curvature: Curvature, size: int,
     largest: float
 ) -> Spectrum:
-    """Spectrum of some squared frequencies, whose errors are those of the `largest` of all."""
+    """Return the spectrum of some squared frequencies, with errors relative to the `largest`."""
     counts = count_by_elimination(here) if size <= COUNTED else None
     return Spectrum(
         frequencies=np.sqrt(values), shapes=_shapes(here, vectors),
@@ -307,18 +310,18 @@ def _some_modes(
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
         unstable_count=curvature.negative, freedoms=size,
         counts=counts, relative_errors=0.5 * ROUNDING_RATIO * largest / values,
-        zero_below=math.sqrt(LARGE_ZERO * largest),
+        zero_below=math.sqrt(LARGE_ZERO_RATIO * largest),
         hidden_count=0 if counts is None else max(0, curvature.zero - counts.mechanisms),
         snapshot=here.snapshot, here=here, first_touches=here.first_touches)
 
 
 def _without_matrix(here: Configuration, count: int | None, which: str) -> Spectrum:
-    """Of fabrics whose matrix has no empty part and is too large: by products with it alone."""
+    """Return the spectrum of a fabric with a large dense Hessian, by products with it alone."""
     from scipy.sparse.linalg import LinearOperator
 
     free, root = here.fabric.free, here.fabric.root
     size = int(free.sum())
-    wanted = min(_SOME if count is None else count, size - 2)
+    wanted = min(_DEFAULT_COUNT if count is None else count, size - 2)
     lowest, largest = ends_of_spectrum(here)
     if which == HIGHEST:
         def times(vector: np.ndarray) -> np.ndarray:
@@ -329,19 +332,20 @@ def _without_matrix(here: Configuration, count: int | None, which: str) -> Spect
         values, vectors = _iterate(
             LinearOperator((size, size), matvec=times, dtype=float), k=wanted, which='LA')
     else:
-        values, vectors = lowest_modes(here, wanted, LARGE_ZERO * largest, None, _MOST)
+        values, vectors = lowest_modes(
+            here, wanted, LARGE_ZERO_RATIO * largest, None, _MAX_PRODUCTS)
     curvature = judge_ends(lowest, largest)
     return _some_modes(here, values, vectors, curvature, size, largest)
 
 
 def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarray | None]:
-    """First place in the order of all motions, and bounds [rad/s] from there on, (m, 2)."""
+    """Return the first index among all motions, and bounds [rad/s] from there on, (m, 2)."""
     if min(soft.mechanism_count, stiff.mechanism_count) < 0:
         return 0, None
     quiet = [s.mechanism_count + s.unstable_count for s in (soft, stiff)]
     starts = quiet if which == LOWEST else [
         s.freedoms - len(s.frequencies) for s in (soft, stiff)]
-    # The highest may be fewer than all; below the lowest are those without energy.
+    # 'highest' may be fewer than all; below 'lowest' are the zero-energy motions.
     first = min(starts) if which == LOWEST else max(starts)
     last = min(start + len(s.frequencies) for start, s in zip(starts, (soft, stiff)))
     bounds = np.zeros((max(0, last - first), 2))
@@ -356,11 +360,11 @@ def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarra
 def _all_values(
     here: Configuration, matrix: sparse.csr_matrix
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """See solve_graded."""
+    """Return all squared frequencies, vectors, errors and the zero limit, see `solve_graded`."""
     if not matrix.shape[0]:
         return np.zeros(0), np.zeros((0, 0)), np.zeros(0), 0.0
     if is_graded(here):
-        return solve_graded(here, _scaled(without_slopes(here)), _unequal(here))
+        return solve_graded(here, _scaled(without_slopes(here)), _inertia_scaling(here))
     values, vectors = np.linalg.eigh(matrix.toarray())
     size = float(np.abs(values).max(initial=0.0))
     zero = ZERO_RATIO * size
@@ -385,14 +389,14 @@ def _all_modes(
         rigid_count=rigid_count(here), growth_rates=np.sqrt(-values[:zero.start]),
         unstable_count=curvature.negative, freedoms=len(values), counts=counts,
         relative_errors=0.5 * errors[above] / values[above], zero_below=math.sqrt(zero_below),
-        hidden_count=_hidden(changes, vectors[:, zero]), snapshot=here.snapshot, here=here,
+        hidden_count=_count_hidden(changes, vectors[:, zero]), snapshot=here.snapshot, here=here,
         first_touches=here.first_touches)
 
 
-def _hidden(changes: np.ndarray, motions: np.ndarray) -> int:
-    """How many of the `motions` (f, z), which count as without energy, stretch connectors."""
+def _count_hidden(changes: np.ndarray, motions: np.ndarray) -> int:
+    """Count the zero-energy `motions` (f, z) that stretch connectors."""
     found = changes @ motions
-    limit = _STRETCHED * float(np.abs(changes).max(initial=0.0))
+    limit = _STRETCHED_RATIO * float(np.abs(changes).max(initial=0.0))
     if not np.abs(found).max(initial=0.0) > limit:
         return 0
     return int(np.count_nonzero(np.linalg.svd(found, compute_uv=False) > limit))
@@ -407,7 +411,7 @@ def _highest(
 def _lowest(
     here: Configuration, matrix: sparse.csr_matrix, count: int, curvature: Curvature
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those above zero: beside a shift below which there are some of them, found by counting."""
+    """Return the lowest values above zero, near a shift that is found by counting."""
     from scipy.sparse.linalg import LinearOperator
 
     below = curvature.zero + curvature.negative
@@ -420,15 +424,15 @@ def _lowest(
         try:
             return lowest_modes(
                 here, count, zero_limit(matrix), None if curvature.zero < 0 else between,
-                _MOST if size > FACTORED else _FEW)
+                _MAX_PRODUCTS if size > FACTORED else _MAX_TRIAL_PRODUCTS)
         except NotFoundError:
-            # Of long thin fabrics, whose factors are small.
+            # Long thin fabrics have small factors.
             if size > FACTORED:
                 raise
     if curvature.zero < 0:
         raise ValueError(
-            'the zero-energy motions of this fabric could not be counted, and with them the '
-            "lowest frequencies not be separated; which='highest' needs no such count")
+            'the zero-energy motions of this fabric could not be counted, so the lowest '
+            "frequencies cannot be separated from them; which='highest' needs no count")
     low, high = zero_limit(matrix), row_sum(matrix)
     factor: Factor | None = None
     shift = low
@@ -444,7 +448,7 @@ def _lowest(
             break
     assert factor is not None
     solve = LinearOperator(matrix.shape, matvec=factor.solve, dtype=float)
-    # Others may lie nearer to the shift, on its other side.
+    # Values on the other side of the shift may be closer to it.
     sought = 2 * count + 2
     while True:
         sought = min(sought, matrix.shape[0] - 2)
@@ -457,27 +461,27 @@ def _lowest(
 
 
 def _iterate(matrix: Any, **words: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Values and vectors by ARPACK; NotFoundError where it does not converge."""
+    """Return values and vectors by ARPACK; raise NotFoundError if it does not converge."""
     from scipy.sparse.linalg import ArpackError, eigsh
 
     try:
-        values, vectors = eigsh(matrix, v0=_start(matrix), **words)
+        values, vectors = eigsh(matrix, v0=_start_vector(matrix), **words)
     except ArpackError as error:
         raise NotFoundError(
-            f'the frequencies of this fabric did not come out of the iteration ({error}): they '
-            'lie too close to zero or to each other; ask for fewer, or for the others (which)'
+            f'the frequencies of this fabric did not converge ({error}): they lie too close to '
+            'zero or to each other; request fewer, or the other end of the spectrum (which)'
         ) from error
     return values, vectors
 
 
-def _start(matrix: Any) -> np.ndarray:
-    """The same for every call: results are the same bits."""
+def _start_vector(matrix: Any) -> np.ndarray:
+    """Return a fixed start vector, so that results are bit-identical."""
     return np.random.RandomState(1).standard_normal(matrix.shape[0])
 
 
 def _shapes(here: Configuration, vectors: np.ndarray) -> np.ndarray:
-    """Motions of all bodies (m, n, 6) from columns of mass-scaled free freedoms (f, m)."""
-    fabric, unequal = here.fabric, _unequal(here)
+    """Return motions of all bodies (m, n, 6) from mass-scaled free degrees of freedom (f, m)."""
+    fabric, unequal = here.fabric, _inertia_scaling(here)
     if unequal is not None:
         vectors = unequal @ vectors
     shapes = np.zeros((vectors.shape[1], *fabric.free.shape))
@@ -486,7 +490,7 @@ def _shapes(here: Configuration, vectors: np.ndarray) -> np.ndarray:
 
 
 def rigid_motions(here: Configuration) -> np.ndarray:
-    """Translations along and rotations about the axes of the world, (6, n, 6)."""
+    """Return translations along and rotations about the world axes, (6, n, 6)."""
     arm = here.position - here.position.mean(axis=0)
     motions = np.zeros((6, len(arm), 6))
     for k in range(3):
@@ -498,7 +502,7 @@ def rigid_motions(here: Configuration) -> np.ndarray:
 
 
 def rigid_count(here: Configuration) -> int:
-    """How many rigid motions of the whole supports and anchors allow."""
+    """Count the rigid motions of the whole that supports and anchors allow."""
     fabric = here.fabric
     motions = rigid_motions(here)
     motions[3:] /= fabric.half_edge
@@ -510,7 +514,7 @@ def rigid_count(here: Configuration) -> int:
         fabric.root.flat[0])])
     blocks = here.own_force_blocks
     if blocks is not None and blocks.any():
-        # What a body force does against them, as large as its largest derivative [N/m].
+        # Resistance of a body force, scaled to its largest derivative [N/m].
         push = np.einsum('bij,mbj->mbi', blocks, motions)
         push[..., 3:] /= fabric.half_edge
         limits = np.hstack([limits, float(fabric.root.flat[0]) / max(

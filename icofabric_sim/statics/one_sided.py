@@ -12,62 +12,60 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What small strains of one sign meet in an endless fabric whose connectors are at their kink.
+Response of a periodic fabric with connectors at their kink to small strains of one sign.
 
 The energy of a cell is k_e delta^2 / 2 for each connector that a motion lengthens by delta and
-k_c delta^2 / 2 for each that it shortens, beside a quadratic form of all else: convex, piecewise
-quadratic, and four times as large for a motion twice as large. So its minimiser over the rotation
-of the bodies (and over the strains across a pull) grows in proportion to the strain, and a modulus
-holds for all small strains of one kind and sign; those of two strains do not add up. Because the
-energy is convex, the mean of a motion and of all its translates costs no more than it: no larger
-cell yields more than one of one body.
+k_c delta^2 / 2 for each that it shortens, plus a quadratic form of all other terms. It is convex,
+piecewise quadratic and homogeneous of degree two. So its minimiser over the rotation of the bodies
+(and over the lateral strains of a pull) is proportional to the strain, and a modulus holds for all
+small strains of one kind and sign; responses to two strains do not add up. Because the energy is
+convex, averaging a motion over all translations does not raise the energy: no larger cell is more
+compliant than a cell of one body.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-# Curvatures below this part of the largest are zero.
-_ZERO = 1e-9
-# Gradient at a minimum, in parts of what its terms are.
-_GRADIENT = 1e-13
+# Curvatures below this ratio to the largest are zero.
+_ZERO_RATIO = 1e-9
+# Gradient at a minimum, as a ratio to its terms.
+_GRADIENT_RATIO = 1e-13
 _STEPS = 200
 
 
 class CellEnergy(NamedTuple):
-    """
-    Energy [J] of small motions of a cell: y are its strains (6) and its bodies' rotation (3).
-    """
+    """Energy [J] of small motions y of a cell: six strains and the rotation (3) of its body."""
 
-    changes: np.ndarray  # (c, 9) [m] of the lengths of the connectors at their kink
-    pull: np.ndarray  # (c,) [N/m] where they get longer
-    push: np.ndarray  # (c,) [N/m] where they get shorter
-    rest: np.ndarray  # (9, 9) second derivatives of all that has one tangent
-    # Of connectors with a kink that are elsewhere: changes (d, 9) and stretch (d,) [m].
+    changes: np.ndarray  # (c, 9) [m] derivatives of the lengths of connectors at their kink
+    pull: np.ndarray  # (c,) [N/m] in extension
+    push: np.ndarray  # (c,) [N/m] in compression
+    rest: np.ndarray  # (9, 9) second derivatives of all smooth terms
+    # Changes (d, 9) and stretch (d,) [m] of connectors with two stiffnesses away from their kink.
     other_changes: np.ndarray
     stretch: np.ndarray
 
     def gradient(self, y: np.ndarray) -> np.ndarray:
-        """First derivatives, (9,)."""
+        """Return the first derivatives, (9,)."""
         delta = self.changes @ y
         return np.asarray(self.changes.T @ (self.slopes(delta) * delta) + self.rest @ y)
 
     def slopes(self, delta: np.ndarray) -> np.ndarray:
-        """Stiffnesses [N/m] that changes of length (c,) meet."""
+        """Return the stiffnesses [N/m] for changes of length (c,)."""
         return np.where(delta > 0.0, self.pull, self.push)
 
     def limit(self, y: np.ndarray) -> float:
-        """How many times y may be taken before a connector that is not at its kink comes to it."""
+        """Return the factor of y at which a connector away from its kink reaches it."""
         change = self.other_changes @ y
         nearer = change * self.stretch < 0.0
         return float((-self.stretch[nearer] / change[nearer]).min(initial=np.inf))
 
     def relaxed(self, fixed: np.ndarray, free: np.ndarray) -> np.ndarray:
         """
-        The y = fixed + free z of the least energy, (9,); `free` (9, f).
+        Return y = fixed + free z of minimum energy, (9,); `free` (9, f).
 
-        Newton's method on the pieces with an exact search along each step ends after finitely
-        many (Mangasarian 2002, Optim. Methods Softw. 17, 913).
+        Newton's method on the pieces with an exact line search ends after finitely many steps
+        (Mangasarian 2002, Optim. Methods Softw. 17, 913).
         """
         y = np.asarray(fixed, float).copy()
         largest = np.maximum(self.pull, self.push)
@@ -75,18 +73,18 @@ class CellEnergy(NamedTuple):
             self.changes.T).max(initial=0.0) * float(largest @ np.abs(self.changes @ y)))
         for _ in range(_STEPS):
             gradient = free.T @ self.gradient(y)
-            if np.abs(gradient).max(initial=0.0) <= _GRADIENT * scale:
+            if np.abs(gradient).max(initial=0.0) <= _GRADIENT_RATIO * scale:
                 return y
             slopes = self.slopes(self.changes @ y)
             hessian = free.T @ (
                 self.changes.T @ (slopes[:, None] * self.changes) + self.rest) @ free
             values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
             along = vectors.T @ gradient
-            bent = values > _ZERO * max(float(values[-1]), 0.0)
+            bent = values > _ZERO_RATIO * max(float(values[-1]), 0.0)
             step = np.zeros_like(along)
             step[bent] = -along[bent] / values[bent]
-            # Where this piece is flat the energy falls until another one begins.
-            flat = ~bent & (np.abs(along) > _GRADIENT * scale)
+            # On a flat piece the energy decreases until the next piece.
+            flat = ~bent & (np.abs(along) > _GRADIENT_RATIO * scale)
             step[flat] = -along[flat] / np.linalg.norm(along[flat]) if flat.any() else 0.0
             direction = free @ (vectors @ step)
             part = self._along(y, direction)
@@ -97,7 +95,7 @@ class CellEnergy(NamedTuple):
             f'the relaxed rotation of a cell was not found in {_STEPS} steps')
 
     def _along(self, y: np.ndarray, direction: np.ndarray) -> float:
-        """The part of a direction at whose end the energy no longer falls."""
+        """Return the factor of a direction up to which the energy decreases."""
         delta, change = self.changes @ y, self.changes @ direction
         with np.errstate(divide='ignore', invalid='ignore'):
             ends = np.where(change != 0.0, -delta / change, np.inf)
@@ -109,21 +107,19 @@ class CellEnergy(NamedTuple):
             if after >= 0.0:
                 return before + (end - before) * slope / (slope - after)
             before, slope = end, after
-        # Beyond the last end all is one piece.
+        # A single piece extends beyond the last end.
         far = 2.0 * before + 1.0
         bend = (float(self.gradient(y + far * direction) @ direction) - slope) / (far - before)
         return before - slope / bend if bend > 0.0 else before
 
 
 class Response(NamedTuple):
-    """
-    What a small strain of one kind and sign meets; holds for any part of it up to its `limit`.
-    """
+    """Response to a small strain of one kind and sign; valid for multiples up to `limit`."""
 
-    strain: np.ndarray  # (6,) Voigt's order, that across a pull included
-    stress: np.ndarray  # (6,) [Pa] beside the stress as woven
-    modulus: float  # [Pa] stress along the strain, or along the pull, over it
+    strain: np.ndarray  # (6,) Voigt's order, including lateral strains of a pull
+    stress: np.ndarray  # (6,) [Pa] in addition to the stress as woven
+    modulus: float  # [Pa] stress along the strain, or along the pull, over the strain
     turn: np.ndarray  # (3,) [rad] rotation of the bodies
-    # How many times this strain the first connector changes side at, to first order; infinite
-    # where none does. Connectors at their kink are on the side to which it takes them.
+    # Multiple of this strain at which the first connector changes side, to first order; infinite
+    # if none does. Connectors at their kink are on the side to which the strain moves them.
     limit: float

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Dense linear algebra in one thread.
+Run dense linear algebra in one thread.
 
-OpenBLAS divides small matrices too among threads, which then wait for each other; where a machine
-is busy that takes ten times as long as the work itself.
+OpenBLAS also divides small matrices among threads, which then wait for each other. On a busy
+machine that takes ten times as long as the computation itself.
 """
 
 from collections.abc import Iterator
@@ -31,19 +31,19 @@ _NAMES = tuple(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Have every OpenBLAS that is loaded use one thread inside; other libraries are left alone."""
-    before = [(give, ask()) for ask, give in _libraries()]
-    for give, _ in before:
-        give(1)
+    """Limit every loaded OpenBLAS to one thread inside the block."""
+    before = [(set_count, get_count()) for get_count, set_count in _libraries()]
+    for set_count, _ in before:
+        set_count(1)
     try:
         yield
     finally:
-        for give, count in before:
-            give(count)
+        for set_count, count in before:
+            set_count(count)
 
 
 def _libraries() -> tuple[tuple[Any, Any], ...]:
-    """What asks for the number of threads and what gives it, of each library."""
+    """Return the functions of each library that get and set its number of threads."""
     try:
         lines = Path('/proc/self/maps').read_text().splitlines()
     except OSError:
@@ -55,7 +55,7 @@ def _libraries() -> tuple[tuple[Any, Any], ...]:
             library = ctypes.CDLL(path)
         except OSError:
             continue
-        for ask, give in _NAMES:
-            if hasattr(library, ask) and hasattr(library, give):
-                found.append((getattr(library, ask), getattr(library, give)))
+        for getter, setter in _NAMES:
+            if hasattr(library, getter) and hasattr(library, setter):
+                found.append((getattr(library, getter), getattr(library, setter)))
     return tuple(found)

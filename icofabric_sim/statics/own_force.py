@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A body force of the user at rest: at one time, velocities 0; derivatives by differences."""
+"""Body force of the user in statics: at one time and zero velocity, derivatives by differences."""
 
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.kernels.external import call_function
@@ -22,23 +22,23 @@ import numpy as np
 # Steps of differences of fourth order, over a and in rad, and their weights.
 _STEP = 1e-3
 _STENCIL = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
-# Relative differences that count: of the halves of a derivative, and of forces.
+# Relative tolerances: of the symmetry of derivatives, and of changes of forces.
 _ASYMMETRY_RATIO, _CHANGE_RATIO = 1e-6, 1e-9
-# Times [s] at which a force that is held at none must be the same.
+# Times [s] at which a steady force must have the same value.
 _OTHER_TIMES_S = (0.7390851332, 17.320508)
 
 
 class OwnForce:
-    """Forces and torques on all bodies in a configuration, and their derivatives by its places."""
+    """Forces and torques of a body force in a configuration, and their derivatives."""
 
     def __init__(
         self, force: BodyForce, layout: Layout, position: np.ndarray, orientation: np.ndarray,
         half_edge: float, time: float, factor: float
     ) -> None:
         """
-        Hold a force at `time` [s], times a `factor`; it is called in the given configuration.
+        Hold a force at `time` [s], times a `factor`, and test it in the given configuration.
 
-        Raises ValueError where the force fails, or acts between bodies.
+        Raises ValueError if the force fails or acts between bodies.
         """
         self._force, self._half_edge, self._time, self._factor = force, half_edge, time, factor
         self._external = force.prepare(
@@ -52,7 +52,7 @@ class OwnForce:
 
     @property
     def has_potential(self) -> bool:
-        """Whether the user has given its potential."""
+        """True if the user has given a potential."""
         return self._force.potential is not None
 
     def wrench(self, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ class OwnForce:
         """
         Compute the derivatives - dF/dx of each body, (n, 6, 6), along displacements and turns.
 
-        They are symmetric where the force has a potential.
+        They are symmetric if the force has a potential.
         """
         blocks = np.zeros((len(position), 6, 6))
         for k in range(6):
@@ -87,38 +87,38 @@ class OwnForce:
                 there = self.wrench(
                     position + motion[:, :3], turned_by(motion[:, 3:], orientation))
                 blocks[:, :, k] -= weight / step * there
-        # A torque on a turned body is seen from other axes: half of its turn.
+        # Turning the body also rotates the torque; half of that is symmetric.
         torque = self.wrench(position, orientation)[:, 3:]
         for k, axis in enumerate(np.eye(3)):
             blocks[:, 3:, 3 + k] += 0.5 * np.cross(axis, torque)
         return blocks
 
     def is_symmetric(self, blocks: np.ndarray) -> bool:
-        """Return whether derivatives are those of a force with a potential."""
+        """Return True if derivatives are those of a force with a potential."""
         scale = np.repeat([1.0, 1.0 / self._half_edge], 3)
         scaled = blocks * scale[:, None] * scale
         off = np.abs(scaled - np.swapaxes(scaled, 1, 2)).max(initial=0.0)
         return bool(off <= _ASYMMETRY_RATIO * np.abs(scaled).max(initial=0.0))
 
     def require_steady(self, position: np.ndarray, orientation: np.ndarray) -> None:
-        """Refuse a force that changes with time; ValueError."""
+        """Raise ValueError if the force changes with time."""
         here = self._at(self._time, position, orientation)
         for time in _OTHER_TIMES_S:
             if not self._alike(here, self._at(time, position, orientation)):
                 raise ValueError(
-                    f'body_force {self._force.name} changes with time, and a fabric is at rest '
-                    'only where that is held; say at which time (time=), or give a function of '
-                    'that time')
+                    f'body_force {self._force.name} changes with time, but an equilibrium needs '
+                    'steady forces; give the time at which to hold it (time=), or a steady '
+                    'function')
 
     def require_symmetric(self, blocks: np.ndarray) -> None:
-        """Refuse a force without a potential; ValueError."""
+        """Raise ValueError if the force has no potential."""
         if not self.is_symmetric(blocks):
             raise ValueError(
-                f'body_force {self._force.name} has no potential: its derivative by places and '
-                'turns is not symmetric, so vibrations about this configuration are not those of '
-                'an energy and may grow; give a force that has a potential, take tractions.NAME '
-                'or loads.NAME (whose turning with bodies vibrations leave out), or see the '
-                'motion in a run (compile_scene with body_force=)')
+                f'body_force {self._force.name} has no potential: its derivative by positions and '
+                'rotations is not symmetric, so vibrations do not follow from an energy and may '
+                'grow; give a force that has a potential, use tractions.NAME or loads.NAME '
+                '(vibrations ignore that they turn with bodies), or simulate the motion '
+                '(compile_scene with body_force=)')
 
     def _at(self, time: float, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:
         external = self._external
@@ -129,7 +129,7 @@ class OwnForce:
         return external.result.copy()
 
     def _refuse_coupling(self, position: np.ndarray, orientation: np.ndarray) -> None:
-        """Move every other body a little: nothing may change for the rest of them."""
+        """Raise ValueError if small motions of every other body change forces on the rest."""
         if self._force.is_by_body:
             return
         moved = np.arange(len(position)) % 2 == 1
@@ -140,10 +140,10 @@ class OwnForce:
                 self._at(self._time, *state)[~moved]
                 for state in ((position, orientation), (there, turned)))):
             raise ValueError(
-                f'body_force {self._force.name} acts between bodies: what it does to one changes '
-                'as another moves. Statics takes forces on each body by its own place and '
-                'orientation; take connectors or charge.mutual for forces between bodies, or let '
-                'a run with drag come to rest (compile_scene with body_force=)')
+                f'body_force {self._force.name} acts between bodies: its force on one body '
+                'changes if another moves. Statics supports forces that depend on the pose of '
+                'the body alone; use connectors or charge.mutual for forces between bodies, or '
+                'let a run with drag come to rest (compile_scene with body_force=)')
 
     @staticmethod
     def _alike(one: np.ndarray, other: np.ndarray) -> bool:

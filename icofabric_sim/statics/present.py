@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Where the fabric of a run comes to rest under what acts on it at this moment."""
+"""Equilibrium of a running simulation under its present loads."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -23,19 +23,19 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.statics.equilibrium import (
     Equilibrium,
+    find_equilibrium,
     Progress,
     RESULTANTS,
-    seek,
     seek_least_resultants,
 )
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
 
-_TOLERANCE, _STEPS = 1e-10, 2_000
+_TOLERANCE, _MAX_STEPS = 1e-10, 2_000
 
 
-class Present(NamedTuple):
-    """What a run is at one moment, independent of how it goes on."""
+class PresentState(NamedTuple):
+    """State and inputs of a run at one time, independent of its further course."""
 
     scene: Scene
     snapshot: Snapshot
@@ -44,14 +44,15 @@ class Present(NamedTuple):
     objective: str
 
 
-def present_of(simulation: Simulation, objective: str = 'energy') -> Present:
+def capture_run_state(simulation: Simulation, objective: str = 'energy') -> PresentState:
     """
-    Take the present state of a run, and what acts: received wrenches, and drives where they are.
+    Return the present state of a run with its inputs: received wrenches and drives.
 
-    `objective`: what a search minimises, as of `solve_equilibrium`.
+    `objective` is that of `solve_equilibrium`.
 
-    Shells and planes push each other as stiffly as in the run, so that what is found is at rest
-    there too, and a body force acts as it does at that time. Pulls by hand do not count: they end.
+    Contacts have the stiffness of the run, so that the equilibrium found is one of the run too. A
+    body force has its present value. Interactive drag forces are left out, because they are
+    temporary.
     """
     scene = simulation.scene
     contact = simulation.packed.contact
@@ -60,20 +61,20 @@ def present_of(simulation: Simulation, objective: str = 'energy') -> Present:
     inputs = Inputs(scene)
     inputs.adopt(simulation.inputs, simulation.time, anew=False)
     inputs.pulls.clear()
-    return Present(scene, simulation.snapshot(), inputs, simulation.body_force, objective)
+    return PresentState(scene, simulation.snapshot(), inputs, simulation.body_force, objective)
 
 
-def rest_of(
-    present: Present, *, progress: Callable[[Progress], None] | None = None
+def solve_run_equilibrium(
+    present: PresentState, *, progress: Callable[[Progress], None] | None = None
 ) -> Equilibrium:
     """
-    Find where that fabric comes to rest, from where it is; what is broken stays broken.
+    Find the equilibrium that follows from a present state; broken connectors stay broken.
 
-    Raises ValueError where nothing could ever be in equilibrium.
+    Raises ValueError if no equilibrium can exist.
     """
     snapshot = present.snapshot
     fabric = StaticFabric(
         present.scene, snapshot.time, broken_since=snapshot.broken_since, inputs=present.inputs,
         body_force=present.body_force, friction=FrictionPath.of(present.scene))
-    search = seek_least_resultants if present.objective == RESULTANTS else seek
-    return search(fabric, snapshot, _TOLERANCE, _STEPS, progress)
+    search = seek_least_resultants if present.objective == RESULTANTS else find_equilibrium
+    return search(fabric, snapshot, _TOLERANCE, _MAX_STEPS, progress)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What supports, drives, anchors and planes bear at rest, each by its name."""
+"""Reactions of supports, drives, anchors and planes at rest, by name."""
 
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.simulation.load_cells import (
@@ -29,9 +29,9 @@ def reactions_of(
     here: Configuration, force: np.ndarray, contacts: ContactForces | None
 ) -> Reactions:
     """
-    Compute what holds a configuration, as `simulation.reactions()` has it.
+    Return the reactions that hold a configuration, in the form of `simulation.reactions()`.
 
-    Of the forces (n, 6) on all freedoms, of which those of the `contacts` are a part.
+    `force` (n, 6) acts on all degrees of freedom and includes the forces of `contacts`.
     """
     fabric, scene, position = here.fabric, here.fabric.scene, here.position
     on_bodies, rows = np.zeros((scene.body_count, 6)), []
@@ -42,7 +42,7 @@ def reactions_of(
     directions = fabric.anchors.directions(position, here.axes)
     for (_, _, along), end, tension in zip(
             directions, fabric.anchors.points, here.pulled.tension):
-        # One of no length has no direction.
+        # An anchor of zero length has no direction.
         pull = np.where(np.isfinite(along), along, 0.0) * tension
         rows.append((end, pull, np.zeros(3)))
     for number, plane in enumerate(make_planes(scene.parameters)):

@@ -14,10 +14,10 @@
 """
 Least resultants of forces and moments without overlap: the statics problem of the document.
 
-The objective is half of the sum of squares of the resultants on free bodies, torques over a, which
-the text after eq 48 minimises. Contact forces are no part of them: shells that must not overlap
-are a constraint, kept by a penalty on the energy of overlaps, which grows until these are below
-`_LARGEST_OVERLAP_RATIO` of a. Steps are those of Levenberg and Marquardt: the derivative of the
+The objective is half the sum of squares of the resultants on free bodies, torques over a, as in
+the text after eq 48. Contact forces are not included: that shells must not overlap is a
+constraint, enforced by a penalty on the energy of overlaps. The penalty grows until overlaps are
+below `_LARGEST_OVERLAP_RATIO` of a. Steps follow Levenberg and Marquardt: the derivative of the
 resultants is minus the Hessian of the energy.
 """
 
@@ -30,38 +30,38 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-LEAST = 'least resultants'
+LEAST_RESULTANTS = 'least resultants'
 _LARGEST_OVERLAP_RATIO = 1e-6
-# Factor between penalties, and how many of them are tried.
+# Factor between successive penalties, and their number.
 _PENALTY_FACTOR, _PENALTY_COUNT = 10.0, 14
 # First penalty, as a ratio to the squared stiffness of the fabric over that of contacts.
 _FIRST_PENALTY_RATIO = 100.0
 # Gradient at which the search ends, as a ratio to the largest stiffness times the resultants; and
-# one at which a search ends in which rounding hides what further steps would gain.
+# the same if round-off prevents further progress.
 _GRADIENT_RATIO, _ROUNDED_GRADIENT_RATIO = 1e-10, 1e-6
 # Largest motion of a body in a step, as a ratio to a, and as an angle [rad].
 _LARGEST_STEP = 0.3
 _FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-15, 1e15
-# A step is accepted if it brings this part of the expected decrease.
+# Smallest accepted ratio of the actual to the expected decrease.
 _LEAST_GAIN_RATIO = 1e-4
 
 
 class LeastResultants(NamedTuple):
-    """Where the search ended."""
+    """Result of a search for least resultants."""
 
     here: Configuration  # of the fabric without contacts
-    there: Configuration  # the same with contacts
+    there: Configuration  # of the fabric with contacts
     converged: bool
     step_count: int
     reason: str
 
 
 class _Point(NamedTuple):
-    """A configuration, without and with contacts, and the objective in it."""
+    """Configuration without and with contacts, and its objective."""
 
     here: Configuration
     there: Configuration
-    resultants: np.ndarray  # (f,) [N] on free freedoms, torques over a
+    resultants: np.ndarray  # (f,) [N] on free degrees of freedom, torques over a
     value: float  # [N^2] with the penalty
 
 
@@ -70,7 +70,7 @@ def find_least_resultants(
     largest_step_count: int, report: Callable[[int, Configuration], None]
 ) -> LeastResultants:
     """
-    Minimise the resultants of a `fabric` without contacts from a `start` on.
+    Minimise the resultants of a `fabric` without contacts from a `start`.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def find_least_resultants(
     Returns
     -------
     LeastResultants
-        The configuration in which no motion lowers the objective.
+        Configuration in which no motion lowers the objective.
 
     """
     search = _Search(fabric, touching)
@@ -109,21 +109,21 @@ def find_least_resultants(
         if not converged:
             return LeastResultants(
                 point.here, point.there, False, steps,
-                f'the search took {steps:,} steps; give it more (--steps, largest_step_count)'
+                f'the search took {steps:,} steps; allow more (--steps, largest_step_count)'
                 if steps >= largest_step_count else
-                'no step lowers the resultants any more, and they still change with the '
-                'configuration: take a larger tolerance or another start')
+                'no step lowers the resultants, although they are not at a minimum: use a larger '
+                'tolerance or another start')
         if depth <= _LARGEST_OVERLAP_RATIO * fabric.half_edge:
             return LeastResultants(point.here, point.there, True, steps, '')
         search.penalty *= _PENALTY_FACTOR
     return LeastResultants(
         point.here, point.there, False, steps,
         f'shells still overlap by {depth / fabric.half_edge:.2g} a: there may be no '
-        'configuration without overlap; move what is held or driven')
+        'configuration without overlap; move the supported or driven bodies')
 
 
 class _Search:
-    """Steps that lower the objective."""
+    """Search that lowers the objective."""
 
     def __init__(self, fabric: StaticFabric, touching: StaticFabric) -> None:
         self._fabric, self._touching = fabric, touching
@@ -153,7 +153,7 @@ class _Search:
         self, point: _Point, largest: int, report: Callable[[int, Configuration], None],
         before: int
     ) -> tuple[_Point, int, bool]:
-        """Take up to `largest` steps; the point, the steps, and whether its gradient is zero."""
+        """Take up to `largest` steps; return the point, the steps, and if its gradient is 0."""
         damping, steps = _FIRST_DAMPING, 0
         while True:
             hessian = self.hessian(point.here)
@@ -187,7 +187,7 @@ class _Search:
     def _tried(
         self, point: _Point, motion: np.ndarray, gradient: np.ndarray, matrix: sparse.csr_matrix
     ) -> _Point | None:
-        """Return the point after a motion (f,) in scaled coordinates [m], if that is lower."""
+        """Return the point after a motion (f,) [m] in scaled coordinates, or None if not lower."""
         size = float(np.abs(motion).max(initial=0.0))
         if not np.isfinite(size):
             return None

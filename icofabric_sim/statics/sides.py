@@ -12,14 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Which of two stiffnesses counts where a connector is at its natural length.
+Choice between two stiffnesses of a connector at its natural length.
 
-With k_e other than k_c the tension has a kink there, and small motions meet k_e where they
-lengthen a connector and k_c where they shorten it: there is no single tangent. Two branches are
-named: 'pull' (k_e in all connectors at their kink) and 'push' (k_c). The energy of every mixture
-of pulling and pushing connectors lies between those of 'soft' (the smaller of the two in each) and
-'stiff' (the larger), and so does its k-th frequency (Courant and Fischer; Horn and Johnson 2013,
-Matrix Analysis, 4.3). Where all connectors pull more stiffly than they push these are the two.
+If k_e differs from k_c, the tension has a kink there. Small motions are resisted by k_e if they
+lengthen the connector and by k_c if they shorten it, so there is no single tangent. Two branches
+have names: 'pull' (k_e in all connectors at their kink) and 'push' (k_c). The energy of every
+mixture of connectors in extension and compression lies between those of 'soft' (the smaller
+stiffness in each) and 'stiff' (the larger), and so does its k-th frequency (Courant and Fischer;
+Horn and Johnson 2013, Matrix Analysis, 4.3). If k_e > k_c in all connectors, 'stiff' is 'pull' and
+'soft' is 'push'.
 """
 
 import math
@@ -30,28 +31,28 @@ import numpy as np
 PULL, PUSH = 'pull', 'push'
 BRANCHES = (PULL, PUSH)
 SOFT, STIFF = 'soft', 'stiff'
-# No stiffness and no tension at the kink: what is left is all that has a single tangent.
+# No stiffness and no tension at the kink: leaves all terms with a single tangent.
 WITHOUT = 'without'
-# By the side on which each connector is; what rounding alone has put there is 'stiff'. For
-# searches: a model of the energy that is too stiff never promises too much.
+# The actual side of each connector; 'stiff' within round-off of the kink. For searches, because a
+# model that is too stiff never overestimates the decrease of the energy.
 ACTUAL = 'actual'
 
-# Change of the weave's angle [rad] that moves a connector by as much as counts as its kink. Ten
-# times what must not change any result without being reported as at a kink.
-_ANGLE = 1e-8
-# Rounding of a length, in parts of it and of the positions that it is the difference of.
-_ROUNDING = 32.0 * np.finfo(float).eps
+# Change of the connector angle that defines the width of a kink: ten times the largest change that
+# must not affect any result without a report of connectors at their kink.
+_KINK_ANGLE_RAD = 1e-8
+# Round-off of a length, as a ratio to the length and to the positions of its ends.
+_ROUNDING_RATIO = 32.0 * np.finfo(float).eps
 
 
 def check_branch(branch: str | None) -> None:
-    """Refuse what is not a branch."""
+    """Raise ValueError unless `branch` names a branch; None passes."""
     if branch is not None:
         checks.choice('branch', branch, BRANCHES)
 
 
 def lever_of(angle: float) -> float:
     """
-    How much of its length L a connector gains for each radian of its woven angle, at least 1.
+    Return the relative change of a connector's length per radian of its angle, at least 1.
 
     From eq 53: dL/dtheta = L tan(theta + pi/4).
     """
@@ -59,15 +60,13 @@ def lever_of(angle: float) -> float:
 
 
 def rounding_of(length: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """
-    How far lengths (c,) [m] may be off, whose ends are as far as `place` (c,) from the origin.
-    """
-    return np.asarray(_ROUNDING * (length + place))
+    """Return the round-off [m] of lengths (c,) with ends at distance `place` (c,) from 0."""
+    return np.asarray(_ROUNDING_RATIO * (length + place))
 
 
 def kink_width(length: np.ndarray, place: np.ndarray, lever: float) -> np.ndarray:
-    """How near to its natural length [m] a connector is at its kink, (c,)."""
-    return np.asarray(np.maximum(_ANGLE * lever * length, rounding_of(length, place)))
+    """Return the deviation [m] from the natural length within which a kink applies, (c,)."""
+    return np.asarray(np.maximum(_KINK_ANGLE_RAD * lever * length, rounding_of(length, place)))
 
 
 def slopes_on(
@@ -75,10 +74,10 @@ def slopes_on(
     at_kink: np.ndarray, rounded: np.ndarray
 ) -> np.ndarray:
     """
-    Slopes of the tension [N/m], (c,): at the kink those of `side`.
+    Return tangent stiffnesses [N/m], (c,), with those of `side` at kinks.
 
-    `stretch`: length less natural length [m]; `at_kink`: which are at their kink; `rounded`: of
-    them those whose side is rounding.
+    `stretch` is length less natural length [m], `at_kink` the mask of connectors at their kink,
+    and `rounded` the mask of those whose side is within round-off.
     """
     slope = np.where(stretch > 0.0, extension, compression)
     if side == ACTUAL:

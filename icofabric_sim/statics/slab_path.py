@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A slab whose held bodies move step by step, from one equilibrium to the next."""
+"""Path of equilibria of a slab whose held bodies move in steps."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.statics.equilibrium import Equilibrium, seek_on_path, solve_equilibrium
+from icofabric_sim.statics.equilibrium import Equilibrium, find_next_equilibrium, solve_equilibrium
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.held_motion import HeldMotion
@@ -29,68 +29,68 @@ EXTENSION, COMPRESSION = 'extension', 'compression'
 
 
 class Break(NamedTuple):
-    """A connector that has broken."""
+    """Break of one connector."""
 
     connector: int
     amount: float  # strain, or angle [rad], at which it was beyond its break length
     side: str  # 'extension' or 'compression'
     length: float  # [m] when it broke
-    released: float  # [J] by which the energy falls when the fabric comes to rest without it
+    released: float  # [J] decrease of the energy to the equilibrium without the connector
 
 
 class Step(NamedTuple):
-    """One amount, and where the slab rests there."""
+    """Equilibrium of the slab at one amount."""
 
     amount: float
     found: Equilibrium
     conjugate: float  # derivative of the energy by the amount [J]
-    before_breaks: float  # the same before anything broke at this amount
-    breaks: tuple[Break, ...]  # at this amount, in their order
+    before_breaks: float  # this derivative before breaks at this amount [J]
+    breaks: tuple[Break, ...]  # at this amount, in order
 
 
-class Tally(NamedTuple):
-    """What is counted of a state."""
+class StateCounts(NamedTuple):
+    """Counts of connectors and contacts in one state."""
 
-    obstructed: int  # connectors that lead through a shell of their own, or lie around it
+    obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells that push each other
-    sliding: int  # of these, pairs that slide (contact.friction)
-    at_kink: int  # connectors at their natural length, where k_e is not k_c
-    # Connectors that are there before anything moves, or have come to the other side since.
+    touching: int  # pairs of shells in contact
+    sliding: int  # of these, sliding pairs (contact.friction)
+    at_kink: int  # connectors at their natural length with k_e other than k_c
+    # Connectors at their kink in the initial equilibrium, or on the other side since then.
     past_kink: int
 
 
-def follow(
-    motion: HeldMotion, amounts: Iterable[float], rest: 'Rest | None' = None
+def follow_path(
+    motion: HeldMotion, amounts: Iterable[float], rest: 'InitialEquilibrium | None' = None
 ) -> Iterator[Step]:
     """
-    Equilibria with the held bodies where amounts put them, each sought from the one before.
+    Yield equilibria with held bodies at the amounts, each starting from the previous one.
 
-    Of the connectors beyond their break lengths the one that is farthest beyond breaks for good,
-    and the search goes on, until none is (the quasi-static order of de Arcangelis, Redner and
-    Herrmann 1985, J. Phys. Lett. 46, L585). What touches sticks and slides with friction, of which
-    there is none at `rest`, the slab before anything moves (None: it is sought where it is
-    needed). Ends where no equilibrium is found.
+    If connectors are beyond their break lengths, the one farthest beyond breaks for good, and the
+    search is repeated until none is (the quasi-static order of de Arcangelis, Redner and Herrmann
+    1985, J. Phys. Lett. 46, L585). With friction, contacts stick and slide along the path, which
+    starts without friction at `rest`, the initial equilibrium (None: computed if needed). Ends if
+    no equilibrium is found.
     """
     done: list[tuple[float, Snapshot]] = []
     path = FrictionPath.of(motion.scene)
     if path is not None:
-        # What touches before anything moves has not slipped yet.
-        found = (rest or Rest(motion)).found
+        # Contacts in the initial equilibrium have not slipped.
+        found = (rest or InitialEquilibrium(motion)).found
         if found.converged:
-            path, done = _begun(path, motion, found), [(0.0, found.snapshot)]
+            path, done = _initial_friction(path, motion, found), [(0.0, found.snapshot)]
     for amount in amounts:
         here = motion.placed(amount)
-        found, next_path = seek_on_path(
-            here, path, start=_ahead(done, amount), body_force=motion.body_force)
+        found, next_path = find_next_equilibrium(
+            here, path, start=_extrapolated_start(done, amount), body_force=motion.body_force)
         before = motion.conjugate(amount, found.reaction)
         breaks: list[Break] = []
         while found.converged and (worst := _worst_beyond(here, found.snapshot)) is not None:
             last = found.snapshot
             since = last.break_time.copy()
             since[worst] = 0.0
-            found, next_path = seek_on_path(
+            found, next_path = find_next_equilibrium(
                 here, path, start=replace(last, broken_since=since), body_force=motion.body_force)
             length = float(last.connector_length[worst])
             breaks.append(Break(
@@ -103,11 +103,11 @@ def follow(
             return
 
 
-class Rest:
-    """The slab before anything moves."""
+class InitialEquilibrium:
+    """Initial equilibrium of the slab, and the sides of its connectors."""
 
     def __init__(self, motion: HeldMotion) -> None:
-        """Note on which sides of their kinks the connectors are."""
+        """Find the equilibrium without friction, before any motion."""
         scene = motion.scene
         if scene.parameters['contact.friction'] != 0.0:
             scene = scene.with_changes({'contact.friction': 0.0})
@@ -122,12 +122,12 @@ class Rest:
             0.0, np.where(found.converged, found.reaction, np.nan))
         self.found = found
 
-    def tally(self, found: Equilibrium) -> Tally:
-        """Count what has happened since."""
+    def count_state(self, found: Equilibrium) -> StateCounts:
+        """Return the counts of an equilibrium relative to the initial one."""
         now = found.snapshot
         past = self._kinked & now.intact & (self._longer != (now.connector_length > self._rest))
         past[self._at_kink] = True
-        return Tally(
+        return StateCounts(
             int(np.count_nonzero(now.obstructed)),
             int(np.count_nonzero(_excess(self._scene, now) >= 0.0)),
             int(np.count_nonzero(~now.intact)),
@@ -136,8 +136,8 @@ class Rest:
             len(found.at_kink), int(np.count_nonzero(past)))
 
 
-def _begun(path: FrictionPath, motion: HeldMotion, rest: Equilibrium) -> FrictionPath:
-    """Friction of what touches at rest, before anything has slipped."""
+def _initial_friction(path: FrictionPath, motion: HeldMotion, rest: Equilibrium) -> FrictionPath:
+    """Return the friction path from the initial equilibrium, before any slip."""
     fabric = StaticFabric(motion.scene, friction=path)
     here = fabric.configuration('start', rest.snapshot)
     assert fabric.contacts is not None
@@ -145,12 +145,12 @@ def _begun(path: FrictionPath, motion: HeldMotion, rest: Equilibrium) -> Frictio
 
 
 def tension_range(found: Equilibrium) -> tuple[float, float]:
-    """Least and largest tension [N] of connectors; below 0: they push."""
+    """Return the smallest and largest tension [N] of connectors; negative: compression."""
     return float(found.tension.min(initial=np.inf)), float(found.tension.max(initial=-np.inf))
 
 
-def _ahead(done: list[tuple[float, Snapshot]], amount: float) -> Snapshot | None:
-    """Where to begin: on from the last two states, as far as the amount goes."""
+def _extrapolated_start(done: list[tuple[float, Snapshot]], amount: float) -> Snapshot | None:
+    """Return the start of a search, extrapolated from the last two states to an amount."""
     if not done:
         return None
     *before, (amount_there, last) = done
@@ -163,7 +163,7 @@ def _ahead(done: list[tuple[float, Snapshot]], amount: float) -> Snapshot | None
 
 
 def _excess(scene: Scene, snapshot: Snapshot) -> np.ndarray:
-    """How far the unbroken connectors are beyond their break lengths, over those, (c,)."""
+    """Return the relative excess of connectors over their break lengths, (c,); broken: -1."""
     limits = scene.connectors.limits
     if limits is None:
         return np.full(snapshot.connector_count, -1.0)

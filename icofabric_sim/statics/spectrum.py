@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The Hessian of a configuration as a matrix, and how many of its eigenvalues are zero or negative.
+Hessian matrix of a configuration, and the numbers of its zero and negative eigenvalues.
 
-A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number
-(x + 3 y + 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with
-vectors that are 1 at all bodies of one number give the whole matrix, of any fabric.
+A body and its neighbours occupy 13 points of a face-centred cubic lattice, and the colour
+(x + 3 y + 4 z) mod 13 of a grid point differs for all of them. So 13 times 6 products with
+vectors that are 1 at all bodies of one colour give the whole matrix of any fabric.
 """
 
 from typing import NamedTuple
@@ -34,29 +34,29 @@ from scipy import sparse
 from scipy.linalg import eigvalsh_tridiagonal
 from scipy.sparse.linalg import splu, SuperLU
 
-# Freedoms up to which all eigenvalues are computed, up to which a factorisation is kept for the
-# lowest, and up to which an elimination counts: its memory grows with the power 4/3 and its time
-# with the square of their number, 37 s and 0.9 GB at 292,000.
+# Largest numbers of degrees of freedom for which all eigenvalues are computed, a factorisation is
+# stored for the lowest ones, and an elimination counts. The memory of an elimination grows with
+# the power 4/3 of their number, its time with the square: 0.9 GB and 37 s at 292,000.
 DENSE, FACTORED, COUNTED = 2_400, 60_000, 400_000
-# Freedoms up to which computing all is as fast as a factorisation, however busy the machine is.
-_SMALL = 60
-# Products with which the lowest eigenvalue of a larger fabric is sought.
-_LOOKS = 400
+# Degrees of freedom up to which all eigenvalues are as fast as a factorisation on a busy machine.
+_SMALL_FREEDOMS = 60
+# Products for the ends of the spectrum of a larger fabric.
+_END_PRODUCTS = 400
 # Bodies of a part that is eliminated at once.
-_PART = 12
+_PART_BODIES = 12
 _COLOURS = 13
-_STEPS = np.array([1, 3, 4])
-# Squared frequencies below this part of the largest are zero. In an elimination of a large matrix
-# rounding is larger, because thousands of its pivots are small; from 1e-10 to 1e-7 the counts of
-# slabs of 4,631 bodies were the same.
-_ZERO, LARGE_ZERO = 1e-10, 1e-9
+_COLOUR_WEIGHTS = np.array([1, 3, 4])
+# Squared frequencies below this ratio to the largest are zero. The elimination of a large matrix
+# has a larger round-off, because thousands of its pivots are small; with ratios from 1e-10 to 1e-7
+# the counts of slabs of 4,631 bodies were equal.
+_ZERO_RATIO, LARGE_ZERO_RATIO = 1e-10, 1e-9
 
 
 class Curvature(NamedTuple):
     """
-    How many eigenvalues of the Hessian are zero, and how many negative; -1: not counted.
+    Numbers of zero and negative eigenvalues of the Hessian; -1: not counted.
 
-    Of a fabric that is too large to count, 1 negative one stands for some.
+    For a fabric that is too large to count, `negative` 1 means one or more.
     """
 
     zero: int
@@ -65,9 +65,9 @@ class Curvature(NamedTuple):
 
 def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
     """
-    The mass-scaled Hessian of the free freedoms: its eigenvalues are squared frequencies [1/s^2].
+    Return the mass-scaled Hessian; its eigenvalues are squared frequencies [1/s^2].
 
-    Rows and columns are the freedoms that are True in `fabric.free`, body by body.
+    Rows and columns are the degrees of freedom that are True in `fabric.free`, body by body.
     """
     fabric = here.fabric
     free = fabric.free
@@ -92,7 +92,7 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
             rows.append(own[there][keep])
             columns.append(np.broadcast_to(own[with_it, freedom][:, None], keep.shape)[keep])
             values.append(block[keep])
-    # Contacts join any bodies, connectors around shells two that are joined already.
+    # Contacts couple any two bodies; wrapped connectors couple bodies that are joined already.
     bodies, blocks = here.pair_blocks
     if len(bodies):
         places = own[bodies].reshape(-1, 12)
@@ -101,7 +101,7 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
         columns.append(np.tile(places, (1, 12)).ravel())
         values.append((blocks * weights[:, :, None] * weights[:, None, :]).ravel())
     if fabric.model.coulomb is not None:
-        # And charges all of them.
+        # Charges couple all bodies.
         places = np.arange(6 * count).reshape(count, 6)[:, :3].ravel()
         weights = scale[:, :3].ravel()
         block = weights[:, None] * coulomb_matrix(
@@ -116,15 +116,15 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
     del rows, columns, values
     chosen = np.flatnonzero(free.ravel())
     matrix = matrix[chosen][:, chosen]
-    # Symmetric to the last bit, which the kernels are only to rounding.
+    # Make the matrix exactly symmetric; the kernels are symmetric up to round-off.
     return sparse.csr_matrix(0.5 * (matrix + matrix.T))
 
 
 def is_counted(here: Configuration) -> bool:
     """
-    Whether eigenvalues of a configuration are counted: an elimination of its matrix is possible.
+    Return True if an elimination can count the eigenvalues of a configuration.
 
-    Charges join every body with every other, so that nothing of it is empty.
+    Charges couple all bodies, so that the matrix is dense.
     """
     most = COUNTED if here.fabric.model.coulomb is None else min(COUNTED, DENSE)
     return int(here.fabric.free.sum()) <= most
@@ -133,12 +133,12 @@ def is_counted(here: Configuration) -> bool:
 def _colours_of(fabric: StaticFabric) -> np.ndarray:
     grid = fabric.scene.weave.grid.astype(np.int64)
     colours = np.zeros(fabric.scene.body_count, np.int64)
-    colours[:len(grid)] = grid @ _STEPS % _COLOURS
+    colours[:len(grid)] = grid @ _COLOUR_WEIGHTS % _COLOURS
     return colours
 
 
 def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
-    """The body of each colour that each body is or is joined to, (13, n); -1: none."""
+    """Return the body of each colour among each body and its neighbours, (13, n); -1: none."""
     count = fabric.scene.body_count
     partner = np.full((_COLOURS, count), -1, np.int64)
     if fabric.scene.connector_count:
@@ -150,20 +150,20 @@ def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
 
 
 def judge_curvature(here: Configuration) -> Curvature:
-    """Count the free motions that cost no energy and those that lower it."""
+    """Count the free motions of zero energy and those that lower the energy."""
     if not is_counted(here):
         return judge_ends(*ends_of_spectrum(here))
     return curvature_of(here, scaled_hessian(here))
 
 
 def judge_ends(lowest: float, largest: float) -> Curvature:
-    """What follows from the ends of the spectrum of a fabric that is too large to count."""
-    return Curvature(-1, -1 if lowest >= -LARGE_ZERO * largest else 1)
+    """Return the curvature of a fabric too large to count, from the ends of its spectrum."""
+    return Curvature(-1, -1 if lowest >= -LARGE_ZERO_RATIO * largest else 1)
 
 
 @one_thread()
 def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
-    """The same of a matrix that is at hand."""
+    """Count the zero and negative eigenvalues of the scaled Hessian `matrix`."""
     size = matrix.shape[0]
     if not size:
         return Curvature(0, 0)
@@ -172,11 +172,11 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
             values, *_ = solve_graded(here, scaled_hessian(without_slopes(here)))
             return Curvature(
                 int(np.count_nonzero(values == 0.0)), int(np.count_nonzero(values < 0.0)))
-        # Where all of them are clear of zero one factorisation decides, in a tenth of the time.
-        if size > _SMALL and here.fabric.model.coulomb is None and not count_under(
-                here, matrix, _ZERO * row_sum(matrix)):
+        # If all are well above zero, one elimination decides, in a tenth of the time.
+        if size > _SMALL_FREEDOMS and here.fabric.model.coulomb is None and not count_under(
+                here, matrix, _ZERO_RATIO * row_sum(matrix)):
             return Curvature(0, 0)
-        return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO)
+        return count_signs(np.linalg.eigvalsh(matrix.toarray()), _ZERO_RATIO)
     limit = zero_limit(matrix)
     if not is_counted(here):
         return judge_ends(*ends_of_spectrum(here))
@@ -191,54 +191,54 @@ def curvature_of(here: Configuration, matrix: sparse.csr_matrix) -> Curvature:
 
 def ends_of_spectrum(here: Configuration) -> tuple[float, float]:
     """
-    Lowest and largest squared frequency [1/s^2] as Lanczos' iteration sees them, from inside.
+    Estimate the lowest and largest squared frequency [1/s^2] by Lanczos' iteration.
 
-    Without the matrix, so that little memory is needed.
+    Both estimates lie within the spectrum. The matrix is not formed, to save memory.
     """
-    run, start = begin(here, min(_LOOKS, int(here.fabric.free.sum())))
+    run, start = begin(here, min(_END_PRODUCTS, int(here.fabric.free.sum())))
     if not start.any():
         return 0.0, 0.0
-    run.go_on(_LOOKS)
+    run.go_on(_END_PRODUCTS)
     matrix = run.matrix
     values = eigvalsh_tridiagonal(matrix.diagonal[:matrix.size], matrix.off[:matrix.size - 1])
     return float(values[0]), float(values[-1])
 
 
 def zero_limit(matrix: sparse.csr_matrix) -> float:
-    """Squared frequency [1/s^2] below which one of a large matrix counts as zero."""
-    return LARGE_ZERO * row_sum(matrix)
+    """Return the squared frequency [1/s^2] below which those of a large matrix are zero."""
+    return LARGE_ZERO_RATIO * row_sum(matrix)
 
 
 def count_signs(values: np.ndarray, zero: float) -> Curvature:
-    """Of all eigenvalues."""
+    """Count zero and negative ones of all eigenvalues, with the relative limit `zero`."""
     limit = zero * float(np.abs(values).max(initial=0.0))
     return Curvature(
         int(np.count_nonzero(np.abs(values) <= limit)), int(np.count_nonzero(values < -limit)))
 
 
 def row_sum(matrix: sparse.csr_matrix) -> float:
-    """The largest sum of sizes in a row, which no eigenvalue exceeds (Gershgorin)."""
+    """Return the largest absolute row sum, an upper bound of eigenvalues (Gershgorin)."""
     return float(np.asarray(abs(matrix).sum(axis=1)).max(initial=0.0))
 
 
 class Factor(NamedTuple):
-    """Factors of a matrix less a multiple of the unit matrix, and their order of elimination."""
+    """Factors of a shifted matrix, and their order of elimination."""
 
     order: np.ndarray
     factors: SuperLU
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution of the system for a vector."""
+        """Return the solution of the linear system for a right-hand side."""
         result = np.empty_like(right)
         result[self.order] = self.factors.solve(right[self.order])
         return result
 
 
 def factorise(here: Configuration, matrix: sparse.csr_matrix, shift: float) -> Factor:
-    """Factor of the scaled Hessian less `shift` [1/s^2], by nested dissection of the fabric."""
+    """Factorise the scaled Hessian less `shift` [1/s^2], in the order of nested dissection."""
     fabric = here.fabric
     grid, count = fabric.scene.weave.grid, fabric.scene.body_count
-    # Loose bodies are joined to nothing.
+    # Loose bodies have no connectors.
     bodies = np.concatenate([np.arange(len(grid), count), dissection_order(grid)])
     order = _freedom_order(fabric, bodies)
     shifted = matrix[order][:, order] - shift * sparse.identity(len(order))
@@ -249,14 +249,14 @@ def factorise(here: Configuration, matrix: sparse.csr_matrix, shift: float) -> F
 
 def count_under(here: Configuration, matrix: sparse.csr_matrix, shift: float) -> int:
     """
-    How many eigenvalues of the scaled Hessian lie below `shift` [1/s^2], in little memory.
+    Count the eigenvalues of the scaled Hessian below `shift` [1/s^2], in little memory.
 
-    -1 where an elimination cannot decide.
+    Returns -1 if the elimination cannot decide.
     """
     fabric = here.fabric
     grid, count = fabric.scene.weave.grid, fabric.scene.body_count
     parts = [np.array([body]) for body in range(len(grid), count)]
-    parts += dissection_parts(grid, _PART)
+    parts += dissection_parts(grid, _PART_BODIES)
     own = fabric.free.sum(axis=1)
     ends = np.cumsum([int(own[part].sum()) for part in parts])
     order = _freedom_order(fabric, np.concatenate(parts))
@@ -264,7 +264,7 @@ def count_under(here: Configuration, matrix: sparse.csr_matrix, shift: float) ->
 
 
 def _freedom_order(fabric: StaticFabric, bodies: np.ndarray) -> np.ndarray:
-    """Numbers of the free freedoms of bodies, in their order."""
+    """Return the numbers of the free degrees of freedom of bodies, in their order."""
     free = fabric.free.ravel()
     freedoms = (6 * bodies[:, None] + np.arange(6)).ravel()
     return np.asarray((np.cumsum(free) - 1)[freedoms[free[freedoms]]])
@@ -272,9 +272,9 @@ def _freedom_order(fabric: StaticFabric, bodies: np.ndarray) -> np.ndarray:
 
 def count_below(factor: Factor) -> int:
     """
-    How many eigenvalues lie below the shift: the negative pivots (Sylvester's law of inertia).
+    Count the eigenvalues below the shift: the negative pivots (Sylvester's law of inertia).
 
-    -1 where rows had to be exchanged, which would spoil the count.
+    Returns -1 if rows were exchanged, which invalidates the count.
     """
     factors = factor.factors
     if not np.array_equal(factors.perm_r, factors.perm_c):
@@ -284,14 +284,14 @@ def count_below(factor: Factor) -> int:
 
 def count_by_elimination(here: Configuration) -> Counts | None:
     """
-    The counts of a large fabric, from the signs of the pivots of A^T A less a little.
+    Return the mechanism counts of a large fabric, from the pivots of A^T A with a small shift.
 
-    None where an elimination cannot decide.
+    Returns None if the elimination cannot decide.
     """
     matrix = sparse_compatibility(here)
     connectors, freedoms = matrix.shape
     if not matrix.nnz:
         return Counts(freedoms, connectors, 0)
     square = sparse.csr_matrix(matrix.T @ matrix)
-    zero = count_under(here, square, _ZERO * row_sum(square))
+    zero = count_under(here, square, _ZERO_RATIO * row_sum(square))
     return None if zero < 0 else Counts(freedoms, connectors, freedoms - zero)

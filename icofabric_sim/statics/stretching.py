@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Stress against strain of a slab between two held ends, or with all its outer faces held."""
+"""Stress-strain curves of a slab between two held ends, or with all outer faces held."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -31,50 +31,56 @@ from icofabric_sim.statics.held_motion import (
     PUSH,
     STRAINED,
 )
-from icofabric_sim.statics.slab_path import Break, follow, Rest, Step, tension_range
+from icofabric_sim.statics.slab_path import (
+    Break,
+    follow_path,
+    InitialEquilibrium,
+    Step,
+    tension_range,
+)
 import numpy as np
 
 KINDS = STRAINED
 
 
 class CurvePoint(NamedTuple):
-    """One state of the slab."""
+    """State of the slab at one strain."""
 
-    # Displacement of the end over the distance of the ends; of all faces: over the distance from
-    # the centre.
+    # Displacement of the end over the distance of the ends, or of all faces over their distance
+    # from the centre.
     strain: float
-    # [Pa] force on the end along its displacement, over the woven cross section; of all faces:
-    # the pressure, or of an inflation the tension.
+    # [Pa] force on the end along its displacement over the woven cross section, or the pressure
+    # (inflation: tension) on all faces.
     stress: float
     energy: float  # [J]
     verdict: str
     residual: float
-    obstructed: int  # connectors that lead through a shell of their own, or lie around it
+    obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells that push each other
-    sliding: int  # of these, pairs that slide (contact.friction)
-    at_kink: int  # connectors at their natural length, where k_e is not k_c
-    # Connectors that are there without any strain, or have come to the other side since: where
-    # there are some the response depends on how far from it they were.
+    touching: int  # pairs of shells in contact
+    sliding: int  # of these, sliding pairs (contact.friction)
+    at_kink: int  # connectors at their natural length with k_e other than k_c
+    # Connectors at their kink without strain, or on the other side since then. If there are any,
+    # the response depends on their initial distance from the kink.
     past_kink: int
-    rest_stress: float  # [Pa] without any strain, from natural lengths; NaN: no equilibrium
-    # Strains xx, yy, zz of the middle third between the ends: slopes of its bodies' displacements
-    # over their woven places. NaN where all of them have the same place along that axis.
+    rest_stress: float  # [Pa] without strain, from natural lengths; NaN: no equilibrium
+    # Strains xx, yy, zz of the middle third between the ends: slopes of displacements over woven
+    # positions. NaN if all its bodies have the same position along that axis.
     middle_strain: tuple[float, float, float]
-    end_force: tuple[float, float, float]  # [N] that holds the moved end, world axes
-    tension_range: tuple[float, float]  # [N] least and largest of connectors; below 0: they push
-    end_moment: tuple[float, float, float]  # [N m] the same, about the centre of that end
-    breaks: tuple[Break, ...]  # at this strain, in their order
+    end_force: tuple[float, float, float]  # [N] on the moved end, world axes
+    tension_range: tuple[float, float]  # [N] smallest and largest; negative: compression
+    end_moment: tuple[float, float, float]  # [N m] on the moved end about its centre
+    breaks: tuple[Break, ...]  # at this strain, in order
     snapshot: Snapshot
 
     def __repr__(self) -> str:
-        """Say what was found, without the numbers of the state."""
+        """Return a summary without the state."""
         return (f'<CurvePoint: strain {self.strain:.6g}, stress {self.stress:.6g} Pa, '
                 f'{self.verdict}>')
 
     def row(self) -> list[float | str]:
-        """All but breaks and the snapshot as plain values, in the order of `CURVE_COLUMNS`."""
+        """Return the values in the order of `CURVE_COLUMNS`, without breaks and snapshot."""
         return [*self[:13], *self.middle_strain, *self.end_force, *self.tension_range,
                 *self.end_moment]
 
@@ -94,48 +100,49 @@ def measure_curve(
     progress: Callable[[int], None] | None = None
 ) -> Results[CurvePoint]:
     """
-    Equilibria of a slab whose end is displaced by `strains`, rising from above 0.
+    Compute the stress-strain curve of a slab: equilibria at prescribed strains.
 
-    The bodies at either end along the world's `axis` are held as they are woven, one end displaced
-    along the axis (pull, push) or across it (shear); all others are free. Or all bodies that lack
-    a neighbour are displaced towards the centre (hydrostatic) or away from it (inflation). Loads,
-    supports and drives of the scene are left out; its planes and connector groups count, and so
-    does a steady `body_force` of the user (see `solve_equilibrium`), also before anything moves.
-    Each search begins where the last one ended. Of the connectors beyond their break lengths the
-    one that is farthest beyond breaks for good, and the search goes on, until none is (the
-    quasi-static order of de Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585). Ends
-    early where no equilibrium is found.
+    For a pull, push or shear, the bodies at both ends along the world's `axis` are held as woven,
+    and one end is displaced along the axis or perpendicular to it; all other bodies are free. For
+    hydrostatic compression or inflation all bodies that lack a neighbour are displaced towards the
+    centre or away from it.
 
     Parameters
     ----------
     scene : Scene
-        The slab, flat or radial. Ends of a radial weave are its first and last row, column or
+        Slab, flat or radial. Loads, supports and drives of the scene are left out; planes and
+        connector groups are used. The ends of a radial weave are its first and last row, column or
         level.
     kind : str
         'pull', 'push', 'shear', 'hydrostatic' or 'inflation'.
     strains : sequence of float
-        Displacements over the length between the ends, or over the distance from the centre.
+        Displacements over the length between the ends, or over the distance from the centre;
+        positive and rising.
     axis : int
         World axis from end to end.
     along : sequence of three floats, optional
-        Direction of the displacement, world frame: of a shear any one across the axis (default:
-        the next axis; an opposite one is the other sign), of a pull any one with a part along
-        the axis above 0 (an oblique pull), of a push the same, displaced against it.
+        Direction of the displacement, world frame. Shear: any direction perpendicular to the axis
+        (default: the next axis). Pull: any direction with a positive component along the axis (an
+        oblique pull). Push: the same, displaced in the opposite direction.
     body_force : BodyForce or function, optional
-        Steady forces that act on the bodies.
+        Steady forces on the bodies, also in the initial equilibrium; see `solve_equilibrium`.
     progress : function, optional
         Called with the number of states found.
 
     Returns
     -------
     Results of CurvePoint
-        One for each strain.
+        One for each strain; fewer if no equilibrium is found.
 
     Notes
     -----
-    Each point says how many connectors are past their kink: where none is, a change of 1e-9 in
-    angle or stiffness changes `stress - rest_stress` by less than 1e-6 of itself. What happens
-    across is in `middle_strain`.
+    Each search starts from the previous equilibrium. If connectors are beyond their break lengths,
+    the one farthest beyond breaks for good, and the search is repeated until none is (the
+    quasi-static order of de Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585).
+
+    Each point has the number of connectors past their kink. If it is 0, a change of 1e-9 in angle
+    or stiffness changes `stress - rest_stress` by less than a fraction of 1e-6. Lateral strains
+    are in `middle_strain`.
     """
     return Results(CURVE_COLUMNS, curve_points(
         scene, kind, strains, axis=axis, along=along, body_force=body_force, progress=progress))
@@ -146,7 +153,7 @@ def curve_points(
     along: Sequence[float] | None = None, body_force: BodyForce | Force | None = None,
     progress: Callable[[int], None] | None = None
 ) -> Iterator[CurvePoint]:
-    """The same, each as soon as it is found."""
+    """Yield the points of `measure_curve`, each when found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
     steps = check_strains('strains', kind, strains)
@@ -155,15 +162,15 @@ def curve_points(
         checks.function('progress', progress)
     motion = held_motion(
         scene, kind, axis, body_force=body_force, along=check_along(kind, axis, along))
-    rest = Rest(motion)
-    for number, step in enumerate(follow(motion, steps, rest)):
+    rest = InitialEquilibrium(motion)
+    for number, step in enumerate(follow_path(motion, steps, rest)):
         yield curve_point(motion, kind, rest, step)
         if progress is not None:
             progress(number + 1)
 
 
 def check_strains(name: str, kind: str, strains: Sequence[float]) -> list[float]:
-    """Strains of a kind, the argument `name`, which rise from above 0; ValueError if not."""
+    """Return the strains of a load case; raise ValueError unless positive and rising."""
     steps: list[float] = checks.array(name, strains, ('n',)).tolist()
     if not steps or not steps[0] > 0.0 or sorted(set(steps)) != steps:
         raise ValueError(f'{name} must rise from above 0, got {checks.shown(steps)}')
@@ -172,29 +179,29 @@ def check_strains(name: str, kind: str, strains: Sequence[float]) -> list[float]
     return steps
 
 
-def curve_point(motion: HeldMotion, kind: str, rest: Rest, step: Step) -> CurvePoint:
-    """What there is to say of a state."""
-    found, tally = step.found, rest.tally(step.found)
+def curve_point(motion: HeldMotion, kind: str, rest: InitialEquilibrium, step: Step) -> CurvePoint:
+    """Return the point of a curve for one step of a path."""
+    found, counts = step.found, rest.count_state(step.found)
     force, moment = motion.end_wrench(found.snapshot.position, found.reaction)
     stress, rest_stress = (
         conjugate / strained_volume(motion, kind, amount) for conjugate, amount in (
             (step.conjugate, step.amount), (rest.conjugate, 0.0)))
     return CurvePoint(
         step.amount, stress, float(found.snapshot.energy['total']), found.verdict,
-        found.residual, *tally, rest_stress,
+        found.residual, *counts, rest_stress,
         _middle_strain(motion.scene, motion.axis, found.snapshot), force, tension_range(found),
         moment, step.breaks, found.snapshot)
 
 
 def strained_volume(motion: HeldMotion, kind: str, strain: float) -> float:
     """
-    Derivative of the energy by the strain [J] over the stress [Pa]: a volume [m^3].
+    Return the volume [m^3] that relates dE/dstrain [J] to stress [Pa].
 
-    Of the woven slab between its ends. Of all faces: three times that of the connectors of the
-    slab, of which six fill the place of a body in the endless fabric, as far as it is compressed
-    or inflated: the work of a pressure. Places of a radial weave widen from level to
-    level. So the bulk modulus at small strains is that of the endless fabric, however small the
-    slab.
+    For a pull, push or shear it is the volume of the woven slab between its ends. For all faces it
+    is three times the volume that the slab's connectors represent, compressed or inflated: the
+    work of a pressure. Six connectors represent the volume of one body in the periodic fabric;
+    volumes of a radial weave grow from level to level. So the bulk modulus at small strains equals
+    that of the periodic fabric for a slab of any size.
     """
     scene = motion.scene
     if kind in (HYDROSTATIC, INFLATION):
@@ -205,10 +212,10 @@ def strained_volume(motion: HeldMotion, kind: str, strain: float) -> float:
 
 
 def cross_section(scene: Scene, axis: int) -> float:
-    """Woven area [m^2] across an axis: the volume of the bodies over the length that they fill."""
+    """Return the woven cross section [m^2] normal to an axis: volume over length."""
     pitch = float(scene.geometry.pitch)
     if scene.weave.kind == 'radial':
-        # Across the rows: a plane through the axis of the cylinder.
+        # The cross section of rows is a plane through the axis of the cylinder.
         place = np.full(1, 2.0 * pitch**3 * scene.body_count) if axis == 0 else (
             _place_volumes(scene))
         return float(place.sum()) / ((float(np.ptp(scene.weave.grid[:, axis])) + 1.0) * pitch)
@@ -217,7 +224,7 @@ def cross_section(scene: Scene, axis: int) -> float:
 
 
 def _place_volumes(scene: Scene) -> np.ndarray:
-    """Volumes [m^3] of the places of bodies, (n,): wider on the outer levels of a radial weave."""
+    """Return the volumes [m^3] per body, (n,), which grow from level to level if radial."""
     pitch = float(scene.geometry.pitch)
     place = np.full(scene.body_count, 2.0 * pitch**3)
     if scene.weave.kind == 'radial':
@@ -229,7 +236,7 @@ def _place_volumes(scene: Scene) -> np.ndarray:
 def _middle_strain(
     scene: Scene, axis: int, snapshot: Snapshot
 ) -> tuple[float, float, float]:
-    """Normal strains of the middle third along `axis`, fitted to what its bodies moved."""
+    """Return normal strains of the middle third along `axis`, fitted to displacements."""
     along = scene.position[:, axis]
     reach = max(float(np.ptp(along)) / 6.0, float(scene.geometry.pitch))
     middle = np.abs(along - 0.5 * (along.min() + along.max())) <= 1.001 * reach

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connector laws in the neighbourhood of a configuration: each a spring of its own.
+Tangent springs: connector laws linearised about a configuration.
 
-A connector of length l, tension f and slope k = df/dl has the same force and the same second
-derivative as a linear spring with stiffness k and natural length l - f / k. So the Hessian product
-of the kernels (kernels/hessian.py), which takes the larger of k_e and k_c because a step has to be
-stable on either side, gives the exact tangent when it is handed these springs.
+A connector of length l, tension f and slope k = df/dl has the same force and second derivative as
+a linear spring with stiffness k and natural length l - f / k. The Hessian product of the kernels
+(kernels/hessian.py) uses the larger of k_e and k_c, because a step has to be stable on either
+side. With these springs as input it gives the exact tangent.
 """
 
 from typing import NamedTuple
@@ -29,18 +29,18 @@ from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.statics.sides import ACTUAL, kink_width, rounding_of, slopes_on
 import numpy as np
 
-# Where a law is flat, of the largest slope or of the largest tension over its length: the tension
-# decides there, not the slope.
-_FLAT = 1e-12
+# Slopes below this ratio to the largest slope, or to the largest tension over length, are flat;
+# there the tension determines the spring.
+_FLAT_RATIO = 1e-12
 
 
 class Stretched(NamedTuple):
-    """Connectors, or anchors, in a configuration, and which are at their kinks; all (c,)."""
+    """Lengths and kinks of connectors or anchors in a configuration; all (c,)."""
 
     length: np.ndarray  # [m]
-    stretch: np.ndarray  # [m] less their natural lengths
+    stretch: np.ndarray  # [m] length less natural length
     at_kink: np.ndarray  # bool
-    rounded: np.ndarray  # bool, of them those whose side is rounding
+    rounded: np.ndarray  # bool, at their kink within round-off
 
 
 def find_kinks(
@@ -48,9 +48,9 @@ def find_kinks(
     kinked: np.ndarray
 ) -> Stretched:
     """
-    Those at their natural length [m] whose law has a kink there, `kinked` (c,) bool.
+    Find the connectors at their natural length [m]; `kinked` (c,) is the mask of kinked laws.
 
-    `place` [m]: how far their ends are from the origin; `lever`: see lever_of.
+    `place` [m] is the distance of their ends from the origin; `lever`: see `lever_of`.
     """
     stretch = length - natural_length
     size = np.abs(stretch)
@@ -62,13 +62,11 @@ def find_kinks(
 def as_springs(
     tension: np.ndarray, slope: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Stiffnesses [N/m] and natural lengths [m] of springs with these tensions and slopes, (c,).
-    """
+    """Return stiffnesses [N/m] and natural lengths [m] of springs with given tensions, slopes."""
     with np.errstate(divide='ignore', invalid='ignore'):
         secant = np.where(tension != 0.0, np.abs(tension) / length, 0.0)
     secant = secant[np.isfinite(secant)]
-    least = _FLAT * max(
+    least = _FLAT_RATIO * max(
         float(np.abs(slope).max(initial=0.0)), float(secant.max(initial=0.0)))
     slope = np.where((np.abs(slope) <= least) & (tension != 0.0), least, slope)
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -79,16 +77,16 @@ class TangentLaws:
     """Tensions and slopes of all connectors of a scene."""
 
     def __init__(self, packed: PackedScene) -> None:
-        """Find the places of the connectors where their laws differ with their length."""
+        """Find the connectors in the packed layout, unless their laws are plain springs."""
         self._packed = packed
         connectors = packed.connectors
-        # Of connectors around shells this is the model without them, see wrapped.py.
+        # With wrapped connectors the model leaves them out, see wrapped.py.
         self.is_plain = connectors is None or (
             packed.model.wrapping is None and not packed.tables.tables
             and len(connectors.extension) == 1
             and bool(connectors.extension[0] == connectors.compression[0]))
         self._places: LinkPlaces | None = None
-        # Laws by table have no kink: their slope is continuous.
+        # Tabulated laws have no kink, because their slope is continuous.
         self.kinked = np.zeros(0 if connectors is None else len(connectors.first), bool)
         if not self.is_plain:
             assert connectors is not None and packed.model.links is not None
@@ -99,7 +97,7 @@ class TangentLaws:
                 self.kinked &= packed.tables.of < 0
 
     def stretched(self, length: np.ndarray, ends: np.ndarray, lever: float) -> Stretched:
-        """Connectors of lengths [m], (c,), between `ends` (c, 2, 3) [m]."""
+        """Return stretches and kinks for lengths [m], (c,), between `ends` (c, 2, 3) [m]."""
         rest = self.natural_length
         if not self.kinked.any():
             no = np.zeros(len(length), bool)
@@ -107,7 +105,7 @@ class TangentLaws:
         return find_kinks(length, rest, np.abs(ends).max(axis=(1, 2)), lever, self.kinked)
 
     def tension(self, length: np.ndarray) -> np.ndarray:
-        """Tension [N], positive where it pulls, at lengths [m], (c,) both."""
+        """Return tensions [N], positive in extension, at lengths [m], (c,) both."""
         connectors, tables = self._packed.connectors, self._packed.tables
         if connectors is None:
             return np.zeros(0)
@@ -120,7 +118,7 @@ class TangentLaws:
         return np.asarray(tension)
 
     def slope(self, here: Stretched, side: str = ACTUAL) -> np.ndarray:
-        """Slope of the tension [N/m], (c,), by the `side` of connectors that are at their kink."""
+        """Return tangent stiffnesses [N/m], (c,), with the `side` of connectors at their kink."""
         connectors, tables = self._packed.connectors, self._packed.tables
         if connectors is None:
             return np.zeros(0)
@@ -133,7 +131,7 @@ class TangentLaws:
         return slope
 
     def jump(self, chosen: np.ndarray) -> np.ndarray:
-        """k_e - k_c [N/m] of the `chosen` connectors, by number."""
+        """Return k_e - k_c [N/m] of the `chosen` connectors, by number."""
         connectors = self._packed.connectors
         if connectors is None:
             return np.zeros(0)
@@ -142,13 +140,13 @@ class TangentLaws:
 
     @property
     def natural_length(self) -> np.ndarray:
-        """[m], (c,)."""
+        """Natural lengths [m], (c,)."""
         connectors = self._packed.connectors
         rest = np.zeros(0) if connectors is None else connectors.natural_length
         return np.broadcast_to(rest, self.kinked.shape)
 
     def stiffnesses(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """k_e and k_c [N/m] of the `chosen` connectors, by number."""
+        """Return k_e and k_c [N/m] of the `chosen` connectors, by number."""
         connectors = self._packed.connectors
         if connectors is None:
             return np.zeros(0), np.zeros(0)
@@ -158,9 +156,9 @@ class TangentLaws:
 
     def model(self, here: Stretched, slope: np.ndarray, without: np.ndarray) -> Model:
         """
-        The model with the springs that the connectors are, of slopes [N/m], (c,).
+        Return the model with tangent springs of stiffness `slope` [N/m], (c,).
 
-        `without`: numbers of connectors that are left out of it.
+        `without` are numbers of connectors to leave out.
         """
         model, layout = self._packed.model, self._packed.layout
         if self._places is None or model.links is None:

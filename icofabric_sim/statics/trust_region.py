@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Steps of a trust region method for a function with a Hessian that may be singular or indefinite.
+Steps of a trust-region method for a function with a possibly singular or indefinite Hessian.
 
 Steihaug 1983, SIAM J. Numer. Anal. 20, 626: conjugate gradients on the quadratic model, which end
-at the border of the region, or along a direction of negative curvature on it. Lengths of steps
-and of what leads to them follow from the recurrences of Conn, Gould and Toint 2000 (Trust-Region
-Methods, SIAM, 7.5), so an iteration needs one scalar product beside that of the residual.
+at the boundary of the region, or follow a direction of negative curvature to the boundary. Lengths
+of steps and directions follow from the recurrences of Conn, Gould and Toint 2000 (Trust-Region
+Methods, SIAM, 7.5), so an iteration needs one scalar product in addition to that of the residual.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ import numpy as np
 
 
 class Step(NamedTuple):
-    """A step and what the quadratic model expects of it."""
+    """Step of a trust-region method, and the change that the quadratic model predicts."""
 
     step: np.ndarray  # (6, s)
     length: float  # in the metric of the weights
@@ -44,12 +44,12 @@ def steihaug(
     radius: float, accuracy: float, largest: int
 ) -> Step:
     """
-    Approximate minimiser of g.s + s.H s / 2 with s.W^-1 s <= radius^2, all vectors (6, s).
+    Return an approximate minimiser of g.s + s.H s / 2 with s.W^-1 s <= radius^2, vectors (6, s).
 
-    `times` writes H times its first argument to its second; W is diagonal, `weight`, and 0 where
-    nothing moves. Ends where the residual is below `accuracy` times that at 0, or after `largest`
-    products. Directions in which nothing resists and nothing pushes are never entered: all are
-    combinations of (W H)^k W g.
+    `times` writes H times its first argument to its second; W is the diagonal `weight`, 0 for held
+    degrees of freedom. Ends if the residual is below `accuracy` times the initial one, or after
+    `largest` products. The step has no component without stiffness and force, because it is a
+    combination of (W H)^k W g.
     """
     step, product, residual, direction, image = (
         aligned_empty(gradient.shape) for _ in range(5))
@@ -67,7 +67,7 @@ def steihaug(
         times(direction, image)
         curvature = product_of(direction, image)
         most = max(most, abs(curvature) / ahead)
-        # What rounding leaves of a mechanism does not count as curvature.
+        # The round-off of a mechanism does not count as curvature.
         along = square / curvature if curvature > 1e-14 * most * ahead else math.inf
         if not long + along * (2.0 * mixed + along * ahead) < radius**2:
             along = _to_border(long, mixed, ahead, radius)
@@ -85,7 +85,7 @@ def steihaug(
 
 
 def _to_border(long: float, mixed: float, ahead: float, radius: float) -> float:
-    """How far along the direction the border is; the positive root of a quadratic equation."""
+    """Return the factor of the direction at the boundary: a positive root of a quadratic."""
     rest = max(radius**2 - long, 0.0)
     root = math.sqrt(mixed * mixed + ahead * rest)
     return rest / (mixed + root) if mixed > 0.0 else (root - mixed) / ahead

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Moment against angle of a slab whose two held ends are turned against each other."""
+"""Moment-angle curves of a slab whose held ends are rotated against each other."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -22,45 +22,51 @@ from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import BEND, held_motion, HeldMotion, TURNED
-from icofabric_sim.statics.slab_path import Break, follow, Rest, Step, tension_range
+from icofabric_sim.statics.slab_path import (
+    Break,
+    follow_path,
+    InitialEquilibrium,
+    Step,
+    tension_range,
+)
 import numpy as np
 
 KINDS = TURNED
 
 
 class TurnPoint(NamedTuple):
-    """One state of the slab."""
+    """State of the slab at one angle."""
 
-    angle: float  # [rad] of one end against the other
+    angle: float  # [rad] between the ends
     moment: float  # [N m] derivative of the energy by the angle
-    # [N m^2] moment, less that without any angle, for each turn in a unit of length: bending
-    # stiffness EI, or twisting stiffness GJ.
+    # [N m^2] moment less `rest_moment`, over curvature or twist per length: bending stiffness EI,
+    # or torsional stiffness GJ.
     rigidity: float
     energy: float  # [J]
     verdict: str
     residual: float
-    obstructed: int  # connectors that lead through a shell of their own, or lie around it
+    obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
     beyond: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells that push each other
-    sliding: int  # of these, pairs that slide (contact.friction)
-    at_kink: int  # connectors at their natural length, where k_e is not k_c
-    # Connectors that are there without any angle, or have come to the other side since.
+    touching: int  # pairs of shells in contact
+    sliding: int  # of these, sliding pairs (contact.friction)
+    at_kink: int  # connectors at their natural length with k_e other than k_c
+    # Connectors at their kink at angle 0, or on the other side since then.
     past_kink: int
-    rest_moment: float  # [N m] without any angle, from natural lengths; NaN: no equilibrium
-    end_force: tuple[float, float, float]  # [N] that holds the moved end, world axes
-    end_moment: tuple[float, float, float]  # [N m] the same, about the centre of that end
-    tension_range: tuple[float, float]  # [N] least and largest of connectors; below 0: they push
-    breaks: tuple[Break, ...]  # at this angle, in their order
+    rest_moment: float  # [N m] at angle 0, from natural lengths; NaN: no equilibrium
+    end_force: tuple[float, float, float]  # [N] on the moved end, world axes
+    end_moment: tuple[float, float, float]  # [N m] on the moved end about its centre
+    tension_range: tuple[float, float]  # [N] smallest and largest; negative: compression
+    breaks: tuple[Break, ...]  # at this angle, in order
     snapshot: Snapshot
 
     def __repr__(self) -> str:
-        """Say what was found, without the numbers of the state."""
+        """Return a summary without the state."""
         return (f'<TurnPoint: angle {self.angle:.6g} rad, moment {self.moment:.6g} N m, '
                 f'{self.verdict}>')
 
     def row(self) -> list[float | str]:
-        """All but breaks and the snapshot as plain values, in the order of `TURN_COLUMNS`."""
+        """Return the values in the order of `TURN_COLUMNS`, without breaks and snapshot."""
         return [*self[:14], *self.end_force, *self.end_moment, *self.tension_range]
 
 
@@ -77,16 +83,39 @@ def measure_turning(
     body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Results[TurnPoint]:
     """
-    Equilibria of a slab whose ends along the world's `axis` are turned against each other.
+    Compute the moment-angle curve of a slab in bending or torsion.
 
-    The bodies of one end are held as they are woven, those of the other end are turned as one
-    rigid body by `angles` [rad], which go away from 0 on one side of it. 'twist': about `axis`,
-    the distance of the ends kept. 'bend': about the axis `about` across it (None: the next one),
-    the centre of the end on an arc of the woven length, so that the middle line of a slab that
-    bends evenly keeps its length. All else is as in `measure_curve`.
+    The bodies of one end are held as woven, and those of the other end rotate as one rigid body.
+    Other conditions are as in `measure_curve`.
 
-    `moment` is the derivative of the energy by the angle. In a bend it has the part that the force
-    on the end does as the arc brings the ends nearer, so it differs from the component of
+    Parameters
+    ----------
+    scene
+        Slab, as in `measure_curve`.
+    kind
+        'twist': rotation about `axis` at a constant distance of the ends. 'bend': rotation about
+        the lateral axis `about`, with the centre of the end on an arc of the woven length, so that
+        the centre line of a uniformly bent slab keeps its length.
+    angles
+        Angles [rad], of one sign and with rising magnitude.
+    axis
+        World axis from end to end.
+    about
+        World axis of a bend, perpendicular to `axis`; None: the next axis.
+    body_force
+        Steady forces on the bodies, as in `measure_curve`.
+    progress
+        Called with the number of states found.
+
+    Returns
+    -------
+    Results of TurnPoint
+        One for each angle; fewer if no equilibrium is found.
+
+    Notes
+    -----
+    `moment` is the derivative of the energy by the angle. In a bend it includes the work of the
+    end force, because the arc brings the ends closer. So it differs from the component of
     `end_moment`, which is about the centre of the end, in second order of the angle.
     """
     return Results(TURN_COLUMNS, turn_points(
@@ -97,7 +126,7 @@ def turn_points(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
     body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Iterator[TurnPoint]:
-    """The same, each as soon as it is found."""
+    """Yield the points of `measure_turning`, each when found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
     steps = check_angles('angles', angles)
@@ -106,45 +135,45 @@ def turn_points(
     if progress is not None:
         checks.function('progress', progress)
     motion = held_motion(scene, kind, axis, about, body_force)
-    rest = Rest(motion)
-    for number, step in enumerate(follow(motion, steps, rest)):
+    rest = InitialEquilibrium(motion)
+    for number, step in enumerate(follow_path(motion, steps, rest)):
         yield turn_point(motion, rest, step)
         if progress is not None:
             progress(number + 1)
 
 
 def check_angles(name: str, angles: Sequence[float]) -> list[float]:
-    """Angles [rad], the argument `name`, which go away from 0; ValueError if not."""
+    """Return the angles [rad]; raise ValueError unless of one sign and rising magnitude."""
     steps = checks.array(name, angles, ('n',), 'rad')
     size = np.abs(steps)
     if not len(steps) or not size[0] > 0.0 or (np.diff(size) <= 0.0).any() or (
             np.sign(steps) != np.sign(steps[0])).any():
         raise ValueError(
-            f'{name} must go away from 0 rad on one side of it, got '
+            f'{name} must be nonzero, of one sign and of rising magnitude [rad], got '
             f'{checks.shown(steps.tolist())}')
     found: list[float] = steps.tolist()
     return found
 
 
 def check_about(kind: str, axis: int, about: int | None) -> None:
-    """Refuse an axis that a bend cannot turn about."""
+    """Raise ValueError unless `about` is a lateral axis of a bend, or None."""
     if about is None:
         return
     checks.count('about', about, 0, 2)
     if kind != BEND:
-        raise ValueError(f'about is of a {BEND} alone: a {kind} has its axis by itself')
+        raise ValueError(f'about applies to a {BEND} only: leave it out for a {kind}')
     if about == axis:
         raise ValueError(
-            f'about must be an axis across {"xyz"[axis]}, along which the ends lie, got '
-            f'{"xyz"[about]}')
+            f'about must be an axis perpendicular to {"xyz"[axis]}, which leads from end to end, '
+            f'got {"xyz"[about]}')
 
 
-def turn_point(motion: HeldMotion, rest: Rest, step: Step) -> TurnPoint:
-    """What there is to say of a state."""
-    found, tally = step.found, rest.tally(step.found)
+def turn_point(motion: HeldMotion, rest: InitialEquilibrium, step: Step) -> TurnPoint:
+    """Return the point of a curve for one step of a path."""
+    found, counts = step.found, rest.count_state(step.found)
     force, moment = motion.end_wrench(found.snapshot.position, found.reaction)
     turned = (step.conjugate - rest.conjugate) * motion.length
     return TurnPoint(
         step.amount, step.conjugate, turned / step.amount if step.amount else np.nan,
-        float(found.snapshot.energy['total']), found.verdict, found.residual, *tally,
+        float(found.snapshot.energy['total']), found.verdict, found.residual, *counts,
         rest.conjugate, force, moment, tension_range(found), step.breaks, found.snapshot)

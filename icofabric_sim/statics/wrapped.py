@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Connectors that lie around shells: how their lengths change in second order.
+Connectors wrapped over shells: first and second derivatives of their lengths.
 
-Over given edges the length is F(q, y) of the poses q and the places y along the last edges, where
-a connector leaves its shells; the places are where it is least. So its derivatives by the poses
-alone are L' = F_q and L'' = F_qq - F_qy F_yy^-1 F_yq (implicit functions). Where a place is beside
-an attachment point's own face, and a connector straight, there is none to give way.
+Over a given sequence of edges the length is F(q, y), where q are the poses and y the positions
+along the last edges, at which the connector leaves its shells; y minimises F. By the implicit
+function theorem, its derivatives by the poses are L' = F_q and L'' = F_qq - F_qy F_yy^-1 F_yq. An
+end without an edge (a straight connector) has no y.
 """
 
 from typing import NamedTuple
@@ -29,16 +29,16 @@ import numpy as np
 
 
 class Wrapped(NamedTuple):
-    """Connectors around shells in one configuration."""
+    """Wrapped connectors in one configuration."""
 
     of: np.ndarray  # (w,) their numbers
-    ends: np.ndarray  # (w, 2, 3) [m] where they leave the shells of both bodies, world frame
+    ends: np.ndarray  # (w, 2, 3) [m] points where they leave the shells of both bodies, world
     # (w, 12, 12) second derivatives of their lengths by displacements [m] and rotation vectors
     # [rad] of the first body and of the second
     second: np.ndarray
 
     def end_wrenches(self, position: np.ndarray) -> np.ndarray:
-        """First derivatives by the motions of both bodies, at `position` (w, 2, 3): (2, w, 6)."""
+        """Return first derivatives by motions of the bodies at `position` (w, 2, 3): (2, w, 6)."""
         reach = self.ends[:, 1] - self.ends[:, 0]
         direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
         arms = self.ends - position
@@ -52,9 +52,9 @@ def find_wrapped(
     position: np.ndarray, orientation: np.ndarray
 ) -> Wrapped:
     """
-    Of the connectors by number that are `entering` shells, those that find a way around them.
+    Return the connectors that wrap, of those `entering` shells, by number.
 
-    `bodies` (c, 2) of all connectors; `position` (n, 3), quaternions x y z w (n, 4).
+    `bodies` (c, 2) are those of all connectors; `position` (n, 3), `orientation` (n, 4) x y z w.
     """
     ways, places = np.zeros((len(entering), 2), np.int64), np.zeros((len(entering), 2))
     find_ways(
@@ -76,10 +76,10 @@ def _leaving(
     wrapping: Wrapping, edges: np.ndarray, ways: np.ndarray, places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Of each end (w, 2): its arm [m] and edge direction, (w, 2, 3), body axes, and bend [1/m].
+    Return the arm [m] and edge direction of each end, (w, 2, 3), body axes, and its bend [1/m].
 
-    The bend is the second derivative of the length on the shell by the place; directions and bend
-    are 0 at ends that no edge bounds.
+    The bend (w, 2) is the second derivative of the length on the shell by the position along the
+    edge. Directions and bend are 0 at ends without an edge.
     """
     rows = wrapping.ways[edges, np.maximum(ways, 0)]
     there = ways >= 0
@@ -97,11 +97,11 @@ def second_derivatives(
     ends: np.ndarray, arms: np.ndarray, along: np.ndarray, bend: np.ndarray
 ) -> np.ndarray:
     """
-    Second derivatives (w, 12, 12) of lengths; points, arms and edges as in `_leaving`, world.
+    Return second derivatives (w, 12, 12) of lengths; arguments as in `_leaving`, world frame.
 
     With n the direction and l the length of the free part, P = 1 - n n^T, s the arms and t the
-    edges' directions: F_qq is that of a straight connector, (J^T P J) / l beside the turns of the
-    arms, and F_y of an end is the rate on the shell plus or minus n . t.
+    directions of the edges: F_qq is that of a straight connector, (J^T P J) / l plus the terms of
+    rotated arms, and F_y of an end is the rate on the shell plus or minus n . t.
     """
     reach = ends[:, 1] - ends[:, 0]
     free = np.sqrt((reach * reach).sum(axis=1))[:, None, None]
@@ -126,14 +126,14 @@ def second_derivatives(
     mixed += np.einsum('wek,wkl,wlj->wej', shifts, across, moves)
     give += np.einsum('wek,wkl,wfl->wef', shifts, across, shifts)
     for end in range(2):
-        # An end without an edge has nothing to give.
+        # An end without an edge has no position to minimise over.
         give[:, end, end] += np.where((along[:, end] != 0.0).any(axis=1), bend[:, end], 1.0)
     return np.asarray(second - np.einsum(
         'wei,wej->wij', mixed, np.linalg.solve(give, mixed)))
 
 
 def _turned(arms: np.ndarray) -> np.ndarray:
-    """Matrices (w, 3, 3) that take small rotation vectors to what they move arms (w, 3) by."""
+    """Return matrices (w, 3, 3) from small rotation vectors to displacements of arms (w, 3)."""
     turned = np.zeros((len(arms), 3, 3), arms.dtype)
     turned[:, 0, 1], turned[:, 0, 2] = arms[:, 2], -arms[:, 1]
     turned[:, 1, 0], turned[:, 1, 2] = -arms[:, 2], arms[:, 0]

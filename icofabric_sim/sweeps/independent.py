@@ -33,7 +33,7 @@ from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.held_motion import check_along, held_motion
-from icofabric_sim.statics.slab_path import follow
+from icofabric_sim.statics.slab_path import follow_path
 import numpy as np
 from scipy.optimize import linprog, minimize
 from scipy.spatial import cKDTree, ConvexHull, HalfspaceIntersection
@@ -102,7 +102,7 @@ def compare_energies(
     motion = held_motion(scene, kind, axis, along=check_along(kind, axis, along))
     found: list[Compared] = []
     generator = np.random.default_rng(_SEED)
-    for step in follow(motion, strains):
+    for step in follow_path(motion, strains):
         if not step.found.converged:
             break
         there = motion.placed(step.amount)

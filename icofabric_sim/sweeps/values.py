@@ -19,7 +19,7 @@ import re
 from typing import Any, NamedTuple
 
 from icofabric_sim.checks import shown
-from icofabric_sim.parameters.validation import find_specification, judge, ParameterError
+from icofabric_sim.parameters.validation import find_specification, ParameterError, validate_value
 import numpy as np
 
 # `weave.size[2]`: one element of a list.
@@ -121,10 +121,10 @@ def parse_values(text: str, given: Any) -> list[Any] | Range:
 def judge_value(name: Name, value: Any) -> Any:
     """A value in the type of the parameter; ParameterError where it cannot be taken."""
     if name.element is None:
-        return judge(name.parameter, value)
+        return validate_value(name.parameter, value)
     default = list(find_specification(name.parameter).default)  # type: ignore[arg-type]
     default[name.element] = value
-    return judge(name.parameter, default)[name.element]  # type: ignore[index]
+    return validate_value(name.parameter, default)[name.element]  # type: ignore[index]
 
 
 def _range_of(text: str, given: Mapping[str, Any]) -> Range:

@@ -35,7 +35,7 @@ from icofabric_sim.messages import (
 from icofabric_sim.messages.markers import held_bodies
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.changes import rebuilds
-from icofabric_sim.parameters.named_files import with_recorded
+from icofabric_sim.parameters.named_files import with_recorded_files
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 from icofabric_sim.scene.published import spread
@@ -209,7 +209,7 @@ class Sight:
     def _take_weave(self, text: str) -> None:
         given = ParameterSet('/icofabric')
         given.add_file(text.encode(), 'its scene')
-        parameters = with_recorded(make_parameters(given.parameters()), text)
+        parameters = with_recorded_files(make_parameters(given.parameters()), text)
         if self.fabric is not None and self.fabric.parameters == parameters:
             return
         if self.fabric is not None and not rebuilds(self.fabric.parameters, parameters):

@@ -686,7 +686,7 @@ def test_statics_says_where_a_scene_comes_to_rest(
     assert (tmp_path / 'rest.png').read_bytes().startswith(b'\x89PNG')
     early = call('statics', 'swing.yaml', '--steps', '2')
     assert early.status == 1 and 'not in equilibrium' in early.out and 'left over' in early.out
-    assert 'reason     the search took all of its 2 steps; give it more (--steps' in early.out
+    assert 'reason     the search took all of its 2 steps; allow more (--steps' in early.out
     bad = call('statics', 'swing.yaml', '--tolerance', '2')
     assert bad.status == 2 and 'tolerance' in bad.err
     falls = command('statics', 'free_slab', '-p', 'gravity:=[0.0, 0.0, -9.81]', folder=tmp_path)
@@ -708,7 +708,7 @@ def test_statics_says_what_lies_around_shells(call: Callable[..., Result]) -> No
     assert 'around     4 connectors lie around shells' in rests.out
     # As woven some push.
     jumps = call('statics', 'twisted_column', '--time', '2', '--steps', '50')
-    assert jumps.status == 1 and 'push while they lie around shells' in jumps.out
+    assert jumps.status == 1 and 'in compression while wrapped over shells' in jumps.out
     for words in ('connector.stiffness_compression to 0.0', 'connector.natural_length'):
         assert words in jumps.out
 
@@ -815,13 +815,14 @@ def test_elasticity_prints_constants_and_curves(
         'elasticity', 'free_slab', '--kinds', '--direction', '1', '2', '0', '--output', 'plain')
     assert alone.status == 0 and '3 strains cost no energy' in alone.out
     for words in (
-            "along xy: no Poisson's ratio: it meets the strain xy, which costs no energy",
+            "along xy: no Poisson's ratio: the load does work on the strain xy, which costs no "
+            'energy',
             "along 1 2 0: Young's modulus 0 Pa", "along x: Poisson's ratio 0.30825 all round"):
         assert words in alone.out
     table = (tmp_path / 'plain' / 'directions.csv').read_text().splitlines()
     assert len(table) == 15 and 'least_shear_modulus_pa' in table[0]
-    assert table[4].startswith('xy,') and table[4].endswith(',"it meets the strain xy, which '
-                                                            'costs no energy"')
+    assert table[4].startswith('xy,') and table[4].endswith(
+        ',"the load does work on the strain xy, which costs no energy"')
     assert call('elasticity', 'free_slab', '--kinds', '--direction', '0', '0', '0').status == 2
     # None where a pull meets nothing.
     assert re.search(r'along xy +0 Pa\n', alone.out)
@@ -883,7 +884,7 @@ def test_elasticity_bends_twists_and_presses(
     assert none.status == 2 and 'connector_groups' in none.err
     for words, said in (
             (('--about', 'x'), 'about must be an axis'), (('--angle', '0'), '--angle'),
-            (('--along', '1', '0', '0'), 'along is of pull, push, shear alone'),
+            (('--along', '1', '0', '0'), 'along applies to pull, push, shear only'),
             (('--angle', 'nan'), '--angle')):
         bad = call('elasticity', 'stiff_cantilever', *size, '--kinds', 'bend', *words)
         assert bad.status == 2 and said in bad.err

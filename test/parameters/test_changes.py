@@ -14,13 +14,13 @@
 """What a change of several parameters does, from the column of the table."""
 
 from icofabric_sim.parameters.changes import (
+    affects_motion,
     changed_names,
-    concerns_motion,
     effect_of,
     rebuilds,
     require_changeable,
     restarts_motion,
-    with_rates,
+    with_immediate_changes,
 )
 from icofabric_sim.parameters.table import BY_NAME, Change, FAMILIES
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
@@ -60,10 +60,10 @@ def test_a_change_does_the_most_that_any_of_its_parameters_does(changes, effect)
 
 def test_what_acts_at_once_is_taken_alone_out_of_a_larger_change():
     wanted = BASE.with_changes({'gravity': [0.0, 0.0, -1.0], 'publish_rate': 7.0, 'duration': 3.0})
-    taken = with_rates(BASE, wanted)
+    taken = with_immediate_changes(BASE, wanted)
     assert changed_names(BASE, taken) == {'publish_rate', 'duration'}
     assert taken['publish_rate'] == 7.0 and taken['gravity'] == BASE['gravity']
-    assert with_rates(BASE, BASE) is BASE
+    assert with_immediate_changes(BASE, BASE) is BASE
 
 
 def test_what_is_fixed_is_refused_by_name_in_the_words_of_the_column():
@@ -71,7 +71,7 @@ def test_what_is_fixed_is_refused_by_name_in_the_words_of_the_column():
     assert 'frame_id' in fixed and len(fixed) == 8
     require_changeable([*(BY_NAME.keys() - fixed), 'groups.tip', 'loads.tip.hold'])
     for name in fixed:
-        assert not concerns_motion(name)
+        assert not affects_motion(name)
         with pytest.raises(ParameterError, match=f'^{name} is {Change.FIXED.value}; start again'):
             require_changeable(['gravity', name])
 

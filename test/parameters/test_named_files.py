@@ -21,7 +21,7 @@ import icofabric_sim as ico
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.parameters import named_files
-from icofabric_sim.parameters.named_files import files_in, NamedFile, with_files
+from icofabric_sim.parameters.named_files import append_files, extract_files, NamedFile
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.scene.scene import check_parameters
@@ -79,7 +79,7 @@ def test_a_run_is_repeated_without_its_files(tmp_path: Path, named: dict[str, An
     with RecordedRun(bag) as run:
         again = run.scene_at(0)
         assert again.files == scene.files
-        assert files_in(run.custom['scene']) == scene.files
+        assert extract_files(run.custom['scene']) == scene.files
         assert np.array_equal(again.position, scene.position)
         # A change of another parameter keeps them.
         check_parameters(again.parameters.with_changes({'connector.damping': 0.1}))
@@ -93,7 +93,7 @@ def test_a_run_is_repeated_without_its_files(tmp_path: Path, named: dict[str, An
 def test_large_files_are_known_by_their_sum(
     tmp_path: Path, named: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(named_files, 'MOST_BYTES', 10)
+    monkeypatch.setattr(named_files, 'MAX_RECORDED_BYTES', 10)
     bag = tmp_path / 'bag'
     record_run(bag, swing_scene(**named))
     assert verified(bag) == 'identical'
@@ -127,13 +127,13 @@ def test_checkpoints_know_them(tmp_path: Path, named: dict[str, Any]) -> None:
 
 def test_what_is_damaged_is_said() -> None:
     files = {'a b.csv': NamedFile('', None), 'ü': NamedFile('0' * 64, b'x' * 1000)}
-    text = with_files('/**:\n  ros__parameters: {}\n', files)
+    text = append_files('/**:\n  ros__parameters: {}\n', files)
     with pytest.raises(ValueError, match='damaged: its content does not match'):
-        files_in(text)
+        extract_files(text)
     for damage in (lambda t: t.replace('sha256', 'sha'), lambda t: t.replace('# + e', '# + !'),
                    lambda t: t.replace('{"name"', '{name')):
         with pytest.raises(ValueError, match='recorded with the scene is damaged'):
-            files_in(damage(text))
-    assert files_in('/**:\n  ros__parameters: {}\n# + nothing\n') == {}
-    plain = with_files('', {'a b.csv': NamedFile('12', None)})
-    assert files_in(plain) == {'a b.csv': NamedFile('12', None)}
+            extract_files(damage(text))
+    assert extract_files('/**:\n  ros__parameters: {}\n# + nothing\n') == {}
+    plain = append_files('', {'a b.csv': NamedFile('12', None)})
+    assert extract_files(plain) == {'a b.csv': NamedFile('12', None)}

@@ -95,7 +95,7 @@ def test_a_cycle_that_ends_early_has_no_loss():
 @pytest.mark.parametrize('arguments, more, word', [
     (('pull', [0.2, 0.1]), {}, 'amounts'), (('bend', [0.1, -0.2]), {}, 'amounts'),
     (('fly', [0.1]), {}, 'kind'), (('pull', [0.1]), {'count': 0}, 'count'),
-    (('pull', [0.1]), {'about': 1}, 'about is of a bend alone')])
+    (('pull', [0.1]), {'about': 1}, 'about applies to a bend only')])
 def test_arguments_are_judged(arguments, more, word):
     with pytest.raises(ValueError, match=word):
         ico.measure_cycles(slab(), *arguments, **more)

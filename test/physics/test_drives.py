@@ -339,7 +339,7 @@ def test_contradictions_are_found_before_the_start(fields, changes, name, words)
 
 
 @pytest.mark.parametrize('text, words', [
-    ('0, 1, 0, 0\n1, 0, 0, 0\n', 'let the first line be zero'),
+    ('0, 1, 0, 0\n1, 0, 0, 0\n', 'make the first line zero'),
     ('0, 0, 0, 0\n0, 1, 0, 0\n', 'must increase'), ('0, 0\n1, 1\n', 'displacement x, y, z')])
 def test_bad_tables_are_refused(text, words, tmp_path):
     path = tmp_path / 'bad.csv'

@@ -21,7 +21,7 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.frequency_bound import frequency_bound
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.scene.electric import MOST_MUTUAL
+from icofabric_sim.scene.electric import MAX_MUTUAL_BODIES
 from icofabric_sim.simulation.model.electric import COULOMB_CONSTANT
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.stability import largest_frequency
@@ -296,10 +296,10 @@ def test_the_frequency_is_not_below_that_of_all_forces():
 
 def test_too_many_charges_are_refused():
     size = [22, 22, 22]
-    assert make_scene(size).body_count > MOST_MUTUAL
+    assert make_scene(size).body_count > MAX_MUTUAL_BODIES
     with pytest.raises(ParameterError) as caught:
         make_scene(size, {'charge.mutual': True})
-    for word in ('charge.mutual', f'{MOST_MUTUAL:,}', 'square'):
+    for word in ('charge.mutual', f'{MAX_MUTUAL_BODIES:,}', 'square'):
         assert word in str(caught.value)
 
 

@@ -139,7 +139,7 @@ def test_forces_of_friction_are_the_gradient_of_their_energy():
     rest = ico.solve_equilibrium(changed(scene, {'contact.friction': 0.0})).snapshot
     here = fabric.configuration('start', rest)
     path = path.advanced(fabric.contacts, here.position, here.axes)
-    path.allow(fabric.contacts, here.position, here.axes, Relaxation())
+    path.update_limits(fabric.contacts, here.position, here.axes, Relaxation())
     assert len(path.pairs) > 10 and path.limit.max() > 0.0
     generator = np.random.default_rng(5)
     path.before[:] = 0.3 * path.limit[:, None] * generator.standard_normal(path.before.shape)
@@ -375,7 +375,7 @@ def test_small_motions_of_shells_that_stick_to_each_other():
     found = ico.solve_modes(scene, at=rest)
     fabric = StaticFabric(flat, 0.0)
     here = fabric.configuration('at', rest)
-    met, count = fabric.contacts.meetings(here.position, here.axes), scene.body_count
+    met, count = fabric.contacts.contact_points(here.position, here.axes), scene.body_count
     assert len(met.pairs) > 10 and found.mechanism_count == 6
     slip = np.zeros((len(met.pairs), 4, count, 6))
     for row, (pair, point, n) in enumerate(zip(met.pairs, met.point, met.normal)):

@@ -132,4 +132,4 @@ def test_constants_of_the_endless_fabric_report_lost_digits(stiff, count, caplog
         'connector.stiffness': 1.0, 'connector_groups.s.direction': 'up down',
         'connector_groups.s.stiffness': stiff}))
     assert constants.stiffness.max() > 0.1 * stiff
-    assert caplog.text.count('rounding takes digits') == count
+    assert caplog.text.count('lose accuracy by round-off') == count

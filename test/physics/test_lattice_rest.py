@@ -107,7 +107,7 @@ def slip_energy(scene, rest, gradient, vector):
     contacts = StaticContacts(setup, piece.body_count)
     contacts.restrict(np.column_stack([np.full(len(others), body), others]))
     axes = cosines_from_quaternions(piece.orientation)
-    met = contacts.meetings(lattice @ rest.gradient.T, axes)
+    met = contacts.contact_points(lattice @ rest.gradient.T, axes)
     stiffness, energy = 2.0 / 7.0 * setup.stiffness, 0.0
     for (_, other), normal, radius, push in zip(met.pairs, met.normal, met.radius, met.push):
         assert push > 0.0
@@ -201,7 +201,7 @@ def test_contact_makes_a_structure_of_the_densest_weave():
 
 
 def test_it_is_refused_where_there_is_none():
-    with pytest.raises(ValueError, match='natural_length: the endless fabric finds no rest'):
+    with pytest.raises(ValueError, match='natural_length: the periodic fabric has no equilibrium'):
         ico.homogenise(fabric(LEAST, 10.0), relaxed=True)
 
 

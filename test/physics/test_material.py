@@ -86,7 +86,7 @@ def test_moduli_by_direction_have_closed_forms_and_say_what_is_undefined(angle):
     assert np.abs(face.shear_along @ np.array([X - Y, Z]).T / [math.sqrt(2.0), 1.0]) == (
         pytest.approx(np.eye(2)[::-1], abs=1e-9))
     assert face.young_modulus == 0.0 and np.isnan(face.poisson_ratio).all()
-    assert face.undefined == 'it meets the strain xy, which costs no energy'
+    assert face.undefined == 'the load does work on the strain xy, which costs no energy'
     cube = found.along(X - Y + Z)
     assert np.isnan(cube.poisson_ratio).all() and cube.shear_modulus == (0.0, 0.0)
     assert all(label in cube.undefined for label in ('yz', 'xz', 'xy'))

@@ -269,18 +269,18 @@ def test_long_thin_fabrics_take_factors_where_iteration_does_not_end(monkeypatch
     whole = ico.solve_modes(scene)
     for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'ITERATED')):
         monkeypatch.setattr(module, name, 10)
-    monkeypatch.setattr(modes, '_FEW', 60)
+    monkeypatch.setattr(modes, '_MAX_TRIAL_PRODUCTS', 60)
     found = ico.solve_modes(scene, count=3)
     assert found.frequencies == pytest.approx(whole.frequencies[:3], rel=1e-8)
     monkeypatch.setattr(modes, 'FACTORED', 10)
-    monkeypatch.setattr(modes, '_MOST', 60)
+    monkeypatch.setattr(modes, '_MAX_PRODUCTS', 60)
     with pytest.raises(ValueError, match='of the 3 lowest .* 60 products'):
         ico.solve_modes(scene, count=3)
 
 
 def test_elimination_counts_what_all_eigenvalues_say(monkeypatch):
     """Part by part, with contacts between bodies that no connector joins, and under pressure."""
-    monkeypatch.setattr(spectrum, '_PART', 2)
+    monkeypatch.setattr(spectrum, '_PART_BODIES', 2)
     for size, sections in (
             ((5, 4, 4), {'contact': {'mode': 'always', 'stiffness': 1e4}}),
             ((4, 4, 4), {'connector': {'natural_length': 0.03}}), ((6, 3, 3), CANTILEVER),
@@ -380,5 +380,5 @@ def test_an_iteration_that_does_not_converge_says_what_to_do(monkeypatch):
         raise linalg.ArpackNoConvergence('no convergence', np.zeros(0), np.zeros((0, 0)))
 
     monkeypatch.setattr(linalg, 'eigsh', tired)
-    with pytest.raises(ValueError, match='did not come out of the iteration.*ask for fewer'):
+    with pytest.raises(ValueError, match='did not converge.*request fewer'):
         modes._iterate(sparse.identity(9, format='csr'), k=2, which='LA')

@@ -192,9 +192,9 @@ def test_connectors_break_as_a_slab_is_bent_and_say_on_which_side():
     (('bend', []), {}, 'angles'), (('bend', [0.2, 0.1]), {}, 'angles'),
     (('twist', [-0.1, 0.2]), {}, 'angles'), (('pull', [0.1]), {}, 'kind'),
     (('bend', [0.0, 0.1]), {}, 'angles'), (('bend', [0.1]), {'about': 0}, 'about must be an axis'),
-    (('twist', [0.1]), {'about': 1}, 'about is of a bend alone')])
+    (('twist', [0.1]), {'about': 1}, 'about applies to a bend only')])
 def test_arguments_are_judged(arguments, more, word):
     with pytest.raises(ValueError, match=word):
         ico.measure_turning(slab((5, 3, 3)), *arguments, **more)
-    with pytest.raises(ValueError, match='no two ends'):
+    with pytest.raises(ValueError, match='does not have two ends'):
         ico.measure_turning(slab((2, 2, 1)), 'twist', [0.1], axis=2)

@@ -788,7 +788,7 @@ def test_points_within_a_shell_are_refused(changes):
         make_scene((2, 2, 2), {**WRAP, **changes})
     assert of.value.name == name and repr(changes[name]) in str(of.value)
     assert make_scene((2, 2, 2), {**changes, 'connector.obstruction': 'warn'}).body_count
-    nearest = re.search(r'outside, as (\[.*\]|\S+), or', str(of.value)).group(1)
+    nearest = re.search(r'outside, such as (\[.*\]|\S+), or', str(of.value)).group(1)
     assert make_scene((2, 2, 2), {**WRAP, name: json.loads(nearest)}).body_count
 
 

@@ -187,7 +187,7 @@ def test_bands_that_push_where_geodesics_change_are_named():
         ico.load_scene('twisted_column'), time=2.0, largest_step_count=100)
     assert not found.converged
     assert 'connector.stiffness_compression' in found.reason
-    named = [int(word) for word in found.reason.split(' push')[0].replace(
+    named = [int(word) for word in found.reason.split(' are in compression')[0].replace(
         ' and more', '').removeprefix('connectors ').split(', ')]
     assert (found.tension[named] < 0.0).all() and (found.snapshot.obstructed[named] > 0).all()
 

@@ -97,7 +97,7 @@ def test_nothing_changes_where_it_cannot_be(monkeypatch):
         runner.set_paused(True).result(LIMIT)
         before = runner.simulation.snapshot()
         # Too few steps to come to rest.
-        monkeypatch.setattr(present_module, '_STEPS', 1)
+        monkeypatch.setattr(present_module, '_MAX_STEPS', 1)
         with pytest.raises(RuntimeError, match='not in equilibrium.*stays as it is'):
             runner.solve_equilibrium().result(LIMIT)
         assert runner.simulation.snapshot() is before
@@ -105,7 +105,7 @@ def test_nothing_changes_where_it_cannot_be(monkeypatch):
 
 def test_what_is_changed_meanwhile_is_not_overwritten(monkeypatch):
     runner = runner_of()
-    found, seek = [], present_module.rest_of
+    found, seek = [], present_module.solve_run_equilibrium
 
     def slow(present):
         result = seek(present)
@@ -113,7 +113,7 @@ def test_what_is_changed_meanwhile_is_not_overwritten(monkeypatch):
         found.append(result)
         return result
 
-    monkeypatch.setattr(present_module, 'rest_of', slow)
+    monkeypatch.setattr(present_module, 'solve_run_equilibrium', slow)
     with Beside(runner):
         with pytest.raises(RuntimeError, match='was changed during the search'):
             runner.solve_equilibrium().result(LIMIT)
@@ -166,7 +166,7 @@ def test_least_resultants_are_put_and_told():
         rest = runner.simulation.snapshot()
         push(runner, 'push', force=FORCE)
         runner.advance(AdvanceRequest(1_000_000)).result(LIMIT)
-        with pytest.raises(ValueError, match='needs forces that have a potential: a received w'):
+        with pytest.raises(ValueError, match='needs forces with a potential: a received w'):
             runner.solve_equilibrium().result(LIMIT)
     assert rest.position[0, 2] > -0.016 + 0.0161803
     facts = events(sink)[-1]

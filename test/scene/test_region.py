@@ -270,7 +270,7 @@ def test_order_of_cut_fabrics_does_not_depend_on_pieces(monkeypatch):
     from icofabric_sim.scene import weave_lattice
     geometry, region = make_scene().geometry, make_region(f'sphere {3.2 * PITCH}')
     whole = build_weave('orthogonal', 2, (9, 8, 7), geometry, region=region)
-    monkeypatch.setattr(weave_lattice, '_PIECE', 11)
+    monkeypatch.setattr(weave_lattice, '_BATCH_POINTS', 11)
     pieces = build_weave('orthogonal', 2, (9, 8, 7), geometry, region=region)
     assert np.array_equal(whole.grid, pieces.grid)
     assert np.array_equal(whole.connector_edges, pieces.connector_edges)
@@ -286,7 +286,7 @@ def test_order_of_cut_fabrics_does_not_depend_on_pieces(monkeypatch):
     ('sphere 1_0', ['positive', 'sphere R']),
     ('ball 2', ['not a region', 'sphere R', '.stl']),
     ('nowhere.stl', ['nowhere.stl', 'No such file']),
-    ('sphere 1e-9', ['no icosahedron', 'larger region']),
+    ('sphere 1e-9', ['contains no centre', 'larger region']),
 ])
 def test_regions_that_make_no_sense_are_refused(text, words):
     with pytest.raises(ValueError) as caught:
@@ -354,6 +354,6 @@ def test_a_mesh_in_millimetres_is_reported(changes, tmp_path, caplog):
     assert whole.body_count > scene.body_count
     [warning] = caplog.messages
     assert f'weave.region keeps all {whole.body_count} bodies' in warning
-    assert '97.0' in warning and 'read in m' in warning
+    assert '97.0' in warning and 'a mesh is in m' in warning
     rows = [text for _, text in describe_scene(whole)]
     assert any(text.startswith(f'cut to {path}, 97.0') for text in rows)

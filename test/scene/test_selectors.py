@@ -70,16 +70,16 @@ def test_selectors(text):
         ('   ', 'groups.g is an empty selector'),
         ('top', "'top' is unknown"),
         ('Z_MAX', "'Z_MAX' is unknown"),
-        ('z_max and', 'it ends too early'),
-        ('not', 'it ends too early'),
+        ('z_max and', 'a word is missing at the end'),
+        ('not', 'a word is missing at the end'),
         ('and z_max', "'and' is unknown"),
-        ('z_max x_min', "'x_min' is not expected there"),
+        ('z_max x_min', "unexpected 'x_min'"),
         ('level', 'an integer is needed'),
         ('level x', 'an integer is needed'),
         ('level 1.5', 'an integer is needed'),
         ('ids', 'an integer is needed'),
-        ('ids 1 2.5', "'2.5' is not expected there"),
-        ('row 1 2', "'2' is not expected there"),
+        ('ids 1 2.5', "unexpected '2.5'"),
+        ('row 1 2', "unexpected '2'"),
         ('box 0 0 0 1 1', '6 finite numbers'),
         ('box 0 0 0 1 1 nan', '6 finite numbers'),
         ('box 0 0 0 1 1 inf', '6 finite numbers'),
@@ -102,7 +102,7 @@ def test_what_is_no_selector_is_refused(text, message):
 @pytest.mark.parametrize(
     'text, message',
     [
-        ('ids 30', 'there is no body 30, bodies are 0 to 29'),
+        ('ids 30', 'there is no body 30; bodies are numbered 0 to 29'),
         ('ids 0 -1', 'there is no body -1'),
         ('ids 99999999999999999999999', 'there is no body 9999'),
         (
@@ -170,5 +170,5 @@ def test_names_of_groups():
     ):
         make_scene((2, 2, 2), {'groups.tip': 'ids 0', 'supports.s.group': 'top'})
     for word in ('all', 'not', 'and', 'or'):
-        with pytest.raises(ico.ParameterError, match='is a word of the selectors'):
+        with pytest.raises(ico.ParameterError, match='is a keyword of selectors'):
             make_scene((2, 2, 2), {f'groups.{word}': 'ids 0'})

@@ -204,8 +204,8 @@ def test_far_apart_points_need_no_large_table():
 def test_pieces_are_those_of_the_whole(size, variant, monkeypatch):
     grid, fastest = slab_grid(variant, size), 'y' if variant == 3 else 'x'
     whole = connect_grid(grid, variant, fastest=fastest)
-    monkeypatch.setattr(weave_connect, '_PIECE', 7)
-    monkeypatch.setattr(weave_connect, '_KEPT', 0)
+    monkeypatch.setattr(weave_connect, '_BATCH_BODIES', 7)
+    monkeypatch.setattr(weave_connect, '_MAX_STORED_BODIES', 0)
     found = weave_connect.Connections(grid, variant, fastest=fastest)
     assert found.count == len(whole.bodies) == connector_count(variant, size)
     numbers, parts = [], []

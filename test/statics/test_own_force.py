@@ -17,7 +17,7 @@ import math
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
-from icofabric_sim.statics.present import present_of, rest_of
+from icofabric_sim.statics.present import capture_run_state, solve_run_equilibrium
 import numpy as np
 import pytest
 
@@ -161,7 +161,7 @@ def test_a_run_stays_where_its_body_force_rests():
     scene = make_scene((3, 2, 2), HELD)
     own = ico.BodyForce(constant([0.0, 0.02, -0.05]))
     simulation = ico.compile_scene(scene, body_force=own)
-    found = rest_of(present_of(simulation))
+    found = solve_run_equilibrium(capture_run_state(simulation))
     assert np.abs(found.snapshot.position - scene.position).max() > 1e-4
     simulation.set_state(
         position=found.snapshot.position, orientation=found.snapshot.orientation)
@@ -183,7 +183,7 @@ def gust(time, position, orientation, linear_velocity, angular_velocity):
 
 def test_what_cannot_be_done_is_refused_with_a_way_out():
     scene = make_scene((2, 2, 2), HELD)
-    with pytest.raises(ValueError, match='no potential.*in a run'):
+    with pytest.raises(ValueError, match='no potential.*simulate the motion'):
         ico.solve_modes(scene, body_force=ico.BodyForce(swirl, compiled=False))
     # An equilibrium there is all the same.
     assert ico.solve_equilibrium(scene, body_force=ico.BodyForce(swirl, compiled=False)).converged

@@ -18,7 +18,7 @@ import math
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.parameters.text import dump_parameters
-from icofabric_sim.statics.resultants import LEAST
+from icofabric_sim.statics.resultants import LEAST_RESULTANTS
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -65,7 +65,7 @@ def test_a_wall_askew_to_the_springs_tells_the_two_apart():
             found.snapshot.position[0], wanted, rtol=0,
             atol=(1e-5 if objective == 'resultants' else 5e-3) * A)
         if objective == 'resultants':
-            assert found.verdict == LEAST
+            assert found.verdict == LEAST_RESULTANTS
             np.testing.assert_allclose(
                 found.leftover[0, :3], -STIFFNESS * wanted, rtol=1e-4, atol=1e-4)
             # The wall alone cannot bear it: that takes friction.
@@ -112,7 +112,7 @@ def test_two_shells_and_contradicting_loads_against_an_independent_minimum():
     # Whatever the connector does, half of the sum of the loads is left on each.
     squares = 2.0 * best.cost
     assert squares == pytest.approx(0.5 * float((loads.sum(axis=0)**2).sum()), rel=1e-6)
-    assert found.converged and found.verdict == LEAST
+    assert found.converged and found.verdict == LEAST_RESULTANTS
     assert float((found.leftover[:, :3]**2).sum()) == pytest.approx(squares, rel=1e-6)
     np.testing.assert_allclose(
         found.leftover[:, :3], np.tile(0.5 * loads.sum(axis=0), (2, 1)), atol=1e-5)
@@ -123,7 +123,7 @@ def test_weight_that_a_floor_bears_is_what_is_left():
         'weave.size': [1, 1, 1], 'gravity': [0.0, 0.0, -9.81], 'contact.stiffness': 1e5,
         'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.9 * HALF})
     found = ico.solve_equilibrium(scene, objective='resultants')
-    assert found.converged and found.verdict == LEAST
+    assert found.converged and found.verdict == LEAST_RESULTANTS
     np.testing.assert_allclose(
         found.leftover[0], [0.0, 0.0, -9.81 * scene.shell.mass, 0.0, 0.0, 0.0], atol=1e-9)
     # It began in the floor, and is moved out of it.
@@ -136,13 +136,13 @@ def whirl(time, position, orientation, linear_velocity, angular_velocity):
 
 
 def test_what_it_cannot_do_is_refused():
-    with pytest.raises(ValueError, match="'resultants' needs forces .*body_force whirl turns"):
+    with pytest.raises(ValueError, match="'resultants' needs forces .*body_force whirl follows"):
         ico.solve_equilibrium(
             held_off([0.6, 0.8, 0.0], 0.0), objective='resultants',
             body_force=ico.BodyForce(whirl, compiled=False))
     scene = ico.load_scene('hanging_slab').with_changes({
         'loads.it.group': 'all', 'loads.it.frame': 'body', 'loads.it.force': [0.0, 0.0, 1.0]})
-    with pytest.raises(ValueError, match=r"'resultants' needs forces .*loads\.it turns"):
+    with pytest.raises(ValueError, match=r"'resultants' needs forces .*loads\.it follows"):
         ico.solve_equilibrium(scene, objective='resultants')
     with pytest.raises(ValueError, match='objective must be one of energy, resultants'):
         ico.solve_equilibrium(scene, objective='work')
@@ -157,12 +157,12 @@ def test_the_scene_chooses_it_where_no_argument_does(tmp_path, capsys):
         'weave.size': [1, 1, 1], 'gravity': [0.0, 0.0, -9.81], 'contact.stiffness': 1e5,
         'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.9 * HALF,
         'equilibrium.objective': 'resultants'})
-    assert ico.solve_equilibrium(scene).verdict == LEAST
-    assert ico.solve_equilibrium(scene, objective='energy').verdict != LEAST
+    assert ico.solve_equilibrium(scene).verdict == LEAST_RESULTANTS
+    assert ico.solve_equilibrium(scene, objective='energy').verdict != LEAST_RESULTANTS
     path = tmp_path / 'scene.yaml'
     path.write_text(dump_parameters(scene.parameters.given()))
     assert main(['statics', str(path)]) == 0
-    assert f'verdict    {LEAST}' in capsys.readouterr().out
+    assert f'verdict    {LEAST_RESULTANTS}' in capsys.readouterr().out
     assert main(['statics', str(path), '--objective', 'energy', '--load-steps', '1']) == 0
     assert 'contact    0 pairs of shells and 1 shells on planes' in capsys.readouterr().out
     assert main(['statics', str(path), '--load-steps', '2']) == 2

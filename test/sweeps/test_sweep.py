@@ -171,7 +171,7 @@ def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
     ({'verbs': 'bands', 'keep': 'gap 3 tight'}, 'gap takes a count and relaxed'),
     ({}, 'duration: a run of a study needs an end'),
     ({'verbs': 'elasticity', 'vary': {'weave.kind': ['bias', 'radial']}},
-     r"run 1 \(weave.kind 'radial'\): weave.kind radial does not repeat"),
+     r"run 1 \(weave.kind 'radial'\): weave.kind radial is not periodic"),
     ({'verbs': 'statics', 'vary': {
         'connector.obstruction': ['wrap'], 'connector.attachment_scale': [0.9]}},
      'attachment_scale'),
@@ -414,7 +414,7 @@ def test_a_shortage_of_memory_that_is_foreseen_is_not_kept(woven, tmp_path, monk
     study = Study(woven, {'connector.stiffness': [500.0]}, verbs='elasticity', store=tmp_path)
     study.store.prepare()
     with monkeypatch.context() as patch:
-        patch.setattr(scenes, '_SMALL', 0)
+        patch.setattr(scenes, '_UNCHECKED_BYTES', 0)
         patch.setattr(scenes, 'available_memory', lambda: 10)
         lost = perform(study.orders[0])
         # Elsewhere it is a parameter that cannot be taken.

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.scene.body_sizes import names_of_sizes
+from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import beyond_losses, required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
@@ -128,7 +128,7 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if parameters['connector.obstruction'] == 'wrap':
         yield 'connector.obstruction', 'wrap', 'take warn or stop'
     if scene.half_edges is not None and parameters['contact.mode'] != 'never':
-        name = names_of_sizes(parameters, scene.shell)[0]
+        name = size_parameter_names(parameters, scene.shell)[0]
         yield name, f'{parameters[name]!r} m', 'take 0, or contact.mode never'
 
 

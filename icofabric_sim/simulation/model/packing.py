@@ -38,13 +38,13 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.scene.attachments import are_given
+from icofabric_sim.scene.attachments import has_own_attachments
 from icofabric_sim.scene.connector_laws import ConnectorLaws, ConnectorTables
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.scene.maxwell import MaxwellArms
 from icofabric_sim.scene.paths import PathPiece
-from icofabric_sim.scene.profiles import Piece, STEADY
+from icofabric_sim.scene.profiles import Piece, STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene, SceneConnectors
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
@@ -86,7 +86,7 @@ class WrenchRow(NamedTuple):
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
     point: np.ndarray = _ZERO  # (3,) [m], body axes
-    piece: Piece = STEADY.pieces[0]  # at times of the run
+    piece: Piece = STEADY_PROFILE.pieces[0]  # at times of the run
     normal: np.ndarray = _ZERO  # (3,) body axes: only the part of the force along it acts
 
 
@@ -327,14 +327,14 @@ def velocity_rate(model: Model) -> float:
 
 def list_connectors(scene: Scene) -> ConnectorList:
     """Connectors of a scene as kernels take them."""
-    given = are_given(scene.parameters)
+    given = has_own_attachments(scene.parameters)
     return ConnectorList(
         scene.connectors, _half_width(scene), scene.connectors.attachment if given else None)
 
 
 def _half_width(scene: Scene) -> float:
     """Distance [m] of the farthest attachment point from the centre."""
-    if are_given(scene.parameters):
+    if has_own_attachments(scene.parameters):
         return float(np.linalg.norm(scene.connectors.attachment, axis=1).max())
     scale: float = scene.parameters['connector.attachment_scale']
     return 0.5 * scene.geometry.cube_width * scale

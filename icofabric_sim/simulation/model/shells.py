@@ -16,7 +16,7 @@
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
 from icofabric_sim.kernels.records import Shells
 from icofabric_sim.parameters.validation import Parameters
-from icofabric_sim.scene.attachments import are_given, attachment_points
+from icofabric_sim.scene.attachments import attachment_points, has_own_attachments
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
@@ -29,7 +29,7 @@ def pack_shells(parameters: Parameters, half_edge: float) -> Shells | None:
     """
     How deep the attachment points lie below the faces; None where they are the edge midpoints.
     """
-    if not are_given(parameters) and parameters['connector.attachment_scale'] == 1.0:
+    if not has_own_attachments(parameters) and parameters['connector.attachment_scale'] == 1.0:
         return None
     depth = _depths(parameters, half_edge)
     depth[np.abs(depth) <= _ON_FACE * inscribed_radius(half_edge)] = 0.0

@@ -25,7 +25,7 @@ from icofabric_sim import checks
 from icofabric_sim.geometry.icosahedron import face_geometry, face_quadrature, triangle_rule
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.scene.body_sizes import require_alike
+from icofabric_sim.scene.body_sizes import require_shell_size
 from icofabric_sim.scene.faces import select_faces, Shells
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.body_force import BodyForce
@@ -78,7 +78,7 @@ def surface_force(
         known = ', '.join(['all', *parameters.names('groups')])
         raise ParameterError('group', f'group: there is no group {group!r}; known: {known}')
     bodies, half_edge = scene.groups[group], scene.geometry.half_edge
-    require_alike(scene.half_edges, bodies, scene.shell, 'group')
+    require_shell_size(scene.half_edges, bodies, scene.shell, 'group')
     mask = select_faces('faces', faces, Shells(
         scene.position, scene.orientation, bodies, half_edge, scene.geometry.pitch))
     return BodyForce(

@@ -15,7 +15,7 @@
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.electric import is_charged
-from icofabric_sim.scene.maxwell import has_arms
+from icofabric_sim.scene.maxwell import arm_parameter_name
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
@@ -68,7 +68,7 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return losses
     if parameters['connector.obstruction'] == 'wrap':
         return 'connector.obstruction is wrap, where warn or stop would do'
-    arm = has_arms(parameters)
+    arm = arm_parameter_name(parameters)
     if arm:
         return f'{arm} gives connectors Maxwell arms'
     if scene.principal_inertia is not None:
@@ -117,7 +117,7 @@ def _reason(scene: Scene) -> str:
 def beyond_losses(scene: Scene) -> str:
     """Name what needs it beside damping and drag; '': nothing."""
     parameters = scene.parameters
-    arm = has_arms(parameters)
+    arm = arm_parameter_name(parameters)
     if scene.connector_count and arm:
         return f'{arm} gives connectors Maxwell arms, which creep'
     if scene.principal_inertia is not None:

@@ -30,7 +30,7 @@ from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.floppy import find_floppy
 from icofabric_sim.statics.held_motion import held_motion
 from icofabric_sim.statics.modes import solve_modes
-from icofabric_sim.statics.slab_path import follow
+from icofabric_sim.statics.slab_path import follow_path
 from icofabric_sim.sweeps import single_run
 from icofabric_sim.sweeps.independent import (
     compare_energies,
@@ -249,7 +249,7 @@ def test_energies_and_forces_of_a_tight_slab_are_those_of_the_independent_code()
 def test_energy_of_a_slab_that_touches_is_the_work_that_went_in():
     """Castigliano, where contact takes part: with it the energy at rest is whole."""
     motion = held_motion(tight(), 'shear', 0)
-    before, here, after = follow(motion, [0.99e-2, 1e-2, 1.01e-2])
+    before, here, after = follow_path(motion, [0.99e-2, 1e-2, 1.01e-2])
     energies = [step.found.snapshot.energy for step in (before, here, after)]
     assert energies[1]['contact'] > 1e-6
     assert energies[1]['total'] == energies[1]['connectors'] + energies[1]['contact']

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What touches in a configuration, as friction needs it: pushes, points, normals, patches."""
+"""Contacts of a configuration as friction needs them: normal forces, points, normals, patches."""
 
 from typing import NamedTuple
 
@@ -19,34 +19,35 @@ from icofabric_sim.kernels.contact.laws import patch_radius
 import numpy as np
 
 
-class Meetings(NamedTuple):
-    """What touches in a configuration, and how."""
+class ContactPoints(NamedTuple):
+    """Contacts of a configuration with normal forces, points and normals."""
 
     pairs: np.ndarray  # (p, 2) bodies; the second one -1 - k: plane k
-    push: np.ndarray  # (p,) N [N]
+    push: np.ndarray  # (p,) normal force N [N]
     point: np.ndarray  # (p, 3) [m] world
-    normal: np.ndarray  # (p, 3) of the push on the first body
-    radius: np.ndarray  # (p,) [m] of the patch, at which friction acts about the normal
-    # (p, 12) force and torque about its centre on the first body, and on the second, of 1 N
+    normal: np.ndarray  # (p, 3) direction of the normal force on the first body
+    radius: np.ndarray  # (p,) [m] effective radius of the patch for friction about the normal
+    # (p, 12) force and torque about its centre on the first body, and on the second, for N = 1 N
     wrenches: np.ndarray
     overlap: np.ndarray  # (p,) [m]
 
 
-def meetings_of(
+def contact_points_from(
     pairs: np.ndarray, pushes: np.ndarray, out: np.ndarray, middle: np.ndarray
-) -> Meetings:
+) -> ContactPoints:
     """
-    Of contacts as they come from the kernels, `out` (p, 20); `middle` (p, 3) [m] of both bodies.
+    Return contacts from kernel output `out` (p, 20).
 
-    `pushes` (p, 3) [N] on the first one.
+    `middle` (p, 3) [m] is the midpoint of both bodies, and `pushes` (p, 3) [N] the normal force on
+    the first one.
     """
     size = np.linalg.norm(out[:, :3], axis=1)
-    # What meets in no more than a point or an edge may be pushed by nothing.
+    # Contact in a single point or edge may have no normal force.
     there = size > 0.0
     pairs, pushes, out, middle, size = (
         part[there] for part in (pairs, pushes, out, middle, size))
     push = np.linalg.norm(pushes, axis=1)
-    return Meetings(
+    return ContactPoints(
         pairs, push, out[:, 15:18] + middle, out[:, :3] / size[:, None],
         np.array([patch_radius(row) for row in out]),
         np.hstack([out[:, :6], -out[:, :3], out[:, 6:9]]) / size[:, None],
