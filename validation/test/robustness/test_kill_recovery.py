@@ -25,8 +25,8 @@ def test_killed_runs_are_recovered_and_verify():
         [sys.executable, '-m', 'icofabric_validation.robustness.kill_recovery', '--kills', '3',
          '--longest', '1.5', '--limit', '20', '--seed', str(os.getpid())],
         text=True, capture_output=True, timeout=300)
-    head, *kills, last = done.stdout.splitlines()
     assert done.returncode == 0, done.stdout + done.stderr
+    head, *kills, last = done.stdout.splitlines()
     assert last.startswith('lost at most') and '3 of 3 good' in last
     assert [line.split()[2] for line in kills] == ['tiny', 'slab', 'tiny']
     for line in kills:
