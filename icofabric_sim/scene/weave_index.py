@@ -140,9 +140,14 @@ def indices_from_alpha(
     """
     Return the indices (i, j, k) of the icosahedra `alpha`, int64, (..., 3).
 
-    Inverse of `alpha_from_indices` for 0 <= alpha < `slab_count`.
+    Inverse of `alpha_from_indices`. Raises ValueError unless 0 <= alpha < `slab_count`.
     """
     remainder = np.asarray(alpha, np.int64)
+    count = slab_count(variant, size)
+    if remainder.size and not 0 <= remainder.min() <= remainder.max() < count:
+        raise ValueError(
+            f'alpha must be from 0 to {count - 1} in a slab of {count} shells, got '
+            f'{checks.shown(alpha)}')
     gap = gap_parity(variant)
     axes = _axes(variant, along)
     length, breadth, _ = (int(size[axis]) for axis in axes)

@@ -215,3 +215,11 @@ def test_bad_variants_and_sizes_are_named():
         with pytest.raises(ValueError, match=r'weave\.size is \['):
             checked_size(size)
     assert checked_size(np.array([1, 2, 3])) == (1, 2, 3)
+
+
+@pytest.mark.parametrize('alpha', [-1, 14, [0, 99]])
+def test_an_index_beyond_the_slab_is_refused(alpha):
+    # 27 points with 14 shells in variant 0.
+    assert indices_from_alpha(0, (3, 3, 3), 13).tolist() == [1, 2, 2]
+    with pytest.raises(ValueError, match='alpha must be from 0 to 13 in a slab of 14 shells'):
+        indices_from_alpha(0, (3, 3, 3), alpha)
