@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Checked conversions of arguments from outside.
+Validated conversions of external arguments.
 
-Each returns the argument in the type that the code behind it works with, or says in one line
-which argument must be what, and what came. TypeError: a value of another kind; ValueError: the
-right kind, but not in range, not finite or of another shape. Integers are numbers, those of NumPy
-too. Booleans and texts are no numbers.
+Each function returns the argument in the type used internally, or raises an error that names the
+argument, the requirement and the value. TypeError: a wrong type; ValueError: out of range, not
+finite or of another shape. Integers count as numbers, also those of NumPy; booleans and texts do
+not.
 """
 
 import codecs
@@ -36,14 +36,14 @@ T = TypeVar('T')
 E = TypeVar('E', bound=IntEnum)
 
 _COUNTS = {2: 'two', 3: 'three', 4: 'four', 6: 'six'}
-_LONGEST = 80  # characters of a value that is shown
-_DEEPEST = 8  # levels of nested lists that are searched for booleans
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = _LONGEST
-_SHORT.maxlong = 30
-# Quaternions this far from unit length are scaled, others refused.
-_ALMOST_UNIT = 1e-3
-_ROUNDING = 4e-16
+_MAX_SHOWN_LENGTH = 80  # characters of a value in a message
+_MAX_LEVELS = 8  # levels of nested lists that are searched for booleans
+_SHORT_REPR = reprlib.Repr()
+_SHORT_REPR.maxstring = _SHORT_REPR.maxother = _MAX_SHOWN_LENGTH
+_SHORT_REPR.maxlong = 30
+# Quaternions within this distance from unit length are normalised, others rejected.
+_MAX_UNIT_ERROR = 1e-3
+_ROUND_OFF = 4e-16
 _BOOLEANS = (bool, np.bool_)
 _SHOWN_AS_THEY_ARE = (
     type(None), str, bytes, *_BOOLEANS, int, float, complex, np.generic, list, tuple, dict, set,
@@ -55,7 +55,7 @@ def number(
     above: float | None = None, most: float | None = None, below: float | None = None,
     wish: str = ''
 ) -> float:
-    """Return a finite number within bounds; `wish` says in place of the bounds what is wanted."""
+    """Return a finite number within bounds; `wish` replaces the bounds in the error message."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not isinstance(value, Real) or isinstance(value, _BOOLEANS):
@@ -117,7 +117,7 @@ def choice(name: str, value: Any, choices: Collection[str]) -> str:
 
 def path(name: str, value: Any, wish: str = 'the path of a file') -> str:
     """Return a path as a text."""
-    # A number would be taken for an open file.
+    # An integer would be used as a file descriptor.
     found = os.fspath(value) if isinstance(value, os.PathLike) else value
     if not isinstance(found, str):
         raise TypeError(_refusal(name, f'{wish}, a text or a Path', '', value))
@@ -127,7 +127,7 @@ def path(name: str, value: Any, wish: str = 'the path of a file') -> str:
 
 
 def instance(name: str, value: Any, kind: type[T], way: str = '') -> T:
-    """Return an object of a class; `way` says how to come by one."""
+    """Return an object of a class; `way` describes how to create one."""
     if not isinstance(value, kind):
         shown_kind = f'{_article(kind.__name__)} {kind.__name__}'
         raise TypeError(_refusal(name, shown_kind, '', value) + (f'; {way}' if way else ''))
@@ -145,14 +145,14 @@ def member(name: str, value: Any, kind: type[E]) -> E:
 
 
 def items(name: str, value: Any, wish: str) -> list[Any]:
-    """Return what an iterable other than a text holds; the caller judges each."""
+    """Return the items of an iterable other than a text; the caller validates them."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
         raise TypeError(_refusal(name, f'a list of {wish}', '', value))
     return list(value)
 
 
 def function(name: str, value: Any, wish: str = 'a function') -> Callable[..., Any]:
-    """Return something that can be called."""
+    """Return a callable."""
     if not callable(value):
         raise TypeError(_refusal(name, wish, '', value))
     return value  # type: ignore[no-any-return]
@@ -174,13 +174,13 @@ def array(
     finite: bool = True
 ) -> np.ndarray:
     """
-    Return a new array of doubles; `row` is what a message calls a row of it.
+    Return a new array of doubles; `row` names a row in error messages.
 
-    `shape`: sizes; a word such as 'n' stands for any size, a first one such as '[n]' for an axis
-    that may be missing, and '...' for any axes.
+    `shape`: sizes; a word such as 'n' stands for any size, a first one such as '[n]' for an
+    optional axis, and '...' for any axes.
     """
     wish = _wish_of(shape)
-    if not isinstance(value, np.ndarray) and _holds_boolean(value, _DEEPEST):
+    if not isinstance(value, np.ndarray) and _holds_boolean(value, _MAX_LEVELS):
         raise TypeError(_refusal(name, wish, unit, value))
     try:
         found = np.asarray(value)
@@ -216,27 +216,25 @@ def array(
 def quaternions(
     name: str, value: Any, shape: Sequence[int | str], *, row: str = 'row'
 ) -> np.ndarray:
-    """Return quaternions x, y, z, w, scaled to unit length where they are off by a little."""
+    """Return quaternions x, y, z, w, normalised if they are close to unit length."""
     found = array(name, value, shape, row=row)
     length = np.linalg.norm(found, axis=-1, keepdims=True)
     off = np.abs(length - 1.0)
-    if not (off <= _ALMOST_UNIT).all():
+    if not (off <= _MAX_UNIT_ERROR).all():
         worst = int(np.argmax(off))
         which = f' of {row} {worst}' if found.ndim > 1 else ''
         raise ValueError(
             f'{name}{which} must be a unit quaternion x, y, z, w, got '
             f'{shown(found.reshape(-1, 4)[worst])}')
-    return np.where(off <= _ROUNDING, found, found / length)
+    return np.where(off <= _ROUND_OFF, found, found / length)
 
 
 def directions(name: str, value: Any, *, single: bool = False) -> np.ndarray:
-    """
-    Return unit vectors (..., 3) along directions, none of which is zero; `single`: of one, (3,).
-    """
+    """Return unit vectors (..., 3) along nonzero directions; `single`: one vector, (3,)."""
     found = array(name, value, (3,) if single else ('...', 3))
     if not found.size:
         raise ValueError(f'{name} must hold at least one direction, got the shape {found.shape}')
-    # Squares of large and of small numbers leave the range of doubles.
+    # Squares of very large and very small numbers overflow or underflow.
     size = np.abs(found).max(axis=-1, keepdims=True)
     if not size.all():
         raise ValueError(f'{name} must be three numbers, not all 0, got a direction of zeros')
@@ -245,19 +243,19 @@ def directions(name: str, value: Any, *, single: bool = False) -> np.ndarray:
 
 
 def alike_rows(name: str, value: np.ndarray, other: str, reference: np.ndarray) -> None:
-    """Refuse two arrays (..., 3) whose leading axes cannot go together."""
+    """Reject two arrays (..., 3) whose leading axes are incompatible."""
     try:
         np.broadcast_shapes(value.shape[:-1], reference.shape[:-1])
     except ValueError:
         raise ValueError(
-            f'{name} and {other} must have as many rows as each other, or one, got the shapes '
+            f'{name} and {other} must have the same number of rows, or one, got the shapes '
             f'{value.shape} and {reference.shape}') from None
 
 
 def decoded(content: bytes) -> str:
-    """Return the text of a file in UTF-8; raise ValueError that says what else it is."""
+    """Return the text of a UTF-8 file; raise ValueError with the detected encoding otherwise."""
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b'\0' in content:
-        raise ValueError('this is UTF-16, or no text; save it as UTF-8')
+        raise ValueError('this is UTF-16, or not text; save it as UTF-8')
     try:
         return content.decode('utf-8-sig')
     except UnicodeDecodeError as error:
@@ -293,10 +291,10 @@ def shown(value: Any) -> str:
             return f'{kind} {value.__name__}'
         return f'{_article(kind)} {kind}'
     try:
-        words = ' '.join(_SHORT.repr(value).split())
-    except Exception:  # noqa: BLE001 - an integer of thousands of digits, a class of the user's
+        words = ' '.join(_SHORT_REPR.repr(value).split())
+    except Exception:  # an integer of thousands of digits, or a class of the user
         return f'{_article(kind)} {kind}'
-    return words if len(words) <= _LONGEST else words[:_LONGEST] + '...'
+    return words if len(words) <= _MAX_SHOWN_LENGTH else words[:_MAX_SHOWN_LENGTH] + '...'
 
 
 def _refusal(name: str, wish: str, unit: str, value: Any) -> str:

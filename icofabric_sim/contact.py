@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Two shells, or a shell and a plane: how far apart, and how they push each other.
+Distance and contact forces of two shells, or of a shell and a plane.
 
     from icofabric_sim import contact
     push = contact.push(half_edge, (position, orientation), (position, orientation), 1e4)
 
-Poses are centres [m] (3,) and unit quaternions x, y, z, w (4,); or (n, 3) and (n, 4), for n pairs
-at once and results with n rows. Either pose may stand for all of them. The law is in
+Poses are centres [m] (3,) and unit quaternions x, y, z, w (4,); or (n, 3) and (n, 4) for n pairs,
+which give results with n rows. A single pose is combined with all others. The law is in
 docs/contact.md.
 """
 
@@ -32,20 +32,20 @@ Pose = tuple[Any, Any]
 
 
 class Separation(NamedTuple):
-    """How far two shells are apart."""
+    """Distance of two shells."""
 
-    distance: Any  # [m], (n,); negative: the least shift that would part them
-    axis: np.ndarray  # along which, from the first to the second, (n, 3)
+    distance: Any  # [m], (n,); negative: the smallest displacement that separates them
+    axis: np.ndarray  # direction from the first to the second, (n, 3)
 
 
 class Push(NamedTuple):
-    """What contact does to two shells, or to a shell and a plane; 0 where they do not touch."""
+    """Contact forces between two shells, or of a shell and a plane; 0 without contact."""
 
     touching: Any  # bool, (n,)
-    force: np.ndarray  # on the first [N], (n, 3); the second, or the plane, feels the opposite
+    force: np.ndarray  # on the first [N], (n, 3); opposite on the second, or on the plane
     torque: np.ndarray  # on the first about its centre [N m], (n, 3)
-    torque_on_second: np.ndarray  # about its own centre [N m], (n, 3); 0 of a plane
-    energy: Any  # stiffness times the square of the depth over 2 [J], (n,)
+    torque_on_second: np.ndarray  # about its centre [N m], (n, 3); 0 for a plane
+    energy: Any  # stiffness times depth squared over 2 [J], (n,)
     depth: Any  # delta, four times the mean depth of the overlap [m], (n,)
 
 
@@ -53,10 +53,10 @@ def separation(
     half_edge: float, first: Pose, second: Pose, *, other_edge: float | None = None
 ) -> Separation:
     """
-    Distance of two shells of half edge a [m], to rounding; minus their depth where they overlap.
+    Return the distance of two shells of half edge a [m] up to round-off; minus depth in overlap.
 
-    The depth is the least shift that parts them. Tests every feature of both. `other_edge`: half
-    edge [m] of the second where it is another.
+    The depth is the smallest displacement that separates them. All features of both are tested.
+    `other_edge` is the half edge [m] of the second shell if different.
     """
     from icofabric_sim.kernels.contact.many import signed_distances
 
@@ -72,9 +72,9 @@ def push(
     other_edge: float | None = None
 ) -> Push:
     """
-    How two shells of half edge a [m] push each other, for a contact stiffness [N/m].
+    Return the contact forces of two shells of half edge a [m], for a contact stiffness [N/m].
 
-    `other_edge`: half edge [m] of the second where it is another.
+    `other_edge` is the half edge [m] of the second shell if different.
     """
     from icofabric_sim.kernels.contact.many import touch_pairs
     from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
@@ -91,7 +91,9 @@ def push(
 def push_of_plane(
     half_edge: float, normal: Any, offset: float, pose: Pose, stiffness: float
 ) -> Push:
-    """How a rigid plane pushes a shell; its free side is normal . x >= offset [m]."""
+    """
+    Return the contact forces of a rigid plane on a shell; free side normal . x >= offset [m].
+    """
     from icofabric_sim.kernels.contact.many import touch_planes
     from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 
@@ -111,14 +113,14 @@ def push_of_plane(
 
 
 def _edges(half_edge: float, other: float | None, count: int) -> np.ndarray:
-    """Half edges [m] of both of so many pairs, (n, 2)."""
+    """Return the half edges [m] of both shells of `count` pairs, (n, 2)."""
     second = half_edge if other is None else checks.positive('other_edge', other, 'm')
     return np.tile([float(half_edge), float(second)], (count, 1))
 
 
 def restitution(damping: float, speed: float) -> float:
     """
-    Return speed after over speed before of a damped collision in which one point touches.
+    Return the ratio of speeds after and before a damped collision at a single point.
 
     Parameters
     ----------
@@ -145,7 +147,7 @@ def restitution(damping: float, speed: float) -> float:
     if u < 1e-3:
         return math.sqrt((1.0 - SLIDER_RATIO) / (1.0 + SLIDER_RATIO))
     whole = u - math.log1p(u)
-    # With z = -ln(1 - e u) there are no bounds to come near to.
+    # In z = -ln(1 - e u) the unknown has no bounds.
     z: float = brentq(lambda z: math.expm1(-z) + z - whole, 0.0, whole + 1.0, xtol=1e-16)
     return min(-math.expm1(-z) / u, math.sqrt((1.0 - SLIDER_RATIO) / (1.0 + SLIDER_RATIO)))
 
@@ -189,7 +191,7 @@ def _rows(single: bool, *arrays: np.ndarray) -> list[Any]:
 def _poses(**poses: Pose) -> tuple[
         tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], bool]:
     """
-    Places (n, 3) and matrices (n, 3, 3) of the first and last, and whether all are of one pair.
+    Return positions (n, 3) and matrices (n, 3, 3) of the first and last, and if all are single.
     """
     given, single = [], True
     for name, pose in poses.items():
@@ -214,7 +216,9 @@ def _poses(**poses: Pose) -> tuple[
 
 
 def _matrices(orientation: np.ndarray) -> np.ndarray:
-    """Matrices (..., 3, 3) from body to world axes of unit quaternions x, y, z, w (..., 4)."""
+    """
+    Return matrices (..., 3, 3) from body to world axes of unit quaternions x, y, z, w (..., 4).
+    """
     x, y, z, w = np.moveaxis(orientation, -1, 0)
     rows = np.array([
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],

@@ -25,8 +25,7 @@ import sys
 import sysconfig
 from typing import Any
 
-# What pip installs for modules that do not bear the name of their distribution, or need more.
-# setup.py has the same by extras.
+# Distributions of modules with another name, or with extras; the same as in setup.py.
 REQUIREMENTS = {
     'PIL': ('matplotlib',),
     'icofabric_validation': ('./validation',),
@@ -54,7 +53,7 @@ def install_command(module: str) -> str:
     words = [sys.executable, '-m', 'pip', 'install']
     managed = Path(sysconfig.get_path('stdlib')) / 'EXTERNALLY-MANAGED'
     if sys.prefix == sys.base_prefix and managed.is_file():
-        # PEP 668: Python of Debian and Ubuntu. With --user nothing of the system is changed.
+        # PEP 668: Python of Debian and Ubuntu. --user does not change the system.
         words += ['--user', '--break-system-packages']
     return shlex.join([*words, *REQUIREMENTS.get(module, (module,))])
 

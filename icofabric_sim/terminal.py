@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What the verbs say while they work: progress with an honest time left, notes, errors."""
+"""Terminal output of the verbs: progress with the remaining time, notes, errors."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -28,13 +28,13 @@ from typing import Self, TextIO
 
 from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 
-# Wall time between two pictures of the bar [s], and between two lines where there is no terminal.
-_REDRAW, _LINE_INTERVAL = 0.1, 10.0
-# The speed is that of about the last while [s]: a fabric that stretches needs shorter steps.
-_WINDOW = 8.0
-# A time left is shown once so long a while [s] is known, whose two halves went at speeds of at
-# most this ratio.
-_KNOWN, _STEADY = 2.0, 2.0
+# Wall time between two updates of the bar [s], and between two lines without a terminal.
+_REDRAW_S, _LINE_INTERVAL_S = 0.1, 10.0
+# The speed is averaged over about this time [s]: a stretching fabric needs shorter steps.
+_WINDOW_S = 8.0
+# The remaining time is shown after this time [s], and if the speeds of its two halves differ at
+# most by this ratio.
+_MIN_TIME_S, _MAX_SPEED_RATIO = 2.0, 2.0
 
 
 # Set by --quiet.
@@ -43,7 +43,7 @@ _QUIET = 'ICOFABRIC_QUIET'
 
 @contextmanager
 def quiet(wanted: bool) -> Iterator[None]:
-    """Show no progress, also of the processes that are started meanwhile; warnings stay."""
+    """Suppress progress, also of processes started meanwhile; warnings stay."""
     before = os.environ.get(_QUIET)
     if wanted:
         os.environ[_QUIET] = '1'
@@ -57,27 +57,27 @@ def quiet(wanted: bool) -> Iterator[None]:
 
 
 def is_quiet() -> bool:
-    """Whether no progress is to be shown."""
+    """Return whether progress is suppressed."""
     return os.environ.get(_QUIET, '') not in ('', '0')
 
 
 def say(text: str) -> None:
-    """Say beside the results how the work goes on, unless that is not wanted."""
+    """Print progress of the work on the error stream, unless suppressed."""
     if not is_quiet():
         print(text, file=sys.stderr, flush=True)
 
 
 class InputError(Exception):
-    """Input that cannot be taken: exit status 2."""
+    """Invalid input: exit status 2."""
 
 
 class FileSaysNo(Exception):
-    """A file that is what was asked for, but damaged or unfinished: exit status 1."""
+    """Error for a damaged or unfinished file: exit status 1."""
 
 
 @contextmanager
 def bad_input() -> Iterator[None]:
-    """Turn the ValueErrors of building what the user described into InputErrors."""
+    """Convert ValueErrors of invalid user input into InputErrors."""
     try:
         yield
     except ValueError as error:
@@ -85,7 +85,7 @@ def bad_input() -> Iterator[None]:
 
 
 def require_place(option: str, path: Path, *, is_folder: bool = False) -> Path:
-    """Refuse a path at which no file or folder can be made, before any work is done for it."""
+    """Reject a path where no file or folder can be created, before the work starts."""
     folder = path.absolute() if is_folder else path.absolute().parent
     while not os.path.lexists(folder):
         folder = folder.parent
@@ -97,18 +97,16 @@ def require_place(option: str, path: Path, *, is_folder: bool = False) -> Path:
 
 
 class Progress:
-    """
-    A bar on a terminal, a line now and then elsewhere; nothing is left of the bar at the end.
-    """
+    """Progress bar on a terminal, or occasional lines; the bar is erased at the end."""
 
     def __init__(
         self, total: float, unit: str, *, stream: TextIO | None = None, foreseen: bool = True
     ) -> None:
         """
-        Go from 0 to `total` [unit].
+        Count from 0 to `total` [unit].
 
-        `foreseen`: the pace of the last while says how long the rest takes; else the time that
-        has passed is shown.
+        `foreseen`: predict the remaining time from the recent speed; otherwise show the elapsed
+        time.
         """
         self.total, self.unit, self.foreseen = total, unit, foreseen
         self.stream = sys.stderr if stream is None else stream
@@ -120,14 +118,14 @@ class Progress:
         self._shown = 0
 
     def update(self, done: float) -> None:
-        """Show that `done` of the total is done, if it is time for it."""
+        """Show that `done` of the total is done, if an update is due."""
         now, worked = time.monotonic(), _working_time()
-        if worked - self._marks[-1][0] >= _REDRAW:
+        if worked - self._marks[-1][0] >= _REDRAW_S:
             self._marks.append((worked, done))
-            # One mark is as old as the window.
-            while len(self._marks) > 2 and worked - self._marks[1][0] >= _WINDOW:
+            # The oldest mark is as old as the window.
+            while len(self._marks) > 2 and worked - self._marks[1][0] >= _WINDOW_S:
                 self._marks.popleft()
-        if self.quiet or now - self._last < (_REDRAW if self.is_terminal else _LINE_INTERVAL):
+        if self.quiet or now - self._last < (_REDRAW_S if self.is_terminal else _LINE_INTERVAL_S):
             return
         self._last = now
         text = f'{done:.4g} of {self.total:.4g} {self.unit}'
@@ -147,12 +145,12 @@ class Progress:
         self._shown = len(line)
 
     def note(self, text: str) -> None:
-        """Say something above the bar."""
+        """Print a line above the bar."""
         self.clear()
         self._write(f'{text}\n')
 
     def clear(self) -> None:
-        """Wipe the bar away."""
+        """Erase the bar."""
         if self._shown:
             self._write('\r' + ' ' * self._shown + '\r')
             self._shown = 0
@@ -169,16 +167,16 @@ class Progress:
         self.clear()
 
     def _time_left(self, worked: float, done: float) -> str:
-        """The rest at the speed of the last while; nothing where that says nothing."""
+        """Return the remaining time at the recent speed, '' if unknown."""
         since, before = self._marks[0]
         span = worked - since
-        if span < _KNOWN:
+        if span < _MIN_TIME_S:
             return ''
         middle, half = min(self._marks, key=lambda mark: abs(mark[0] - since - 0.5 * span))
         if not since < middle < worked:
             return ''
         early, late = (half - before) / (middle - since), (done - half) / (worked - middle)
-        if not max(early, late) <= _STEADY * min(early, late):
+        if not max(early, late) <= _MAX_SPEED_RATIO * min(early, late):
             return ''
         left = (self.total - done) * span / (done - before) if done > before else math.inf
         return f', about {duration_text(left)} left' if left < math.inf else ''
@@ -189,15 +187,15 @@ class Progress:
 
 
 def _working_time() -> float:
-    """Wall time [s] without that of the compiler, which does not predict what is left."""
+    """Return the wall time [s] without compilation, which does not predict the remaining time."""
     return time.monotonic() - compile_notice.seconds
 
 
 class NoteHandler(logging.Handler):
-    """Warnings of the library, shown above the bar."""
+    """Handler that shows warnings of the library above the bar."""
 
     def __init__(self, progress: Progress, name: str) -> None:
-        """Begin each with the `name` of the command."""
+        """Start each line with the `name` of the command."""
         super().__init__(logging.WARNING)
         self._progress, self._name = progress, name
 
@@ -221,7 +219,7 @@ def notes(progress: Progress, name: str) -> Iterator[None]:
 
 
 def duration_text(seconds: float) -> str:
-    """A wall time as people say it."""
+    """Return a wall time as text."""
     if seconds < 90.0:
         return f'{max(seconds, 1.0):.0f} s'
     if seconds < 5400.0:

@@ -11,6 +11,6 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The version, below everything else: any module may state it."""
+"""Version of the package, importable from every module."""
 
 __version__ = '0.1.0'

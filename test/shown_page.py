@@ -15,7 +15,7 @@
 
 import icofabric_sim as ico
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.viewer.local import RunHands, SightSink
+from icofabric_sim.viewer.local import RunActions, SightSink
 from icofabric_sim.viewer.page import Page
 from icofabric_sim.viewer.sight import Sight
 from runner_helpers import Beside, ListSink, SCENE
@@ -32,7 +32,7 @@ class Shown:
         self.sight, self.inputs = Sight(), ListSink()
         self.runner = Runner(simulation, [self.inputs, SightSink(self.sight, is_run=True)])
         self.page = Page(
-            self.sight, None if read_only else RunHands(self.runner), port=18080, rate=60.0)
+            self.sight, None if read_only else RunActions(self.runner), port=18080, rate=60.0)
         self.port = self.page.server.get_port()
         self.beside = Beside(self.runner)
 

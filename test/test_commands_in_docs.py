@@ -32,7 +32,7 @@ from icofabric_sim.messages.input_topics import input_type
 from icofabric_sim.parameters.file import check_ros_arguments
 from icofabric_sim.parameters.table import STATIC
 from icofabric_sim.ros.ros_parameters import make_start_parameters
-from icofabric_sim.ros.start import arguments_of_its_own
+from icofabric_sim.ros.start import non_ros_arguments
 from icofabric_sim.running.replay.replay_parameters import judge_options
 import pytest
 import yaml
@@ -138,7 +138,7 @@ def check_python(command, words, monkeypatch):
 
 def check_node(command, name, arguments):
     given = check_ros_arguments(arguments)
-    own = arguments_of_its_own(arguments)
+    own = non_ros_arguments(arguments)
     if name == 'replay_node':
         judge_options(given, *own)
     elif name == 'viewer_node':

@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Recorded runs: writing them beside the simulation, reading them, making a killed one whole.
+Recorded runs: writing in a separate thread, reading, and recovery after a kill.
 
-Names are loaded when first used: a node that records nothing has no need of rosbags at its start.
+Names are loaded on first use, so that a node without recording does not import rosbags at its
+start.
 """
 
 from importlib import import_module

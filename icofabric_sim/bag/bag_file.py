@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""One bag being written: a folder, its files one after the other, and the metadata at the end."""
+"""Bag being written: a folder, its files one after the other, and the metadata at the end."""
 from __future__ import annotations
 
 import contextlib
@@ -21,7 +21,7 @@ from pathlib import Path
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.bag.mcap_storage import McapFile
 from icofabric_sim.bag.metadata import describe_bag, distribution, write_metadata
-from icofabric_sim.bag.sqlite3_storage import SMALLEST_SPLIT, Sqlite3File
+from icofabric_sim.bag.sqlite3_storage import MIN_SPLIT_BYTES, Sqlite3File
 from icofabric_sim.bag.storage import (
     COMPRESSIONS,
     StorageFile,
@@ -33,7 +33,7 @@ from icofabric_sim.bag.storage import (
 
 
 class BagFile:
-    """One new bag; every call must come from the thread that made it, as SQLite demands."""
+    """New bag; all calls must come from the thread that created it, as SQLite requires."""
 
     def __init__(
         self, path: Path, storage: str, *,
@@ -43,19 +43,19 @@ class BagFile:
         custom: dict[str, str] | None = None,
     ) -> None:
         """
-        Make the folder and open the first file in it; refuse to touch what exists.
+        Create the folder and open the first file in it; reject an existing path.
 
-        `split_size` [bytes] and `split_duration` [ns] say when `must_split`; 0: never. `custom`
-        is what is known of it now, for readers of a bag that was killed.
+        `split_size` [bytes] and `split_duration` [ns] are the limits of `must_split`; 0: none.
+        `custom` is the custom data known at the start, for readers of a killed bag.
         """
         if storage not in STORAGES:
             raise BagError(f'record.storage: {storage!r} is not one of {", ".join(STORAGES)}')
         if compression not in COMPRESSIONS:
             raise BagError(
                 f'record.compression: {compression!r} is not one of {", ".join(COMPRESSIONS)}')
-        if storage == 'sqlite3' and 0 < split_size < SMALLEST_SPLIT:
+        if storage == 'sqlite3' and 0 < split_size < MIN_SPLIT_BYTES:
             raise BagError(
-                f'record.split_size: with sqlite3 it must be 0 or at least {SMALLEST_SPLIT} '
+                f'record.split_size: with sqlite3 it must be 0 or at least {MIN_SPLIT_BYTES} '
                 f'bytes, got {split_size}: an empty file is nearly as large')
         require_new(path)
         self.path = path
@@ -65,16 +65,16 @@ class BagFile:
         self._topics: list[TopicEntry] = []
         self._finished: list[tuple[str, Tally]] = []
         self._current: StorageFile | None = None
-        self._current_first: int | None = None  # time of its first message [ns]
+        self._current_first: int | None = None  # time of the current file's first message [ns]
         made = False
         try:
             path.mkdir(parents=True)
             made = True
             self._open_next()
-        except Exception as error:  # of the system, of SQLite
+        except Exception as error:  # of the operating system or SQLite
             if made:
                 with contextlib.suppress(OSError):
-                    path.rmdir()  # an empty folder would only be in the way next time
+                    path.rmdir()  # an empty folder would block the next attempt
             text = error.strerror if isinstance(error, OSError) else str(error)
             raise BagError(
                 f'record.path: cannot write a bag to {path}: {text}; '
@@ -85,7 +85,9 @@ class BagFile:
         self._file.add_topic(topic)
 
     def must_split(self, nanoseconds: int) -> bool:
-        """Whether a message of this time belongs into the next file, by the rules of rosbag2."""
+        """
+        Return whether a message of this time belongs in the next file, by the rules of rosbag2.
+        """
         first = self._current_first
         if first is None:
             return False
@@ -93,7 +95,7 @@ class BagFile:
                 or 0 < self._split_duration < nanoseconds - first)
 
     def split(self) -> None:
-        """Finish the present file and begin the next, with the same topics."""
+        """Finish the current file and open the next one, with the same topics."""
         self._finish_current()
         self._open_next()
         for topic in self._topics:
@@ -105,53 +107,55 @@ class BagFile:
         self._file.write(topic, nanoseconds, data)
 
     def flush(self) -> None:
-        """Bring everything written so far to the file."""
+        """Write everything received so far to the file."""
         self._file.flush()
-        _check_there(self._file)
+        _check_exists(self._file)
 
     @property
     def next_name(self) -> str:
-        """Name of the file that the next split begins."""
+        """Return the name of the file that the next split opens."""
         return self._name(len(self._finished) + 1)
 
     @property
     def message_count(self) -> int:
-        """Messages that are in the files, those that still wait not counted."""
+        """Return the number of messages in the files, without those still queued."""
         count = sum(tally.message_count for _, tally in self._finished)
         return count + (self._current.tally.message_count if self._current is not None else 0)
 
     def close(self, custom: dict[str, str]) -> None:
-        """Finish the bag, with its metadata."""
+        """Finish the bag with its metadata."""
         self._custom = dict(custom)
         self._finish_current()
         write_metadata(self.path, self._describe(self._finished))
 
     def salvage(self, custom: dict[str, str]) -> bool:
-        """After an error make a whole bag of what is in the files; False where that fails too."""
+        """
+        After an error, finish a complete bag from the data in its files; return False on failure.
+        """
         try:
             if self._current is not None:
                 try:
                     self._current.flush()
-                except Exception:  # noqa: BLE001 - then without what waited
+                except Exception:  # then without the queued messages
                     self._current.roll_back()
-            self._close_where_there_is_room(custom)
-        except Exception:  # noqa: BLE001 - most likely the same again; what is there stays there
+            self._close_within_free_space(custom)
+        except Exception:  # probably the same error; the files stay as they are
             self.abandon()
             return False
         return True
 
-    def _close_where_there_is_room(self, custom: dict[str, str]) -> None:
+    def _close_within_free_space(self, custom: dict[str, str]) -> None:
         try:
             self.close(custom)
         except OSError:
-            # The end of the file is larger than what is left: a whole bag that lacks its last
+            # The end of the file is larger than the free space: a complete bag without its last
             # messages is worth more than one that only `recover` reads.
             if self._current is None or not self._current.shorten():
                 raise
             self.close(custom)
 
     def abandon(self) -> None:
-        """Let go of a bag that cannot be written any more."""
+        """Close a bag that cannot be written any more."""
         current, self._current = self._current, None
         if current is not None:
             current.abandon()
@@ -183,9 +187,9 @@ class BagFile:
         if current is None:
             return
         current.flush()
-        _check_there(current)
+        _check_exists(current)
         entry = current.path.name, current.tally
-        # A file describes itself alone: the others may be many.
+        # The metadata in a file describe only that file: there may be many others.
         current.finish(to_yaml(self._describe([entry])))
         self._finished.append(entry)
         self._current = None
@@ -195,7 +199,7 @@ class BagFile:
             self._storage, self._compression, files, self._topics, self._custom)
 
 
-def _check_there(file: StorageFile) -> None:
-    """Raise where the file was removed: the system reports no error for writing to it."""
+def _check_exists(file: StorageFile) -> None:
+    """Raise BagError if the file was removed; the system reports no error when writing to it."""
     if not os.path.lexists(file.path):
         raise BagError(f'{file.path} was removed')

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What was done to a recorded run, in words."""
+"""Descriptions of the events of a recorded run."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -21,11 +21,11 @@ from icofabric_sim.bag.recorded_run import RecordedEvent
 from icofabric_sim.checks import counted
 from icofabric_sim.scene.summary import Row
 
-# Events listed in the text of a summary; a client may step thousands of times.
-LARGEST_LIST = 12
-# Names of a change listed.
-_LARGEST_CHANGE = 4
-# One, and several of them.
+# Largest number of events listed in a summary; a client may step thousands of times.
+MAX_LISTED_EVENTS = 12
+# Largest number of listed names of a change.
+_MAX_LISTED_NAMES = 4
+# Singular and plural.
 _NAMES = {
     'reweave': ('re-weave', 're-weaves'),
     'reset': ('reset', 'resets'),
@@ -35,7 +35,7 @@ _NAMES = {
     'loads_cleared': ('call of ~/clear_loads', 'calls of ~/clear_loads'),
     'checkpoint_saved': ('checkpoint saved', 'checkpoints saved'),
     'checkpoint_restored': ('checkpoint restored', 'checkpoints restored'),
-    'state_set': ('body put elsewhere', 'bodies put elsewhere'),
+    'state_set': ('body state set', 'body states set'),
     'equilibrium': ('call of ~/solve_equilibrium', 'calls of ~/solve_equilibrium'),
     'failed': ('failure', 'failures'),
     'stalled': ('standstill', 'standstills'),
@@ -44,25 +44,25 @@ _NAMES = {
 
 
 class EventDigest(NamedTuple):
-    """How often each event came, and the first of them."""
+    """Counts of each event, and the first events."""
 
     counts: Counter[str]
     first: tuple[RecordedEvent, ...]
 
 
 def digest_events(events: Iterable[RecordedEvent]) -> EventDigest:
-    """Count events without keeping them all."""
+    """Count events without keeping all of them."""
     counts: Counter[str] = Counter()
     first: list[RecordedEvent] = []
     for event in events:
         counts[event.name] += 1
-        if len(first) < LARGEST_LIST:
+        if len(first) < MAX_LISTED_EVENTS:
             first.append(event)
     return EventDigest(counts, tuple(first))
 
 
 def event_rows(digest: EventDigest) -> list[Row]:
-    """Label and text of all events."""
+    """Return label and text of all events."""
     parts = [
         f'{digest.counts[name]:,} {words[digest.counts[name] > 1]}'
         for name, words in _NAMES.items() if digest.counts[name]]
@@ -76,16 +76,16 @@ def event_rows(digest: EventDigest) -> list[Row]:
 
 
 def describe_event(event: RecordedEvent) -> str:
-    """One event; its facts may be those of another version."""
+    """Describe one event; its data may be of another version."""
     facts = event.facts
     texts = {
         'pause': 'pause',
-        'resume': 'goes on',
+        'resume': 'resumed',
         'step': _steps(facts.get('count')),
-        'advance': 'goes on for a call of ~/advance',
-        'advanced': 'the advance is over',
+        'advance': 'advances for a call of ~/advance',
+        'advanced': 'the advance is complete',
         'advance_ended': 'the advance ended early',
-        'loads_cleared': 'all wrenches were taken off',
+        'loads_cleared': 'all wrenches were cleared',
         'reset': 'reset to the initial state' + (
             ' and to time 0' if facts.get('time_reset') else ''),
         'reweave': _change(facts),
@@ -94,20 +94,20 @@ def describe_event(event: RecordedEvent) -> str:
         'stalled': f'{facts.get("reason")}',
         'checkpoint_saved': f'a checkpoint was saved to {facts.get("path")}',
         'checkpoint_restored': (
-            f'goes on from the checkpoint of t = {facts.get("of")} s in {facts.get("path")}'),
+            f'restored from the checkpoint of t = {facts.get("of")} s in {facts.get("path")}'),
         'record': 'recording on' if facts.get('on') else 'recording off',
-        'state_set': f'body {facts.get("body")} was put elsewhere',
-        'equilibrium': f'brought to rest: {facts.get("verdict")}',
+        'state_set': f'body {facts.get("body")} was set to a new state',
+        'equilibrium': f'equilibrium solved: {facts.get("verdict")}',
     }
     return texts.get(event.name, event.name) + _dropped(facts)
 
 
 def _change(facts: Mapping[str, Any]) -> str:
     names = [str(name) for name in _list(facts, 'changed')]
-    more = len(names) - _LARGEST_CHANGE
-    changed = ', '.join(names[:_LARGEST_CHANGE]) + (f' and {more} more' if more > 0 else '')
-    text = ('woven anew' if facts.get('restarts') else 'goes on with') + f': {changed}'
-    lost = ', '.join(str(name) for name in _list(facts, 'lost')[:_LARGEST_CHANGE])
+    more = len(names) - _MAX_LISTED_NAMES
+    changed = ', '.join(names[:_MAX_LISTED_NAMES]) + (f' and {more} more' if more > 0 else '')
+    text = ('fabric rebuilt with' if facts.get('restarts') else 'continued with') + f': {changed}'
+    lost = ', '.join(str(name) for name in _list(facts, 'lost')[:_MAX_LISTED_NAMES])
     return f'{text}; wrenches ended: {lost}' if lost else text
 
 

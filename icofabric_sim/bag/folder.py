@@ -11,18 +11,18 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The folder of a bag: where one may begin, and the error that says why not; without rosbags."""
+"""Bag folder and its errors, without importing rosbags."""
 
 import os
 from pathlib import Path
 
 
 class BagError(ValueError):
-    """A bag that cannot be written or read; the text says why, and the way out."""
+    """Error of a bag that cannot be written or read; the message gives reason and remedy."""
 
 
 def require_new(path: Path) -> None:
-    """Raise BagError where a bag cannot begin at `path`, because something is there."""
+    """Raise BagError if something exists at `path`."""
     if os.path.lexists(path):
         raise BagError(
             f'record.path: {path} exists and is never overwritten; '
@@ -30,7 +30,7 @@ def require_new(path: Path) -> None:
 
 
 def absolute_path(path: str | Path) -> Path:
-    """Return the path of a bag, wherever the process goes afterwards."""
+    """Return the absolute path of a bag, independent of later changes of the working directory."""
     if not str(path) or '\0' in str(path):
         raise BagError(f'record.path: {str(path)!r} is not the name of a folder')
     return Path(path).expanduser().absolute()

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The queue between recording and the thread that writes: bounded in bytes, in order."""
+"""Queue between the recording thread and the caller: bounded in bytes, in order."""
 from __future__ import annotations
 
 from collections import deque
@@ -23,26 +23,26 @@ from icofabric_sim.bag.storage import TopicEntry
 
 
 class RecorderStatistics(NamedTuple):
-    """What became of the messages handed over, and how far behind the writer is."""
+    """Counts of the received messages, and the lag of the writer."""
 
-    written: int  # messages given to the file
+    written: int  # messages passed to the file
     written_bytes: int
-    dropped: int  # refused because the queue was full
-    lost: int  # queued at an error of the disk, or handed over after it or after the end
+    dropped: int  # rejected because the queue was full
+    lost: int  # queued at a disk error, or received after the error or the end
     queued: int
     queued_bytes: int
-    lag: float  # [s] since the oldest message that still waits was handed over
+    lag: float  # [s] since the oldest queued message was received
 
 
 class Heading(NamedTuple):
-    """An entry of the custom data of the files that begin after this."""
+    """Entry of the custom data for files opened after this item."""
 
     key: str
     value: str
 
 
 class Message(NamedTuple):
-    """A message and its simulated time [ns]."""
+    """Message and its simulated time [ns]."""
 
     topic: str
     nanoseconds: int
@@ -50,17 +50,17 @@ class Message(NamedTuple):
 
 
 class End(NamedTuple):
-    """The last item: the bag is to be finished."""
+    """Last item: finish the bag."""
 
 
 Item = TopicEntry | Heading | Message | End
 
 
-class Handover:
+class MessageQueue:
     """
-    Holds items until the writing thread takes them.
+    Queue of items for the writing thread.
 
-    A message is counted as queued until the next one is taken: only then is it written.
+    A message counts as queued until the next one is taken, because only then is it written.
     """
 
     def __init__(self, capacity: int, overflow: Literal['wait', 'drop']) -> None:
@@ -72,32 +72,34 @@ class Handover:
         self._drained = threading.Condition(self._lock)
         self._items: deque[Item] = deque()
         self._in_hand: Message | None = None
-        self._arrivals: deque[float] = deque()  # [s], one for each message not yet written
+        self._arrivals: deque[float] = deque()  # [s], one for each unwritten message
         self._stopped = False
         self._written = self._written_bytes = self._dropped = self._lost = 0
         self._queued_bytes = 0
 
     def put_notice(self, notice: TopicEntry | Heading) -> None:
-        """Append a notice, which takes no room in the queue."""
+        """Append a notice, which does not count towards the capacity."""
         with self._lock:
             if not self._stopped:
                 self._items.append(notice)
                 self._filled.notify()
 
     def has_room(self, size: int) -> bool:
-        """Whether a message of `size` [bytes] that is not essential would be taken at once."""
+        """
+        Return whether a message of `size` [bytes] that is not essential would be accepted now.
+        """
         with self._lock:
             return not (self._stopped or 0 < self._queued_bytes > self._capacity - size)
 
     def put(self, topic: str, nanoseconds: int, data: bytes, *, essential: bool) -> bool:
         """
-        Append a message, after waiting where the rules say so; False when it was refused.
+        Append a message, waiting if the overflow rule requires it; return False if rejected.
 
-        TimeoutError: what must not be dropped finds no room, and waiting is not allowed.
+        Raises TimeoutError if an essential message finds no room and waiting is not allowed.
         """
         limit = 2 * self._capacity if essential else self._capacity
         with self._lock:
-            # A message larger than the queue passes when nothing else waits.
+            # A message larger than the queue is accepted when the queue is empty.
             while not self._stopped and 0 < self._queued_bytes > limit - len(data):
                 if self._overflow == 'drop' and essential:
                     self._lost += 1
@@ -116,9 +118,7 @@ class Handover:
         return True
 
     def take(self, until: float | None) -> Item | None:
-        """
-        Count the last message as written and take the next item; None when none came in time.
-        """
+        """Count the last message as written and return the next item, or None after a timeout."""
         with self._lock:
             if self._in_hand is not None:
                 size = len(self._in_hand.data)
@@ -139,7 +139,7 @@ class Handover:
             return item
 
     def end(self) -> None:
-        """Take no more messages; those that are queued are still written."""
+        """Reject further messages; queued ones are still written."""
         with self._lock:
             if not self._stopped:
                 self._stopped = True
@@ -149,10 +149,10 @@ class Handover:
 
     def give_up(self, *, written: int | None = None) -> None:
         """
-        Take no more messages, and give up those that wait.
+        Reject further messages and drop the queued ones.
 
-        From the writing thread, `written` is how many have reached the file after all; without
-        it the message that thread has in hand may still do so.
+        When called from the writing thread, `written` is the number of messages that reached the
+        file. Otherwise the message being written may still reach it.
         """
         with self._lock:
             self._stopped = True

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Reading an MCAP file from its start, as far as it goes: one that was killed has no index."""
+"""Sequential reading of an MCAP file that may lack its index, e.g. after a kill."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -29,11 +29,11 @@ _LENGTH = struct.Struct('<BQ')
 
 
 class Damage(Exception):
-    """The place up to which a file can be read."""
+    """Error with the position up to which a file is readable."""
 
 
 class ScannedTopic(NamedTuple):
-    """A channel: its topic, the type and its definition, the profiles and the hash where known."""
+    """Channel: topic, type, definition, and QoS profiles and hash if known."""
 
     name: str
     type_name: str
@@ -43,7 +43,7 @@ class ScannedTopic(NamedTuple):
 
 
 class ScannedMessage(NamedTuple):
-    """A message, and how far the file is read [bytes]."""
+    """Message, and the number of bytes read so far."""
 
     topic: ScannedTopic
     nanoseconds: int
@@ -52,7 +52,7 @@ class ScannedMessage(NamedTuple):
 
 
 class McapScan:
-    """One pass over the records of a file; no more than a chunk is in memory."""
+    """One pass over the records of a file, with at most one chunk in memory."""
 
     def __init__(
         self, path: Path, *, on_damage: Callable[[str], None],
@@ -61,49 +61,46 @@ class McapScan:
         """
         Scan the file at `path`.
 
-        `on_damage` is called for chunks that are left out, `on_topic` for each topic, also for
-        one without messages.
+        `on_damage` is called for skipped chunks, `on_topic` for each topic, also without messages.
         """
         self.path = path
-        self.compressed = False  # whether a chunk was, among those read so far
+        self.compressed = False  # whether any chunk read so far was compressed
         self._on_damage, self._on_topic = on_damage, on_topic
         self._schemas: dict[int, tuple[str, str]] = {}
         self._topics: dict[int, ScannedTopic] = {}
 
     def messages(self) -> Iterator[ScannedMessage]:
-        """
-        Yield the messages as they were written; Damage says where reading ended before the end.
-        """
+        """Yield the messages in the order of writing; raise Damage where reading ends early."""
         size = self.path.stat().st_size
         with self.path.open('rb') as file:
             if file.read(8) != _MAGIC:
-                raise Damage('it does not begin as MCAP')
+                raise Damage('no MCAP header')
             while True:
                 start = file.tell()
                 head = file.read(_LENGTH.size)
                 if len(head) < _LENGTH.size:
-                    raise Damage(f'its end is missing, from byte {start} on')
+                    raise Damage(f'truncated at byte {start}')
                 operation, length = _LENGTH.unpack(head)
                 if file.tell() + length > size:
-                    raise Damage(f'the last record was not complete, from byte {start} on')
+                    raise Damage(f'incomplete last record at byte {start}')
                 if operation == _DATA_END:
                     break
                 try:
                     yield from self._top_record(file, operation, length, start)
                 except Damage:
                     raise
-                except Exception as error:  # whatever the bytes lead to
+                except Exception as error:  # any error that damaged bytes cause
                     raise Damage(f'unreadable at byte {start} ({error!r})') from error
             file.seek(max(0, size - 8))
             if file.read() != _MAGIC:
-                raise Damage('its index is missing')
+                raise Damage('no index')
 
     def _top_record(
         self, file: BinaryIO, operation: int, length: int, start: int,
     ) -> Iterator[ScannedMessage]:
         end = file.tell() + length
         if not 1 <= operation <= _DATA_END and operation < 128:
-            raise Damage(f'no record begins at byte {start}')
+            raise Damage(f'no record at byte {start}')
         if operation == _CHUNK:
             chunk = self._chunk(file.read(length), start)
             if chunk is not None:
@@ -119,12 +116,12 @@ class McapScan:
         data = content[place + 8:place + 8 + stored]
         try:
             data = _plain(data, compression)
-        except Exception as error:  # noqa: BLE001 - whatever the decompressors raise
-            self._on_damage(f'the chunk at byte {start} is unreadable and left out ({error})')
+        except Exception as error:  # any error of a decompressor
+            self._on_damage(f'the chunk at byte {start} is unreadable and skipped ({error})')
             return None
         self.compressed = self.compressed or bool(compression)
         if len(data) != size or checksum and zlib.crc32(data) != checksum:
-            self._on_damage(f'the chunk at byte {start} is damaged and left out')
+            self._on_damage(f'the chunk at byte {start} is damaged and skipped')
             return None
         return data
 
@@ -161,13 +158,13 @@ class McapScan:
 
 
 def _plain(data: bytes, compression: str) -> bytes:
-    if compression == 'lz4':  # never ours
+    if compression == 'lz4':  # not used by this package
         from lz4.frame import decompress  # type: ignore[import-untyped]
         return bytes(decompress(data))
     if compression == 'zstd':
         return zstd.decompress(data)
     if compression:
-        raise ValueError(f'compressed as {compression!r}, which is not known')
+        raise ValueError(f'unknown compression {compression!r}')
     return data
 
 

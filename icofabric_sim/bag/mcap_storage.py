@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Writing one MCAP file so that a kill costs no more than the chunk being filled.
+Writer of one MCAP file that loses at most the open chunk if the process is killed.
 
-The format is that of mcap.dev/spec, the contents are those of rosbag2's own plugin: its profile,
-its metadata record (at the start too, where a killed file still has it), the hash of each type.
+The format is defined at mcap.dev/spec. The contents are those of rosbag2's plugin: profile,
+metadata record (also at the start, for killed files) and type hashes.
 """
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ from icofabric_sim.bag import zstd
 from icofabric_sim.bag.storage import qos_entries, Tally, to_yaml, TopicEntry, ZSTD_LEVEL
 
 _MAGIC = b'\x89MCAP0\r\n'
-# Operations of the records.
+# Opcodes of the records.
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
 _STATISTICS, _METADATA, _METADATA_INDEX, _SUMMARY_OFFSET, _DATA_END = range(11, 16)
 _CHUNK_BYTES = 2**20
-# Smaller pieces are put together before they are written.
-_PIECE_BYTES = 2**14
+# Smaller blocks are joined before they are written.
+_WRITE_BYTES = 2**14
 
 
 class McapFile:
     """One .mcap file being written."""
 
     def __init__(self, path: Path, *, compression: str, metadata: str) -> None:
-        """Begin a new file; `metadata` says what is known of the bag so far."""
+        """Create a file; `metadata` is the metadata of the bag so far."""
         from icofabric_sim.version import __version__
 
         self.path = path
         self.tally = Tally()
         self._zstd = compression == 'zstd'
         self._descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o644)
-        self._end = 0  # up to here the file is good, whatever comes
+        self._end = 0  # size of the valid part of the file
         self._schemas: dict[str, tuple[int, bytes]] = {}  # type: number, record
         self._channels: dict[str, tuple[int, bytes]] = {}  # topic: number, record
         self._definitions: list[bytes] = []  # records not yet in the file
         self._chunk_indexes: list[bytes] = []
-        self._chunks: list[tuple[int, Tally]] = []  # where each begins, what is in it
+        self._chunks: list[tuple[int, Tally]] = []  # start and contents of each chunk
         self._metadata_indexes: list[bytes] = []
-        self._rest = 0  # bytes of what follows the last chunk, once that is known
+        self._rest = 0  # bytes after the last chunk, once known
         self._begin_chunk()
         try:
-            self._put([_MAGIC, _record(
+            self._write([_MAGIC, _record(
                 _HEADER, _string('ros2') + _string(f'icofabric_sim {__version__}'))])
             record, index = _metadata(metadata, self._end)
-            self._put([record])
+            self._write([record])
             self._metadata_indexes.append(index)
         except BaseException:
             self.abandon()
@@ -71,7 +71,7 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        # How small an open chunk becomes shows only when it is compressed.
+        # The compressed size of an open chunk is not known.
         return self._end + (0 if self._zstd else self._chunk_size)
 
     def add_topic(self, topic: TopicEntry) -> None:
@@ -107,11 +107,11 @@ class McapFile:
             self.flush()
 
     def flush(self) -> None:
-        """Close the chunk; one without messages is kept back, it would carry the times of none."""
+        """Close the chunk; an empty one is kept open, because it would have no valid times."""
         if not self._index:
             return
         pieces, stored, checksum = self._pieces, self._chunk_size, 0
-        # A disk that lost its power may leave a chunk of the right length and the wrong bytes.
+        # A disk without power may leave a chunk of the right length with wrong bytes.
         for piece in pieces:
             checksum = zlib.crc32(piece, checksum)
         head = struct.pack(
@@ -128,7 +128,7 @@ class McapFile:
             indexes.append(_record(_MESSAGE_INDEX, struct.pack(
                 f'<HI{len(places)}Q', number, 8 * len(places), *places)))
             position += len(indexes[-1])
-        self._put([struct.pack('<BQ', _CHUNK, len(head) + stored), head, *pieces, *indexes])
+        self._write([struct.pack('<BQ', _CHUNK, len(head) + stored), head, *pieces, *indexes])
         self._chunk_indexes.append(_record(
             _CHUNK_INDEX,
             struct.pack('<QQQQI', self._pending.first, self._pending.last, start, length,
@@ -141,7 +141,7 @@ class McapFile:
         self._begin_chunk()
 
     def roll_back(self) -> None:
-        # A piece of a chunk may be there, when the disk was full in the middle of it.
+        # Part of a chunk may be in the file if the disk was full.
         os.ftruncate(self._descriptor, self._end)
         self._definitions.clear()
         self._begin_chunk()
@@ -153,7 +153,7 @@ class McapFile:
             start, _ = self._chunks[kept]
         if not kept:
             return False
-        # Nothing is cut off before the end stands there: it finds room in what the file has.
+        # The end is written before the file is truncated, so that it fits into the existing file.
         self._end = start
         del self._chunks[kept:], self._chunk_indexes[kept:]
         self.tally = Tally()
@@ -162,7 +162,7 @@ class McapFile:
         return True
 
     def finish(self, metadata: str) -> None:
-        # Topics that never had a message: the data part declares them too.
+        # The data section also declares topics without messages.
         pieces = [*self._definitions]
         start = self._end + sum(map(len, pieces))
         record, index = _metadata(metadata, start)
@@ -186,8 +186,8 @@ class McapFile:
         summary += offsets + struct.pack('<BQQQ', _FOOTER, 20, summary_start, position)
         pieces += [record, data_end, summary, struct.pack('<I', zlib.crc32(summary)), _MAGIC]
         self._rest = sum(map(len, pieces))
-        self._put(pieces)
-        os.ftruncate(self._descriptor, self._end)  # of a chunk that gave way some may be left
+        self._write(pieces)
+        os.ftruncate(self._descriptor, self._end)  # removes remains of a discarded chunk
         self.abandon()
 
     def abandon(self) -> None:
@@ -205,13 +205,13 @@ class McapFile:
     def _append(self, piece: bytes) -> None:
         self._chunk_size += len(piece)
         pieces = self._pieces
-        if pieces and len(pieces[-1]) + len(piece) < _PIECE_BYTES:
+        if pieces and len(pieces[-1]) + len(piece) < _WRITE_BYTES:
             pieces[-1] += piece
         else:
             pieces.append(piece)
 
-    def _put(self, pieces: Iterable[bytes]) -> None:
-        """Write at the end; what an error leaves behind it is not yet part of the file."""
+    def _write(self, pieces: Iterable[bytes]) -> None:
+        """Write at the end; data of a failed write is not part of the file yet."""
         end = self._end
         for piece in pieces:
             view = memoryview(piece)
@@ -232,7 +232,7 @@ class McapFile:
 
 
 def _metadata(text: str, start: int) -> tuple[bytes, bytes]:
-    """Return the record with the metadata of the bag, to stand at `start`, and its index."""
+    """Return the metadata record of the bag for position `start`, and its index."""
     record = _record(_METADATA, _string('rosbag2') + _strings({'serialized_metadata': text}))
     return record, _record(
         _METADATA_INDEX, struct.pack('<QQ', start, len(record)) + _string('rosbag2'))

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The metadata of a bag, version 9 as Jazzy writes it; older ones are read too."""
+"""Metadata of a bag: version 9 is written, as in Jazzy; older versions are read too."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ _ROOT = 'rosbag2_bagfile_information'
 
 
 def distribution() -> str:
-    """Name of the ROS distribution that a bag is said to be recorded with."""
+    """Return the name of the ROS distribution that is recorded in a bag."""
     return os.environ.get('ROS_DISTRO') or 'jazzy'
 
 
@@ -45,11 +45,11 @@ def describe_bag(
     storage: str, compression: str, files: Sequence[tuple[str, Tally]],
     topics: Sequence[TopicEntry], custom: dict[str, str],
 ) -> dict[str, Any]:
-    """Lay out the metadata of a bag with `files`, names and contents in the order of recording."""
+    """Return the metadata of a bag with `files`, names and contents in the order of recording."""
     total = Tally()
     for _, tally in files:
         total.merge(tally)
-    # What rosbag2 calls compression are its own wrappings; chunks of MCAP say it themselves.
+    # In rosbag2, compression means its own wrapping; MCAP chunks record their compression.
     wrapped = compression == 'zstd' and storage == 'sqlite3'
     return {
         'version': _VERSION,
@@ -82,14 +82,14 @@ def describe_bag(
 
 
 def write_metadata(folder: Path, described: dict[str, Any]) -> None:
-    """Put the metadata into the folder of a bag, whole or not at all."""
+    """Write the metadata into the folder of a bag atomically."""
     temporary = folder / f'{FILE_NAME}.tmp'
     temporary.write_text(to_yaml({_ROOT: described}), 'utf-8')
     temporary.replace(folder / FILE_NAME)
 
 
 class MetadataTopic(NamedTuple):
-    """A topic as the metadata describe it."""
+    """Topic as described in the metadata."""
 
     name: str
     type_name: str
@@ -99,7 +99,7 @@ class MetadataTopic(NamedTuple):
 
 
 class MetadataFile(NamedTuple):
-    """A file of a bag, and the times of its first and last message [ns] where they are known."""
+    """File of a bag, with the times of its first and last message [ns] if known."""
 
     path: Path
     first: int | None
@@ -107,7 +107,7 @@ class MetadataFile(NamedTuple):
 
 
 class Metadata(NamedTuple):
-    """What the metadata of a bag say."""
+    """Contents of the metadata of a bag."""
 
     topics: list[MetadataTopic]
     files: list[MetadataFile]
@@ -119,7 +119,7 @@ class Metadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> Metadata:
-    """Read the metadata of a bag; BagError says what is wrong with them."""
+    """Read the metadata of a bag; raise BagError if they are invalid."""
     path = folder / FILE_NAME
     try:
         root = from_yaml(path.read_bytes())
@@ -128,7 +128,7 @@ def read_metadata(folder: Path) -> Metadata:
         raise
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from error
-    except Exception as error:  # of YAML, or whatever a malformed tree leads to
+    except Exception as error:  # of YAML, or of a malformed tree
         raise BagError(f'cannot read {path} as the metadata of a bag: {error!r}') from error
 
 
@@ -162,7 +162,7 @@ def _parse(folder: Path, stored: dict[str, Any]) -> Metadata:
     return Metadata(
         topics, _files(folder, stored), count, first if count else 0,
         first + int(stored['duration']['nanoseconds']) if count else 0, mode,
-        # Text of a nested tree could be larger than any memory.
+        # The text of a nested tree could exceed the memory.
         {str(key): str(value) for key, value in custom.items()
          if isinstance(value, str | int | float)})
 
@@ -176,11 +176,11 @@ def _files(folder: Path, stored: dict[str, Any]) -> list[MetadataFile]:
             spans[PurePath(entry['path']).name] = first, last
     result = []
     for name in stored['relative_file_paths']:
-        # Old versions repeat the name of the folder; none may lead out of it.
+        # Old versions repeat the folder name; no file may lie outside the folder.
         base = PurePath(name).name
         path = folder / base
         if not path.is_file():
             raise BagError(f'{folder} lacks its file {base}; `icofabric recover {folder}` makes a '
-                           'whole bag of the others')
+                           'complete bag of the others')
         result.append(MetadataFile(path, *spans.get(base, (None, None))))
     return result

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""One file of a bag that is read, whatever its storage."""
+"""Reader of one file of a bag, for any storage."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -28,11 +28,11 @@ from rosbags.rosbag2 import Reader
 
 
 class PartTopic(NamedTuple):
-    """A topic as one file holds it."""
+    """Topic as stored in one file."""
 
     name: str
     type_name: str
-    digest: str  # '' where the file does not say
+    digest: str  # '' if the file has no hash
     qos: list[Qos]
 
 
@@ -48,10 +48,10 @@ class _Stored(Protocol):
 
 
 class Part:
-    """One .mcap or .db3 file, or one that rosbag2 has compressed as a whole (.zstd)."""
+    """One .mcap or .db3 file, or one that rosbag2 has compressed entirely (.zstd)."""
 
     def __init__(self, path: Path, *, compression_mode: str = '') -> None:
-        """Open the file; `compression_mode` is that of the metadata, where there are any."""
+        """Open the file; `compression_mode` comes from the metadata, if any."""
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if compression_mode == 'file':
             self._folder = tempfile.TemporaryDirectory(prefix='icofabric-')
@@ -82,18 +82,18 @@ class Part:
     def messages(
         self, names: Collection[str], start: int | None, stop: int | None,
     ) -> Iterator[tuple[str, int, bytes]]:
-        """Yield messages in order of time, those of one time as written."""
+        """Yield messages in order of time, then of writing."""
         return self._stored.messages(names, start, stop)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._stored.close()
         if self._folder is not None:
             self._folder.cleanup()
 
 
 class _McapReader:
-    """A finished .mcap file, through rosbags, which holds one chunk in memory at a time."""
+    """Finished .mcap file, read by rosbags with one chunk in memory at a time."""
 
     def __init__(self, path: Path, *, unwrap: bool) -> None:
         self._reader = Reader(path)
@@ -119,7 +119,7 @@ class _McapReader:
         chosen = [item for item in self._reader.connections
                   if names is None or item.topic in names]
         if not chosen:
-            return  # rosbags would take none for all
+            return  # rosbags would read no topics as all topics
         for connection, nanoseconds, data in self._reader.messages(chosen, start, stop):
             data = zstd.decompress(data) if self._unwrap else bytes(data)
             yield connection.topic, nanoseconds, data

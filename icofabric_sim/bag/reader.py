@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Reading a recorded run: its topics, its messages in time order, and its custom data."""
+"""Reading of a bag: topics, messages in time order, and custom data."""
 from __future__ import annotations
 
 from collections import Counter
@@ -26,42 +26,42 @@ from typing import NamedTuple, Self
 from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
 from icofabric_sim.bag.parts import Part
-from icofabric_sim.bag.storage import decode_custom, merge_custom, PART, REPEATED, STORAGES
+from icofabric_sim.bag.storage import decode_custom, FILE_INDEX, merge_custom, REPEATED, STORAGES
 from icofabric_sim.messages import StringBytes
 from rosbags.interfaces import Qos, QosDurability
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE3_MAGIC = b'SQLite format 3\0'
 _SUFFIXES = tuple(STORAGES.values())
-# Files of a bag that are kept open; of bags with more, each is opened when its turn comes.
-_KEPT_OPEN = 16
+# Largest number of open files; with more files, each is opened when its turn comes.
+_MAX_OPEN_FILES = 16
 
 
 class BagTopic(NamedTuple):
     """
-    A topic of a bag; latched: offered transient local.
+    Topic of a bag; latched means offered as transient local.
 
-    `message_count` includes what the files of a split bag repeat of earlier ones.
+    `message_count` includes messages that files of a split bag repeat from earlier ones.
     """
 
     type_name: str
     message_count: int
     latched: bool
     depth: int
-    type_hash: str  # '' where the bag does not say: a bare file has none
+    type_hash: str  # '' if unknown: bare files have no hash
 
 
 class BagReader:
     """
-    Reads a bag folder, or a bare .mcap or .db3 file; open from its construction to `close`.
+    Reader of a bag folder, or of a bare .mcap or .db3 file, open until `close`.
 
-    Messages come one by one from the files, which are opened when their turn comes: a bag may be
-    larger than the memory, and have more files than a process may open. Latched messages that a
-    later file of a split bag repeats are left out, unless that file is read by itself.
+    Messages are read one by one, and files are opened when their turn comes: a bag may exceed the
+    memory and have more files than a process may open. Latched messages that a later file of a
+    split bag repeats are skipped, unless only that file is read.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the bag; BagError says what is wrong with it and what helps."""
+        """Open the bag; raise BagError with reason and remedy if it is unreadable."""
         self.path = Path(path).expanduser()
         check_finished(self.path)
         self._open_parts: dict[Path, Part] = {}
@@ -94,17 +94,17 @@ class BagReader:
 
     @property
     def start_time(self) -> int:
-        """Time of the first message [ns]; 0 in an empty bag."""
+        """Return the time of the first message [ns], 0 in an empty bag."""
         return self._span[0]
 
     @property
     def end_time(self) -> int:
-        """Time of the last message [ns]; 0 in an empty bag."""
+        """Return the time of the last message [ns], 0 in an empty bag."""
         return self._span[1]
 
     @property
     def custom(self) -> dict[str, str]:
-        """The custom data: from the metadata, else from the messages that repeat it."""
+        """Return the custom data from the metadata, or from the messages that repeat it."""
         if self._custom:
             return dict(self._custom)
         for topic, _, data in self.messages():
@@ -115,7 +115,7 @@ class BagReader:
 
     def custom_on(self, topic: str) -> dict[str, str]:
         """
-        The custom data in the messages of one topic: in a bag of several fabrics each has its own.
+        Return the custom data in the messages of one topic; each fabric in a bag has its own.
         """
         if topic not in self.topics:
             return {}
@@ -129,18 +129,17 @@ class BagReader:
         """
         Yield (topic, time [ns], message) with start <= time < stop, in order of time.
 
-        Messages of one time come in the order in which they were written. A topic that the bag
-        does not hold yields nothing.
+        Messages of equal time keep the order of writing. Unknown topics yield nothing.
         """
         wanted = {name for name in self.topics if topics is None or name in topics}
         if not wanted:
             return
         try:
             for group in _overlapping(self._files):
-                if _outside(group, start, stop):
+                if _has_no_message_in(group, start, stop):
                     continue
                 streams = [self._read(file.path, wanted, start, stop) for file in group]
-                # Messages of one time come from the earlier file first.
+                # Messages of equal time: the earlier file first.
                 yield from (streams[0] if len(streams) == 1 else
                             heapq.merge(*streams, key=lambda message: message[1]))
         except BagError:
@@ -148,10 +147,10 @@ class BagReader:
         except Exception as error:
             raise BagError(
                 f'{self.path} is damaged: {error}; for MCAP, `icofabric recover {self.path}` '
-                'saves what comes before') from error
+                'saves the messages before that') from error
 
     def close(self) -> None:
-        """Let go of the files; a second call changes nothing."""
+        """Close the files; a second call has no effect."""
         self._closed = True
         while self._open_parts:
             self._open_parts.popitem()[1].close()
@@ -172,8 +171,8 @@ class BagReader:
         if known is not None and known.type_name != type_name:
             self.close()
             raise BagError(
-                f'{self.path} holds {name} both as {known.type_name} and as {type_name}; only one '
-                'type to a topic can be read')
+                f'{self.path} contains {name} both as {known.type_name} and as {type_name}; only '
+                'one type for each topic can be read')
         self.topics[name] = BagTopic(
             type_name,
             message_count + (known.message_count if known is not None else 0),
@@ -190,44 +189,44 @@ class BagReader:
                 part = Part(path, compression_mode=self._mode)
             except BagError:
                 raise
-            except Exception as error:  # rosbags lets many kinds through when a file is malformed
+            except Exception as error:  # rosbags raises many exception types for malformed files
                 raise BagError(f'cannot read {path} as a bag: {error}') from error
-            if len(self._files) <= _KEPT_OPEN:
+            if len(self._files) <= _MAX_OPEN_FILES:
                 self._open_parts[path] = part
         return part
 
     def _read(
         self, path: Path, wanted: Collection[str], start: int | None, stop: int | None,
     ) -> Iterator[tuple[str, int, bytes]]:
-        """Yield what one file adds to the bag."""
+        """Yield the messages that one file adds to the bag."""
         time, counts = self._repeated(path)
         stored = self._stored(path, wanted, start, stop)
         if not counts.keys() & wanted:
             yield from stored
             return
         for message in stored:
-            # The repetitions are the first of their time.
+            # Repeated messages are the first of their time.
             if message[1] == time and counts[message[0]] > 0:
                 counts[message[0]] -= 1
             else:
                 yield message
 
     def _repeated(self, path: Path) -> tuple[int, Counter[str]]:
-        """Return the time [ns] and, by topic, the number of messages known from earlier files."""
+        """Return the time [ns] and the counts by topic of messages known from earlier files."""
         number = [file.path for file in self._files].index(path)
         if not number or not any(topic.latched for topic in self.topics.values()):
             return 0, Counter()
         time, said = self._heading(path)
         _, before = self._heading(self._files[number - 1].path)
         try:
-            # After a file that is lost they are news.
-            follows = int(said.get(PART, 0)) == int(before.get(PART, 0)) + 1
+            # After a lost file the repeated messages are new.
+            follows = int(said.get(FILE_INDEX, 0)) == int(before.get(FILE_INDEX, 0)) + 1
             return time, Counter(json.loads(said.get(REPEATED, '{}')) if follows else {})
         except (TypeError, ValueError):
             return 0, Counter()
 
     def _heading(self, path: Path) -> tuple[int, dict[str, str]]:
-        """Return the time [ns] and the custom data with which a file begins."""
+        """Return the time [ns] and the custom data at the start of a file."""
         if path not in self._headings:
             names = [name for name, topic in self.topics.items()
                      if name.endswith('/recording') and topic.type_name == StringBytes.TYPE]
@@ -248,7 +247,7 @@ class BagReader:
 
 
 def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
-    """Group files whose times overlap: those of another recorder may, by a message or two."""
+    """Group files whose times overlap, as those of other recorders may by a few messages."""
     group: list[MetadataFile] = []
     latest = -1
     for file in files:
@@ -262,8 +261,8 @@ def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
         yield group
 
 
-def _outside(group: list[MetadataFile], start: int | None, stop: int | None) -> bool:
-    """Whether none of the files can hold a message of the wanted times."""
+def _has_no_message_in(group: list[MetadataFile], start: int | None, stop: int | None) -> bool:
+    """Return whether no file of `group` can have a message between `start` and `stop`."""
     return all(
         file.first is not None and file.last is not None and (
             (start is not None and file.last < start) or (stop is not None and file.first >= stop))
@@ -271,7 +270,7 @@ def _outside(group: list[MetadataFile], start: int | None, stop: int | None) -> 
 
 
 def storage_files(path: Path) -> list[Path]:
-    """Return the .mcap and .db3 files of a bag, in the order in which they were recorded."""
+    """Return the .mcap and .db3 files of a bag in the order of recording."""
     if path.is_dir():
         found = [item for item in path.iterdir() if item.suffix in _SUFFIXES]
         return sorted(found, key=lambda item: (len(item.name), item.name))
@@ -279,7 +278,7 @@ def storage_files(path: Path) -> list[Path]:
 
 
 def check_finished(path: Path) -> None:
-    """Refuse, with the way out, what is not a bag and a recording that was never finished."""
+    """Raise BagError with a remedy for a path that is not a bag, or is unfinished."""
     if not path.exists():
         raise BagError(f'{path} does not exist')
     try:
@@ -287,7 +286,7 @@ def check_finished(path: Path) -> None:
         files = storage_files(path)
         if not described and not files or not path.is_dir() and path.suffix not in _SUFFIXES:
             raise BagError(
-                f'{path} is not a bag: it must be a folder that rosbag2 recorded, or one of the '
+                f'{path} is not a bag: it must be a folder recorded by rosbag2, or one of the '
                 '.mcap or .db3 files in it')
         unfinished = path.is_dir() and not described
         for file in files:
@@ -297,15 +296,15 @@ def check_finished(path: Path) -> None:
                 end = opened.read()
             if file.suffix == '.db3':
                 if start and start != _SQLITE3_MAGIC:
-                    raise BagError(f'{file} is not a bag: it does not begin as SQLite')
+                    raise BagError(f'{file} is not a bag: it has no SQLite header')
                 unfinished = unfinished or not start or Path(f'{file}-journal').exists()
             elif not _MCAP_MAGIC.startswith(start[:8]) and start:
-                raise BagError(f'{file} is not a bag: it does not begin as MCAP')
+                raise BagError(f'{file} is not a bag: it has no MCAP header')
             elif end != _MCAP_MAGIC or len(start) < 16:
                 unfinished = True
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from error
     if unfinished:
         raise BagError(
-            f'{path} was not finished, its recorder was killed or ran out of disk; '
-            f'`icofabric recover {path}` makes a whole bag of it')
+            f'{path} was not finished: its recorder was killed or ran out of disk space; '
+            f'`icofabric recover {path}` makes a complete bag of it')

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Reading a recorded run back: its scene, poses over time, markers, inputs and events."""
+"""Recorded run of a fabric: scene, poses, markers, inputs and events."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import json
@@ -53,33 +53,33 @@ class PoseFrame(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Simulated time [s]."""
+        """Return the simulated time [s]."""
         return seconds(self.nanoseconds)
 
 
 class RecordedInput(NamedTuple):
-    """A wrench at the time it acted."""
+    """Wrench and the time at which it acted."""
 
     nanoseconds: int
     topic: str
     frame_id: str
-    target: Target | None  # None: of no topic that this version records
+    target: Target | None  # None: a topic unknown to this version
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
 
     @property
     def time(self) -> float:
-        """Simulated time [s] at which it acted."""
+        """Return the simulated time [s] at which the wrench acted."""
         return seconds(self.nanoseconds)
 
     @property
     def is_zero(self) -> bool:
-        """Whether it clears its channel."""
+        """Return whether the wrench clears its channel."""
         return not (self.force.any() or self.torque.any())
 
 
 class RecordedEvent(NamedTuple):
-    """What was done to the run beside its inputs, see `Broadcast.event`."""
+    """Operation on the run other than an input, see `Broadcast.event`."""
 
     nanoseconds: int
     name: str
@@ -87,18 +87,18 @@ class RecordedEvent(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Simulated time [s] at which it happened."""
+        """Return the simulated time [s] of the event."""
         return seconds(self.nanoseconds)
 
 
 class RecordedRun:
-    """A bag of one fabric, open from the construction to `close`."""
+    """Bag of one fabric, open until `close`."""
 
     def __init__(self, path: str | Path, node: str = '') -> None:
         """
-        Open a bag folder or file; BagError says what is wrong with it.
+        Open a bag folder or file; raise BagError if it is unreadable.
 
-        `node` is the name of the fabric's node; '': the first of those that recorded poses.
+        `node` is the name of the fabric's node; '': the first one that recorded poses.
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
@@ -113,10 +113,10 @@ class RecordedRun:
         if node and not any(name.startswith(f'{node}/') for name in self.topics):
             self.close()
             raise BagError(
-                f'{self.path} holds no topics of {node!r}; its fabrics: '
+                f'{self.path} contains no topics of {node!r}; its fabrics: '
                 f'{", ".join(self.nodes) or "none"}'
             )
-        # What the recorder says; of several fabrics each has said its own.
+        # Custom data of the recorder; with several fabrics each has its own.
         self.custom = (
             self._reader.custom_on(f'{self.node}/recording') if len(self.nodes) > 1 else {}
         ) or self._reader.custom
@@ -124,22 +124,22 @@ class RecordedRun:
 
     @property
     def start(self) -> int:
-        """Time of the first message [ns]."""
+        """Return the time of the first message [ns]."""
         return self._reader.start_time
 
     @property
     def end(self) -> int:
-        """Time of the last message [ns]."""
+        """Return the time of the last message [ns]."""
         return self._reader.end_time
 
     def pose_times(self) -> np.ndarray:
-        """Times [ns] of all recorded poses, ascending."""
+        """Return the times [ns] of all recorded poses in ascending order."""
         self._require_poses()
         times = (time for _, time, _ in self._reader.messages([f'{self.node}/poses']))
         return np.unique(np.fromiter(times, dtype=np.int64))
 
     def poses(self, times: Sequence[int] | np.ndarray | None = None) -> Iterator[PoseFrame]:
-        """Yield the poses of the given recorded times [ns], all by default, in order of time."""
+        """Yield the poses of the given recorded times [ns], by default all, in order of time."""
         self._require_poses()
         wanted = None if times is None else {int(time) for time in times}
         previous = -1
@@ -151,7 +151,7 @@ class RecordedRun:
             yield PoseFrame(time, values[:, :3], values[:, 3:])
 
     def markers(self, time: int) -> list[MarkerPoints]:
-        """Connector lists as they are shown at `time` [ns]."""
+        """Return the connector lists shown at `time` [ns]."""
         shown: dict[int, MarkerPoints] = {}
         for _, _, data in self._reader.messages([f'{self.node}/connectors'], stop=time + 1):
             marker = self.decoded(decode_marker_points, data)
@@ -165,9 +165,9 @@ class RecordedRun:
 
     def breaks(self) -> list[tuple[int, np.ndarray]]:
         """
-        All that had broken by some times [ns]: connector and time of breakage [s], (m, 2) each.
+        Return the time [ns] of each breakage message, with connector and break time [s], (m, 2).
 
-        A connector of -1 - k is the anchor k.
+        All connectors broken until that time are listed; -1 - k stands for anchor k.
         """
         def pairs(data: bytes) -> np.ndarray:
             return np.array(decode_float64_multi_array(data).values).reshape(-1, 2)
@@ -177,7 +177,7 @@ class RecordedRun:
             for _, time, data in self._reader.messages([f'{self.node}/broken'])]
 
     def inputs(self) -> list[RecordedInput]:
-        """All wrenches received, in the order in which they acted."""
+        """Return all received wrenches in the order in which they acted."""
         names = [
             name
             for name, topic in self.topics.items()
@@ -193,22 +193,22 @@ class RecordedRun:
         return result
 
     def events(self) -> Iterator[RecordedEvent]:
-        """What was done to the run beside its inputs, in order of time."""
+        """Yield the events of the run in order of time."""
         for _, time, data in self._reader.messages([f'{self.node}/events']):
             yield self.event(time, data)
 
     def event(self, time: int, data: bytes) -> RecordedEvent:
-        """The event in a message of `time` [ns]."""
+        """Return the event in a message of `time` [ns]."""
         try:
             facts = json.loads(self.decoded(decode_string, data))
             return RecordedEvent(time, str(facts.pop('event')), facts)
         except (ValueError, KeyError, AttributeError, TypeError) as error:
             raise BagError(
-                f'{self.path} holds an invalid event at t = {seconds(time):.9g} s: {error!r}'
+                f'{self.path} contains an invalid event at t = {seconds(time):.9g} s: {error!r}'
             ) from error
 
     def times_of(self, name: str) -> list[int]:
-        """Times [ns] of all messages of the private topic `name` ('~/...')."""
+        """Return the times [ns] of all messages of the private topic `name` ('~/...')."""
         resolved = self.node + name.removeprefix('~')
         return [time for _, time, _ in self._reader.messages([resolved])]
 
@@ -217,10 +217,10 @@ class RecordedRun:
         names: Collection[str] | None = None,
     ) -> Iterator[tuple[str, int, bytes]]:
         """
-        Yield (topic, time [ns], message) of this fabric, /clock, /diagnostics, /tf, in a span.
+        Yield (topic, time [ns], message) of this fabric, /clock, /diagnostics and /tf.
 
-        In order of time, start <= time < stop, and then as they were written; the fabric's own
-        topics are named '~/...'. `names`: of these only.
+        Messages with start <= time < stop come in order of time, then of writing. Topics of the
+        fabric are named '~/...'; `names` selects topics.
         """
         chosen = {name: f'~{name.removeprefix(self.node)}' for name in self.topics
                   if name.startswith(f'{self.node}/')}
@@ -230,7 +230,7 @@ class RecordedRun:
             yield chosen[name], time, data
 
     def scene_texts(self) -> list[tuple[int, str]]:
-        """Times [ns] from which the scenes hold, and their parameter files; mostly one."""
+        """Return pairs of start time [ns] and parameter file of each scene; mostly one pair."""
         name = f'{self.node}/weave'
         texts = []
         if name in self.topics and self.topics[name].type_name == StringBytes.TYPE:
@@ -243,22 +243,22 @@ class RecordedRun:
         return texts
 
     def scene_at(self, time: int) -> Scene:
-        """Scene in force at `time` [ns]; BagError where the bag does not say."""
+        """Return the scene in force at `time` [ns]; raise BagError if the bag has none."""
         number, text = self._text_at(time)
         if number not in self._scenes:
             self._scenes[number] = self.build(self.parameters_of(text))
         return self._scenes[number]
 
     def parameters_at(self, time: int) -> Parameters:
-        """Parameters in force at `time` [ns]; BagError where the bag does not say."""
+        """Return the parameters in force at `time` [ns]; raise BagError if the bag has none."""
         return self.parameters_of(self._text_at(time)[1])
 
     def _text_at(self, time: int) -> tuple[int, str]:
-        """Number and text of the scene in force at `time` [ns]."""
+        """Return number and text of the scene in force at `time` [ns]."""
         texts = self.scene_texts()
         if not texts:
             raise BagError(
-                f'{self.path} does not hold its scene ({self.node}/weave); only runs that this '
+                f'{self.path} does not contain its scene ({self.node}/weave); only runs that this '
                 'simulator recorded can be read as fabrics'
             )
         before = [number for number, (start, _) in enumerate(texts) if start <= time]
@@ -266,7 +266,7 @@ class RecordedRun:
         return number, texts[number][1]
 
     def parameters_of(self, text: str) -> Parameters:
-        """The parameters that a parameter file holds; BagError where they cannot be taken."""
+        """Return the parameters of a parameter file; raise BagError if they are invalid."""
         parameters = ParameterSet('/icofabric')
         try:
             parameters.add_file(text.encode(), 'its scene')
@@ -275,14 +275,14 @@ class RecordedRun:
             raise self._unknown_scene(error) from error
 
     def build(self, parameters: Parameters) -> Scene:
-        """The scene of recorded parameters; BagError where this version cannot build it."""
+        """Return the scene of recorded parameters; raise BagError if it cannot be built."""
         try:
             return Scene.from_parameters(parameters)
         except ValueError as error:
             raise self._unknown_scene(error) from error
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._reader.close()
 
     def __enter__(self) -> Self:
@@ -297,32 +297,32 @@ class RecordedRun:
         self.close()
 
     def _unknown_scene(self, error: ValueError) -> BagError:
-        return BagError(f'{self.path} holds a scene that this version cannot build: {error}')
+        return BagError(f'{self.path} contains a scene that this version cannot build: {error}')
 
     def decoded(self, decode: Callable[[bytes], _Message], data: bytes) -> _Message:
-        """A message as `decode` reads it; BagError where it is malformed."""
+        """Return a message decoded by `decode`; raise BagError if it is malformed."""
         try:
             return decode(data)
         except ValueError as error:
-            raise BagError(f'{self.path} holds a message that is malformed: {error}') from error
+            raise BagError(f'{self.path} contains a malformed message: {error}') from error
 
     def _require_poses(self) -> None:
         if f'{self.node}/poses' not in self.topics:
             raise BagError(
-                f'{self.path} holds no poses (a geometry_msgs/PoseArray on .../poses); its '
+                f'{self.path} contains no poses (a geometry_msgs/PoseArray on .../poses); its '
                 f'topics: {", ".join(sorted(self.topics)) or "none"}'
             )
 
 
 def active_inputs(inputs: Sequence[RecordedInput], time: int) -> list[RecordedInput]:
     """
-    The wrench that holds on each channel at `time` [ns]; zero ones are left out.
+    Return the active wrench of each channel at `time` [ns], without zero ones.
 
-    Hold times are not counted.
+    Hold times are ignored.
     """
     latest: dict[tuple[str, str], RecordedInput] = {}
     for entry in inputs:
         if entry.nanoseconds <= time:
-            # Wrenches on single bodies share a topic and are distinguished by their frame.
+            # Wrenches on single bodies share a topic and differ in their frame.
             latest[entry.topic, entry.frame_id] = entry
     return [entry for entry in latest.values() if not entry.is_zero]

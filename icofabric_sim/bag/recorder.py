@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Recording beside the simulation: messages are handed over, a thread of its own writes them."""
+"""Recorder that writes messages from its own thread."""
 from __future__ import annotations
 
 import atexit
@@ -27,12 +27,12 @@ from typing import Literal, Self, SupportsIndex
 
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.folder import absolute_path, BagError
-from icofabric_sim.bag.handover import End, Handover, Heading, Message, RecorderStatistics
+from icofabric_sim.bag.handover import End, Heading, Message, MessageQueue, RecorderStatistics
 from icofabric_sim.bag.storage import (
     CONTINUED,
     definition,
     encode_custom,
-    PART,
+    FILE_INDEX,
     quality_of_service,
     REPEATED,
     STOPPED,
@@ -41,29 +41,31 @@ from icofabric_sim.bag.storage import (
 from icofabric_sim.messages import StringBytes
 from rosbags.interfaces import QosDurability
 
-# [s] of wall time: a killed recording may lose a second, and the writing takes part of it.
-FLUSH_INTERVAL = 0.25
+# [s] of wall time: a killed recording may lose one second, of which writing takes a part.
+FLUSH_INTERVAL_S = 0.25
 QUEUE_BYTES = 128 * 2**20
 CUSTOM_TOPIC = '/icofabric/recording'
 
 
 class BagRecorder:
     """
-    Writes messages to a new rosbag2 bag from a thread of its own, in the order handed over.
+    Recorder of messages to a new rosbag2 bag, written by a separate thread in order.
 
-    The queue between is bounded in bytes. When it is full, `overflow='wait'` makes `write` wait
-    (a run without a deadline loses nothing), `overflow='drop'` refuses the message and counts it
-    (a live simulation is not slowed by its disk). Essential messages are never dropped: they may
-    fill the queue a second time over; then `write` waits, or, under 'drop', the recording ends.
+    The queue to the thread is bounded in bytes. When it is full, `overflow='wait'` lets `write`
+    wait (a run without a deadline loses nothing), and `overflow='drop'` rejects and counts the
+    message (a live simulation is not slowed by its disk). Essential messages are never dropped:
+    they may fill the queue a second time. After that `write` waits or, with 'drop', the recording
+    ends.
 
-    A disk error ends the recording, never the caller: it is kept in `error`, passed once to
-    `on_error` (mostly from the writing thread), and messages after it are counted as lost. What
-    was recorded before stays a whole bag where the disk still takes the few bytes of its end.
+    A disk error ends the recording but not the caller. The error is stored in `error` and passed
+    once to `on_error`, usually from the writing thread; later messages count as lost. The data
+    recorded before stays a complete bag if the disk accepts the few bytes of its end.
 
-    Custom data goes to the metadata when the bag is closed, and at once into a message of JSON on
-    `custom_topic`, the first of the bag: a bag that is killed has no metadata. Each further file
-    of a split bag begins with them too, and with the last message of each latched topic, so that
-    each can be read by itself; BagReader leaves out these repetitions where it reads the whole.
+    Custom data is written to the metadata when the bag is closed, and at once as a JSON message on
+    `custom_topic`, the first message of the bag, because a killed bag has no metadata. Each
+    further file of a split bag starts with the custom data and the last message of each latched
+    topic, so that it can be read alone. BagReader skips these repetitions when it reads the entire
+    bag.
     """
 
     def __init__(
@@ -77,17 +79,17 @@ class BagRecorder:
         split_size: int = 0,
         split_duration: float = 0.0,
         queue_bytes: int = QUEUE_BYTES,
-        flush_interval: float = FLUSH_INTERVAL,
+        flush_interval: float = FLUSH_INTERVAL_S,
         patience: float | None = None,
         on_error: Callable[[BagError], None] | None = None,
     ) -> None:
         """
-        Open a new bag; where that is not possible, BagError names `record.path` and the reason.
+        Open a new bag; raise BagError with `record.path` and the reason if that is impossible.
 
-        `start` is the simulated time [ns] at which the first custom data is written. A file that
-        has `split_size` [bytes], or spans more than `split_duration` [s], is followed by a next
-        one; 0: never. A disk that does not answer within the `patience` [s] is not waited for:
-        the error then comes, if any, as one of the recording; None: it is waited for.
+        `start` is the simulated time [ns] of the first custom data. A file that exceeds
+        `split_size` [bytes] or `split_duration` [s] is followed by another file; 0: no limit.
+        `patience` [s] limits the wait for a disk that does not respond; a later error is then
+        reported as an error of the recording. None: no limit.
         """
         if overflow not in ('wait', 'drop'):
             raise ValueError(f'overflow must be wait or drop, got {overflow!r}')
@@ -110,11 +112,11 @@ class BagRecorder:
         self._on_error = on_error
         self._latest = operator.index(start)
         self._types: dict[str, str] = {}
-        self._handover = Handover(queue_bytes, overflow)
+        self._handover = MessageQueue(queue_bytes, overflow)
         self._failing = threading.Lock()
         self._opened = threading.Event()
         self._awaited = True
-        # A daemon, so that a program that ends without closing does not hang; atexit closes it.
+        # A daemon thread, so that a program that does not close the bag can end; atexit closes it.
         self._thread = threading.Thread(
             target=self._run, name=f'recorder of {self.path.name}', daemon=True,
             args=(compression, split_size, round(split_duration * 1e9), custom))
@@ -130,16 +132,16 @@ class BagRecorder:
 
     @property
     def survives_kill(self) -> bool:
-        """Whether what was flushed can always be recovered when the process is killed."""
+        """Return whether flushed data can always be recovered after a kill."""
         return self.storage == 'mcap'
 
     def add_topic(
         self, topic: str, type_name: str, *, latched: bool = False, depth: int | None = None,
     ) -> None:
         """
-        Add a topic before its first message; the same topic again changes nothing.
+        Add a topic before its first message; repeated calls have no effect.
 
-        It is offered reliable; latched: transient local, with depth 1 unless given.
+        The topic is offered as reliable; if latched, as transient local with depth 1 unless given.
         """
         if depth is not None and not depth > 0:
             raise ValueError(f'depth of {topic} must be positive, got {depth!r}')
@@ -156,12 +158,14 @@ class BagRecorder:
     def write(
         self, topic: str, nanoseconds: SupportsIndex, data: bytes, *, essential: bool = False,
     ) -> bool:
-        """Hand over a message at its simulated time [ns]; False when it will not be in the bag."""
+        """
+        Queue a message at its simulated time [ns]; return False if it will not be in the bag.
+        """
         nanoseconds = operator.index(nanoseconds)
         if not 0 <= nanoseconds < 2**63:
             raise ValueError(f'the time of a message on {topic} must lie in 0 to 2^63 ns, '
                              f'got {nanoseconds}')
-        if type(data) is not bytes:  # others may still change while they wait
+        if type(data) is not bytes:  # other types may change while queued
             raise TypeError(f'a message on {topic} must be bytes, got {type(data).__name__}')
         if topic not in self._types:
             raise ValueError(f'{topic} must be added before its first message')
@@ -171,24 +175,26 @@ class BagRecorder:
         except TimeoutError:
             self._handover.give_up()
             self._fail(BagError(
-                f'recording to {self.path} stopped: the disk is too slow, {topic} finds no room '
-                'in the queue and must not be left out; choose a faster disk, lower rates or '
+                f'recording to {self.path} stopped: the disk is too slow, the queue is full '
+                'and {topic} must not be dropped; choose a faster disk, lower rates or '
                 'fewer outputs'))
             return False
 
     def has_room(self, size: int) -> bool:
-        """Whether a message of `size` [bytes] that is not essential would find room now."""
+        """
+        Return whether a message of `size` [bytes] that is not essential would be accepted now.
+        """
         return self._handover.has_room(size)
 
     def set_custom(self, key: str, value: str) -> None:
-        """Set one entry of the custom data, in the metadata and as a message of its own."""
+        """Set an entry of the custom data, in the metadata and as a message."""
         _check_custom({key: value})
         self._custom = {**self._custom, key: value}  # the writing thread may read the old one
         self._handover.put_notice(Heading(key, value))
         self._announce({key: value})
 
     def set_heading(self, key: str, value: str) -> None:
-        """Set the custom data of the later files of a split bag."""
+        """Set the custom data of later files of a split bag."""
         _check_custom({key: value})
         self._handover.put_notice(Heading(key, value))
 
@@ -198,13 +204,13 @@ class BagRecorder:
 
     def close(self, patience: float | None = None) -> bool:
         """
-        Write what is queued and finish the bag; a second call changes nothing.
+        Write the queue and finish the bag; a second call has no effect.
 
-        False where that takes longer than the `patience` [s]: it goes on, and may be awaited by
-        another call.
+        Return False if this takes longer than `patience` [s]; closing continues, and another call
+        may wait for it.
         """
         self._handover.end()
-        if threading.current_thread() is not self._thread:  # `on_error` may close too
+        if threading.current_thread() is not self._thread:  # `on_error` may also close
             self._thread.join(patience)
             if self._thread.is_alive():
                 return False
@@ -227,7 +233,7 @@ class BagRecorder:
     def _run(
         self, compression: str, split_size: int, split_duration: int, custom: dict[str, str],
     ) -> None:
-        """Open, fill and close the bag: all in this thread, as SQLite demands."""
+        """Open, fill and close the bag, all in this thread, as SQLite requires."""
         try:
             file = BagFile(
                 self.path, self.storage, compression=compression, split_size=split_size,
@@ -242,19 +248,19 @@ class BagRecorder:
             self._opened.set()
             return
         self._opened.set()
-        writing = _Writing(file, self._custom_topic, dict(custom))
+        writing = _BagWriter(file, self._custom_topic, dict(custom))
         try:
             self._write_all(writing)
             file.close(self._custom)
         except Exception as error:
-            # Whatever it is, the simulation goes on, and the error is reported to it.
+            # The simulation continues after any error, which is reported.
             said = (error.strerror if isinstance(error, OSError) else str(error)) or repr(error)
             whole = file.salvage({**self._custom, STOPPED: said})
             self._handover.give_up(written=max(0, file.message_count - writing.extra))
-            self._fail(self._explain(error, said, whole))
+            self._fail(self._describe_error(error, said, whole))
 
-    def _write_all(self, writing: _Writing) -> None:
-        flush_due: float | None = None  # None while all that was written is on the disk
+    def _write_all(self, writing: _BagWriter) -> None:
+        flush_due: float | None = None  # None while everything is on the disk
         while not isinstance(item := self._handover.take(flush_due), End):
             if isinstance(item, Message):
                 writing.write(item)
@@ -268,11 +274,11 @@ class BagRecorder:
                 writing.file.flush()
                 flush_due = None
 
-    def _explain(self, reason: Exception, said: str, whole: bool) -> BagError:
+    def _describe_error(self, reason: Exception, said: str, whole: bool) -> BagError:
         way_out = 'make room or choose another record.path'
         if self.statistics.written:
-            way_out += ('; what was recorded until then is a whole bag' if whole else
-                        f'; `icofabric recover {self.path}` saves what was recorded until then')
+            way_out += ('; the data recorded before is a complete bag' if whole else
+                        f'; `icofabric recover {self.path}` saves the data recorded before')
         error = BagError(f'recording to {self.path} stopped: {said}; {way_out}')
         error.__cause__ = reason
         return error
@@ -286,15 +292,15 @@ class BagRecorder:
             self._on_error(error)
 
 
-class _Writing:
-    """The bag as the writing thread fills it, file after file."""
+class _BagWriter:
+    """Bag as filled by the writing thread, file after file."""
 
     def __init__(self, file: BagFile, custom_topic: str, heading: dict[str, str]) -> None:
         self.file, self.heading = file, heading
-        self.extra = 0  # messages that the recorder adds itself
+        self.extra = 0  # messages added by the recorder
         self._custom_topic = custom_topic
         self._part = self._latest = 0
-        self._latched: dict[str, deque[bytes]] = {}  # what a late joiner would get of each topic
+        self._latched: dict[str, deque[bytes]] = {}  # messages for late subscribers
 
     def add_topic(self, topic: TopicEntry) -> None:
         self.file.add_topic(topic)
@@ -311,7 +317,9 @@ class _Writing:
             self._latched[message.topic].append(message.data)
 
     def _begin_file(self, nanoseconds: int) -> None:
-        """Split the bag; with custom data each file tells its neighbours and the latched state."""
+        """
+        Split the bag; custom data in each file link it to the others and repeat latched messages.
+        """
         if self.heading:
             said = encode_custom({CONTINUED: self.file.next_name})
             self._add(self._custom_topic, self._latest, said)
@@ -321,7 +329,7 @@ class _Writing:
             return
         counts = {topic: len(kept) for topic, kept in self._latched.items() if kept}
         self._add(self._custom_topic, nanoseconds, encode_custom(
-            {**self.heading, PART: str(self._part), REPEATED: json.dumps(counts)}))
+            {**self.heading, FILE_INDEX: str(self._part), REPEATED: json.dumps(counts)}))
         for topic, kept in self._latched.items():
             for data in kept:
                 self._add(topic, nanoseconds, data)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Making a whole bag of one whose recorder was killed or ran out of disk."""
+"""Recovery of a bag whose recorder was killed or ran out of disk space."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -36,14 +36,14 @@ from icofabric_sim.bag.storage import (
     TopicEntry,
 )
 
-_PROGRESS_EVERY = 256  # messages
+_PROGRESS_INTERVAL = 256  # messages
 
 
 class RecoveryReport(NamedTuple):
     """
-    What was saved: messages of each topic, times of the first and last [ns], and the custom data.
+    Recovered messages by topic, times of the first and last [ns], and custom data.
 
-    `damage` says where reading ended; it is empty when the source was whole.
+    `damage` describes where reading ended; it is empty for a complete source.
     """
 
     path: Path
@@ -63,12 +63,11 @@ def recover_bag(
     on_progress: Callable[[float], None] | None = None,
 ) -> RecoveryReport:
     """
-    Copy every readable message of a bag, or of a bare file of it, into a new bag that is whole.
+    Copy every readable message of a bag, or of a bare file, into a new complete bag.
 
-    MCAP yields all up to the last closed chunk, SQLite all up to the last commit. The storage,
-    the compression, the files of a split bag, the topics with their QoS, the order and the custom
-    data stay as they were. `on_progress` gets the part done, 0 to 1. The source is not
-    changed.
+    MCAP yields all messages up to the last closed chunk, SQLite all up to the last commit.
+    Storage, compression, files of a split bag, topics with their QoS, order and custom data are
+    preserved. `on_progress` receives the completed fraction, 0 to 1. The source is not changed.
     """
     source, destination = Path(source).expanduser(), absolute_path(destination)
     if not source.exists():
@@ -76,20 +75,20 @@ def recover_bag(
     files = storage_files(source)
     storages = {suffix: storage for storage, suffix in STORAGES.items()}
     if not files or not all(file.suffix in storages for file in files):
-        raise BagError(f'{source} holds no .mcap or .db3 file to recover')
-    writer = _Copy(destination, storages[files[0].suffix])
+        raise BagError(f'{source} contains no .mcap or .db3 file to recover')
+    writer = _RecoveredBag(destination, storages[files[0].suffix])
     damages: list[str] = []
     try:
         for index, file in enumerate(files):
             writer.begin_file()
             for count, (part, message) in enumerate(_read(file, writer, damages)):
                 writer.write(message)
-                if on_progress is not None and count % _PROGRESS_EVERY == 0:
+                if on_progress is not None and count % _PROGRESS_INTERVAL == 0:
                     on_progress((index + part) / len(files))
         damage = '; '.join(damages)
         if not any(writer.counts.values()):
             raise BagError(
-                f'nothing can be recovered from {source}: no message was complete on the disk'
+                f'nothing can be recovered from {source}: the disk has no complete message'
                 + (f' ({damage})' if damage else ''))
         report = writer.finish(damage)
     except BaseException as error:
@@ -104,31 +103,31 @@ def recover_bag(
 
 
 def recover_mcap(source: str | Path, destination: str | Path) -> RecoveryReport:
-    """Make a killed MCAP bag whole; `recover_bag` with its defaults."""
+    """Recover a killed MCAP bag: `recover_bag` with its defaults."""
     return recover_bag(source, destination)
 
 
-class _Copy:
-    """The new bag; its folder appears with the first message."""
+class _RecoveredBag:
+    """New bag, whose folder is created with the first message."""
 
     def __init__(self, path: Path, storage: str) -> None:
         self.path, self.storage = path, storage
-        self.compressed = False  # whether the messages read now come from compressed ones
+        self.compressed = False  # whether the messages being read were compressed
         self.counts: dict[str, int] = {}
         self._file: BagFile | None = None
         self._types: dict[str, str] = {}
-        self._new: list[ScannedTopic] = []  # not yet in the file, which begins with a message
+        self._new: list[ScannedTopic] = []  # not yet in the file, which starts with a message
         self._times: tuple[int, int] | None = None
         self._custom: dict[str, str] = {}
         self._custom_topic: str | None = None
         self._split_due = False
 
     def begin_file(self) -> None:
-        """Have the next message begin a file of its own, as in the source."""
+        """Start a new file with the next message, as in the source."""
         self._split_due = self._file is not None
 
     def add_topic(self, topic: ScannedTopic) -> None:
-        """Declare a topic, which may have no messages; the same again changes nothing."""
+        """Declare a topic, possibly without messages; repeated calls have no effect."""
         if topic.name not in self._types:
             self._types[topic.name] = topic.type_name
             self._new.append(topic)
@@ -178,11 +177,11 @@ class _Copy:
             shutil.rmtree(self.path, ignore_errors=True)
 
 
-_Read = Iterator[tuple[float, ScannedMessage]]  # with the part of the file that was read, 0 to 1
+_Read = Iterator[tuple[float, ScannedMessage]]  # with the fraction read, 0 to 1
 
 
-def _read(path: Path, writer: _Copy, damages: list[str]) -> _Read:
-    """Yield what can be read of a file, and note what cannot."""
+def _read(path: Path, writer: _RecoveredBag, damages: list[str]) -> _Read:
+    """Yield the readable messages of a file, and record the damage."""
     read = _read_mcap if path.suffix == '.mcap' else _read_sqlite3
     try:
         yield from read(path, writer, damages)
@@ -190,7 +189,7 @@ def _read(path: Path, writer: _Copy, damages: list[str]) -> _Read:
         damages.append(f'{path.name} ends early: {error}')
 
 
-def _read_mcap(path: Path, writer: _Copy, damages: list[str]) -> _Read:
+def _read_mcap(path: Path, writer: _RecoveredBag, damages: list[str]) -> _Read:
     size = max(1, path.stat().st_size)
     scan = McapScan(
         path, on_damage=lambda text: damages.append(f'{path.name}: {text}'),
@@ -200,7 +199,7 @@ def _read_mcap(path: Path, writer: _Copy, damages: list[str]) -> _Read:
         yield message.offset / size, message
 
 
-def _read_sqlite3(path: Path, writer: _Copy, damages: list[str]) -> _Read:
+def _read_sqlite3(path: Path, writer: _RecoveredBag, damages: list[str]) -> _Read:
     with contextlib.ExitStack() as stack:
         try:
             file = stack.enter_context(contextlib.closing(_open_sqlite3(path, writer.path, stack)))
@@ -218,14 +217,14 @@ def _read_sqlite3(path: Path, writer: _Copy, damages: list[str]) -> _Read:
             finished = file.is_finished()
         except OSError:
             raise
-        except Exception as error:  # whatever damaged pages lead to
+        except Exception as error:  # any error that damaged pages cause
             raise Damage(str(error)) from error
     if not finished:
-        raise Damage('it was not closed, and what was not committed is not in it')
+        raise Damage('it was not closed, and uncommitted messages are lost')
 
 
 def _open_sqlite3(path: Path, beside: Path, stack: contextlib.ExitStack) -> Sqlite3Reader:
-    """Open a file; where a transaction was broken off, a copy of it, for SQLite to make good."""
+    """Open a file, or a copy that SQLite repairs if a transaction was interrupted."""
     companions = [Path(f'{path}{ending}') for ending in ('-journal', '-wal')]
     if not any(item.exists() and item.stat().st_size for item in companions):
         return Sqlite3Reader(path)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""One SQLite file of a bag, written and read; its tables are those of rosbag2's own plugin."""
+"""Writer and reader of one SQLite file of a bag, with the tables of rosbag2's plugin."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -34,8 +34,8 @@ from icofabric_sim.bag.storage import (
 )
 from rosbags.interfaces import Qos
 
-# rosbag2 refuses to split by less: an empty file has nearly that size.
-SMALLEST_SPLIT = 86016
+# Smallest size at which rosbag2 splits: an empty file is almost that large.
+MIN_SPLIT_BYTES = 86016
 _METADATA_VERSION = 9
 _TABLES = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
@@ -56,10 +56,10 @@ CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 
 
 class Sqlite3File:
-    """One .db3 file being written, a transaction for each flush."""
+    """.db3 file being written, with one transaction for each flush."""
 
     def __init__(self, path: Path, *, compression: str, metadata: str, distribution: str) -> None:
-        """Begin a new file; `metadata` says what is known of the bag so far."""
+        """Create a file; `metadata` is the metadata of the bag so far."""
         self.path = path
         self.tally = Tally()
         self._pending = Tally()
@@ -69,7 +69,7 @@ class Sqlite3File:
         path.touch(exist_ok=False)
         try:
             self._database = sqlite3.connect(path, isolation_level=None)
-            # A lost power then costs the last transactions at most, and each waits less.
+            # A power failure then costs at most the last transactions, and each commit waits less.
             self._database.execute('PRAGMA synchronous=NORMAL')
             self._database.execute('BEGIN')
             for statement in _TABLES.split(';'):
@@ -106,7 +106,7 @@ class Sqlite3File:
 
     def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
         self._begin()
-        # Each message a frame of its own that says its size: all that rosbag2's reader takes.
+        # Each message is a frame with its size: the only form that rosbag2's reader accepts.
         self._database.execute(
             'INSERT INTO messages (topic_id, timestamp, data) VALUES(?, ?, ?)',
             (self._numbers[topic], nanoseconds,
@@ -114,7 +114,7 @@ class Sqlite3File:
         self._pending.add(topic, nanoseconds)
 
     def flush(self) -> None:
-        # After some errors SQLite has rolled back by itself.
+        # SQLite rolls back automatically after some errors.
         if self._database.in_transaction:
             self._database.execute('COMMIT')
             self.tally.merge(self._pending)
@@ -126,7 +126,7 @@ class Sqlite3File:
         self._pending = Tally()
 
     def shorten(self) -> bool:
-        return False  # deleted rows leave the file as large as it was
+        return False  # deleting rows does not shrink the file
 
     def finish(self, metadata: str) -> None:
         self._put_metadata(metadata)
@@ -147,7 +147,7 @@ class Sqlite3File:
 
 
 class StoredTopic(NamedTuple):
-    """A topic as a file holds it."""
+    """Topic as stored in a file."""
 
     number: int
     name: str
@@ -158,21 +158,21 @@ class StoredTopic(NamedTuple):
 
     @property
     def qos(self) -> list[Qos]:
-        """The profiles, read."""
+        """Return the parsed QoS profiles."""
         return parse_qualities_of_service(self.profiles)
 
 
 class Sqlite3Reader:
-    """One .db3 file that is read; nothing is changed on the disk, and no lock is taken."""
+    """.db3 file being read, without changes on the disk and without locks."""
 
     def __init__(self, path: Path, *, unfinished: bool = False) -> None:
-        """Open the file; an `unfinished` one is first made good by SQLite, which writes to it."""
+        """Open the file; an `unfinished` one is first repaired by SQLite, which writes to it."""
         mode = 'rw' if unfinished else 'ro&immutable=1'
         self.path = path
         try:
             self._database = sqlite3.connect(
                 f'file:{quote(str(path))}?mode={mode}', uri=True, check_same_thread=False)
-            # Whatever bytes are stored as text must not cost the messages.
+            # Invalid text must not make the messages unreadable.
             self._database.text_factory = lambda data: data.decode(errors='replace')
             try:
                 self.topics = self._read_topics()
@@ -199,7 +199,7 @@ class Sqlite3Reader:
         self, names: Collection[str] | None, start: int | None, stop: int | None,
         *, by_time: bool = True,
     ) -> Iterator[tuple[str, int, bytes]]:
-        """Yield messages in order of time, those of one time as written; else all as written."""
+        """Yield messages in order of time and writing, or only of writing."""
         topics = {topic.number: topic.name for topic in self.topics
                   if names is None or topic.name in names}
         wanted = ', '.join(str(number) for number in topics)
@@ -216,7 +216,7 @@ class Sqlite3Reader:
             yield topics[number], nanoseconds, data
 
     def is_finished(self) -> bool:
-        """Whether the recording was closed: then the metadata count the messages."""
+        """Return whether the recording was closed, so that the metadata count the messages."""
         if not self._has('metadata'):
             return True  # rosbag2 before Iron
         stored = self._metadata()
@@ -241,11 +241,9 @@ class Sqlite3Reader:
             for number, name, type_name, digest, profiles in rows]
 
     def _is_compressed(self) -> bool:
-        """
-        Whether each message is a frame of zstd; the metadata of the folder need not be there.
-        """
+        """Return whether each message is a zstd frame; the folder may have no metadata."""
         first = self._database.execute('SELECT data FROM messages LIMIT 1').fetchone()
-        # No message of CDR begins so: its first byte is 0.
+        # No CDR message starts like this: its first byte is 0.
         return first is not None and bytes(first[0][:4]) == b'\x28\xb5\x2f\xfd'
 
     def _metadata(self) -> dict[str, object]:

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What a bag is made of: message types, qualities of service, custom data, folders."""
+"""Elements of a bag: message types, QoS profiles, custom data, folders."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
@@ -35,37 +35,37 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestor
 from rosbags.typesys.store import Typestore
 import yaml
 
-STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}  # and how their files end
+STORAGES = {'mcap': '.mcap', 'sqlite3': '.db3'}  # with file suffixes
 COMPRESSIONS = ('none', 'zstd')
 
 UNKNOWN_HASH = 'RIHS01_' + 64 * '0'
 
-# What rosbag2 writes for a duration that was never set (rmw/time.h, RMW_DURATION_INFINITE).
-_NO_LIMIT = QosTime(9223372036, 854775807)
-# Keys in the custom data of one file of a split bag: its number, but for the first; how many
-# messages of each latched topic repeat what earlier files hold, as JSON; and at its end the name
-# of the next file.
-PART, REPEATED, CONTINUED = 'part', 'repeated', 'continued_in'
-# Key under which a bag says why its recording ended early.
+# Value that rosbag2 writes for an unset duration (rmw/time.h, RMW_DURATION_INFINITE).
+_INFINITE_DURATION = QosTime(9223372036, 854775807)
+# Keys in the custom data of one file of a split bag: its number, except for the first file; the
+# number of messages of each latched topic that repeat earlier files, as JSON; and at its end the
+# name of the next file.
+FILE_INDEX, REPEATED, CONTINUED = 'part', 'repeated', 'continued_in'
+# Key of the reason why the recording ended early.
 STOPPED = 'recording_stopped'
-# Level of zstd: the positions of bodies hardly shrink, so the quickest is the best.
+# zstd level: positions hardly compress, so the fastest level is the best.
 ZSTD_LEVEL = 1
 
 
 class Definition(NamedTuple):
-    """A message type as a bag stores it: its text, and its hash (RIHS01, REP 2011)."""
+    """Message type as stored in a bag: text and hash (RIHS01, REP 2011)."""
 
     text: str
     digest: str
 
     @property
     def encoding(self) -> str:
-        """Name that rosbag2 gives to the language of the text."""
+        """Return the name that rosbag2 gives to the language of the text."""
         return 'ros2idl' if self.text.startswith(_IDL_START) else 'ros2msg'
 
 
 class TopicEntry(NamedTuple):
-    """A topic of a bag that is being written."""
+    """Topic of a bag being written."""
 
     name: str
     type_name: str
@@ -98,47 +98,47 @@ class Tally:
 
     @property
     def duration(self) -> int:
-        """Nanoseconds between the first and the last message."""
+        """Return the nanoseconds between the first and the last message."""
         return max(0, self.last - self.first)
 
 
 class StorageFile(Protocol):
     """
-    One file of a bag being written; all calls from the thread that made it, as SQLite demands.
+    File of a bag being written; all calls from the thread that created it, as SQLite requires.
     """
 
     path: Path
-    tally: Tally  # of what would be recovered if the process were killed now
+    tally: Tally  # messages that would be recovered if the process were killed now
 
     @property
     def size(self) -> int:
-        """Bytes so far, those that still wait included where it is known how many that will be."""
+        """Return the size in bytes, including queued data if its size is known."""
 
     def add_topic(self, topic: TopicEntry) -> None:
-        """Make a topic known before its first message."""
+        """Declare a topic before its first message."""
 
     def write(self, topic: str, nanoseconds: int, data: bytes) -> None:
         """Append a message."""
 
     def flush(self) -> None:
-        """Give everything written so far to the system."""
+        """Pass all written data to the operating system."""
 
     def roll_back(self) -> None:
-        """Drop what was written since the last flush that worked."""
+        """Drop the data written since the last successful flush."""
 
     def shorten(self) -> bool:
-        """Drop so many of the last messages that `finish` finds room; False: that cannot be."""
+        """Drop enough of the last messages for `finish` to fit; return False if not possible."""
 
     def finish(self, metadata: str) -> None:
-        """Make the file whole, with the metadata of its bag, and close it; after `flush`."""
+        """Finish the file with the metadata of its bag, and close it; call after `flush`."""
 
     def abandon(self) -> None:
-        """Let go of a file that cannot be written any more."""
+        """Close a file that cannot be written any more."""
 
 
 @functools.cache
 def typestore() -> Typestore:
-    """Return the message types of ROS 2 Jazzy, loaded when first needed."""
+    """Return the message types of ROS 2 Jazzy, loaded on first use."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -156,7 +156,7 @@ _IDL_START = '=' * 80 + '\nIDL: '
 
 
 def foreign_definition(type_name: str, text: str) -> Definition:
-    """Return the definition of any message type from the text that another bag holds of it."""
+    """Return the definition of a message type from the text stored in another bag."""
     store = Typestore()
     try:
         if text.startswith(_IDL_START):
@@ -164,26 +164,26 @@ def foreign_definition(type_name: str, text: str) -> Definition:
         else:
             store.register(get_types_from_msg(text, type_name))
         return Definition(text, store.hash_rihs01(type_name))
-    except Exception:  # an unreadable definition must not cost the messages
+    except Exception:  # an unreadable definition must not make the messages unreadable
         return Definition(text, UNKNOWN_HASH)
 
 
 def quality_of_service(*, latched: bool, depth: int) -> Qos:
-    """Return the profile of a reliable topic, as rosbag2 stores it for players to offer again."""
+    """Return the profile of a reliable topic as stored by rosbag2 for players."""
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
         reliability=QosReliability.RELIABLE,
         durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=_NO_LIMIT,
-        lifespan=_NO_LIMIT,
+        deadline=_INFINITE_DURATION,
+        lifespan=_INFINITE_DURATION,
         liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_NO_LIMIT,
+        liveliness_lease_duration=_INFINITE_DURATION,
         avoid_ros_namespace_conventions=False)
 
 
 def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
-    """Lay out profiles as version 9 of rosbag2's metadata has them: policies by their names."""
+    """Return profiles as in version 9 of rosbag2's metadata: policies by name."""
     def time(value: QosTime) -> dict[str, int]:
         return {'sec': value.sec, 'nsec': value.nsec}
 
@@ -201,15 +201,15 @@ def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
 
 
 def parse_qualities_of_service(stored: Any) -> list[Qos]:
-    """Read the profiles that a bag holds of a topic; none where they are unreadable."""
+    """Parse the stored profiles of a topic; return none if they are unreadable."""
     try:
         return parse_qos(stored)
-    except Exception:  # noqa: BLE001 - whatever a foreign writer left there, messages matter more
+    except Exception:  # any error in foreign data; the messages matter more
         return []
 
 
 def to_yaml(content: Any) -> str:
-    """Write YAML that every reader of rosbag2's own takes."""
+    """Return YAML that all readers of rosbag2 accept."""
     dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
     text: str = yaml.dump(
         content, Dumper=dumper, sort_keys=False, allow_unicode=True, default_flow_style=False)
@@ -217,17 +217,17 @@ def to_yaml(content: Any) -> str:
 
 
 def from_yaml(text: str | bytes) -> Any:
-    """Read YAML; no object but plain ones is ever made of it."""
+    """Parse YAML into plain objects only."""
     return yaml.load(text, Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
 
 
 def encode_custom(custom: dict[str, str]) -> bytes:
-    """Write custom data as a message of JSON."""
+    """Return custom data as a JSON message."""
     return StringBytes(json.dumps(custom, ensure_ascii=False)).to_bytes()
 
 
 def decode_custom(type_name: str, data: bytes) -> dict[str, str] | None:
-    """Read custom data from a message; None where it is any other message."""
+    """Return the custom data in a message, or None for other messages."""
     if type_name != StringBytes.TYPE:
         return None
     try:
@@ -243,15 +243,15 @@ def merge_custom(
     messages: Iterable[tuple[str, bytes]], known: dict[str, str] | None = None,
 ) -> dict[str, str]:
     """
-    Put together the custom data that messages of one topic hold, the later over the earlier.
+    Merge the custom data in the messages of one topic; later values take precedence.
 
-    Those at the begin of a further file repeat what is known, and say what holds there. The last
-    file of a bag has no next one.
+    Custom data at the start of a further file repeat known values and add those of the file. The
+    last file of a bag has no next one.
     """
     custom = dict(known or {})
     for type_name, data in messages:
         said = decode_custom(type_name, data) or {}
-        if custom and PART in said:
+        if custom and FILE_INDEX in said:
             custom.pop(CONTINUED, None)
         else:
             custom.update(said)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A recorded run in words."""
+"""Summary of a recorded run as text."""
 
 from dataclasses import dataclass
 from datetime import datetime, UTC
@@ -22,7 +22,7 @@ from pathlib import Path
 from icofabric_sim.bag import BagTopic
 from icofabric_sim.bag.event_text import digest_events, event_rows, EventDigest
 from icofabric_sim.bag.recorded_run import PoseFrame, RecordedInput, RecordedRun
-from icofabric_sim.bag.storage import CONTINUED, PART
+from icofabric_sim.bag.storage import CONTINUED, FILE_INDEX
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
 from icofabric_sim.scene.scene import Scene
@@ -36,15 +36,15 @@ from icofabric_sim.scene.summary import (
 )
 import numpy as np
 
-# Inputs listed in the text of a summary; a joystick sends thousands.
-_LARGEST_LIST = 12
-# Later times [ns] are wall times, of a bag that another tool has recorded.
-_LATEST_SIMULATED = 10**18
+# Largest number of listed inputs; a joystick sends thousands.
+_MAX_LISTED_INPUTS = 12
+# Later times [ns] are wall times, in a bag recorded by another tool.
+_MAX_SIMULATED_NS = 10**18
 
 
 def span_text(start: int, end: int) -> str:
-    """Return the interval [ns] of a bag in words, from its own start if that is a wall time."""
-    if start <= _LATEST_SIMULATED:
+    """Return the interval [ns] of a bag as text, relative to its start for wall times."""
+    if start <= _MAX_SIMULATED_NS:
         return f'{seconds(start):.6g} s to {seconds(end):.6g} s of simulated time'
     began = datetime.fromtimestamp(seconds(start), UTC)
     return f'{seconds(end - start):.6g} s from {began:%F %T} UTC'
@@ -52,7 +52,7 @@ def span_text(start: int, end: int) -> str:
 
 @dataclass(frozen=True)
 class BagSummary:
-    """The summary of a recorded run, without reading every pose."""
+    """Summary of a recorded run, without reading every pose."""
 
     path: Path
     node: str
@@ -64,32 +64,32 @@ class BagSummary:
     scene: Scene | None
     inputs: tuple[RecordedInput, ...]
     events: EventDigest
-    checkpoints: tuple[int, ...]  # times [ns] of those in the bag itself
+    checkpoints: tuple[int, ...]  # times [ns] of checkpoints inside the bag
     first: PoseFrame | None
     last: PoseFrame | None
     breaks: np.ndarray | None  # (m, 2) connector and time [s]; None: not recorded
 
     @property
     def proximity(self) -> str:
-        """Sentence on shells that came too close; '': none did."""
+        """Return a sentence on excessive overlap of shells, or ''."""
         return _unless_none(self.custom.get('proximity', ''))
 
     @property
     def failure(self) -> str:
-        """Why the run stopped early; '': it did not."""
+        """Return why the run stopped early, or ''."""
         return _unless_none(self.custom.get('failure', ''))
 
     @property
     def finished(self) -> bool:
-        """Whether the recorder came to its end: a bag that was recovered lacks the last word."""
+        """Return whether the recorder finished the bag; a recovered bag lacks its last message."""
         return 'failure' in self.custom
 
     @property
     def largest_displacement(self) -> tuple[float, int]:
         """
-        Largest distance [m] of a body between first and last pose, and its number.
+        Return the largest distance [m] of a body between first and last pose, and its number.
 
-        The number is -1 where there is nothing to compare.
+        The number is -1 if there is nothing to compare.
         """
         if (
             self.first is None
@@ -103,14 +103,15 @@ class BagSummary:
         return float(distance[row]), row if chosen is None else int(chosen[row])
 
     def rows(self) -> list[Row]:
-        """Label and text of everything."""
+        """Return label and text of all lines."""
         rows = [
             ('bag', f'{self.path} ({self.size / 1e6:.3g} MB)'),
             ('span', span_text(self.start, self.end)),
         ]
-        if PART in self.custom:
+        if FILE_INDEX in self.custom:
             rows.append((
-                'file', f'number {self.custom[PART]} of a split bag, from 0; earlier files hold '
+                'file', f'number {self.custom[FILE_INDEX]} of a split bag, from 0; earlier files '
+                        'contain '
                 'the inputs and events before it'))
         rows += self._topic_rows()
         if self.scene is not None:
@@ -126,7 +127,7 @@ class BagSummary:
         if self.checkpoints:
             rows.append(('checkpoints', self._checkpoint_text()))
         if 'messages_dropped' in self.custom:
-            rows.append(('left out', f'{self.custom["messages_dropped"]} messages: the disk was '
+            rows.append(('dropped',f'{self.custom["messages_dropped"]} messages: the disk was '
                          'too slow; inputs are complete'))
         for label, frame in (('first poses', self.first), ('last poses', self.last)):
             if frame is not None:
@@ -136,7 +137,7 @@ class BagSummary:
                     f'{vector(high, "m")}'))
         distance, body = self.largest_displacement
         if body >= 0:
-            rows.append(('moved', f'by up to {distance:.4g} m between them (body {body})'))
+            rows.append(('moved', f'up to {distance:.4g} m between them (body {body})'))
         rows += self._broken()
         rows.append(('overlap', self.proximity or ('none' if self.finished else 'not known')))
         if _unless_none(self.custom.get('obstruction', '')):
@@ -145,7 +146,7 @@ class BagSummary:
         return rows
 
     def lines(self) -> list[str]:
-        """Text of everything, one line each."""
+        """Return the lines as text."""
         return as_lines(self.rows())
 
     def _topic_rows(self) -> list[Row]:
@@ -161,7 +162,7 @@ class BagSummary:
         return rows
 
     def _broken(self) -> list[Row]:
-        """What broke, where anything can."""
+        """Describe broken connectors and anchors, if any can break."""
         can = self.scene is not None and self.scene.can_break
         if self.breaks is None or not (can or len(self.breaks)):
             return []
@@ -177,10 +178,10 @@ class BagSummary:
     def _origin(self) -> list[Row]:
         custom = self.custom
         if not custom:
-            return [('recorded by', 'unknown: the bag holds nothing of this simulator')]
+            return [('recorded by', 'unknown: the bag contains no data of this simulator')]
         rows = [('recorded by', f'icofabric_sim {custom.get("version", "?")}')]
         if 'animation' in custom:
-            rows.append(('animation', f'{custom["animation"]}; nothing was simulated'))
+            rows.append(('animation', f'{custom["animation"]}; not simulated'))
         if 'method' in custom:
             reason = f': {custom["method_reason"]}' if 'method_reason' in custom else ''
             rows.append((
@@ -200,19 +201,19 @@ class BagSummary:
             estimate, rate = self.number('error_estimate'), self.number('error_rate')
             lack = 'not estimated' if 'error_estimate' in self.custom else 'not measured'
             rows.append(('accuracy', f'{lack}; {text}' if math.isnan(estimate) else (
-                f'errors of {estimate:.2g} added in all, lately {rate:.2g} per second (position '
-                f'over a, or rad); {text}')))
+                f'error estimate {estimate:.2g} in total, {rate:.2g} per second at the end '
+                f'(position over a, or rad); {text}')))
             lacks = self.custom.get('error_estimate_lacks', 'nothing')
             if lacks != 'nothing' and not math.isnan(estimate):
-                rows.append(('', f'not covered by that: {lacks}'))
+                rows.append(('', f'not included: {lacks}'))
         if 'growth' in self.custom:
             at_least = self.custom.get('growth_is_at_least') == 'true'
             until = self.number('meaningful_until')
-            meaning = 'to its end' if until == math.inf else f'until t = {until:.4g} s'
+            meaning = 'to the end' if until == math.inf else f'until t = {until:.4g} s'
             rows.append((
                 'growth', f'a small disturbance grew {times(self.number("growth"), at_least)}; '
-                + ('what that makes of errors is not known, as they were not estimated'
-                   if math.isnan(until) else f'the trajectory means something {meaning}')))
+                + ('the effect on errors is not known, because they were not estimated'
+                   if math.isnan(until) else f'the trajectory is meaningful {meaning}')))
         if 'evaluation_count' in self.custom:
             rows.append(('evaluations', evaluations_text(
                 self.number('evaluation_count'), self.number('estimation_count'),
@@ -220,12 +221,12 @@ class BagSummary:
                 is_estimated=not math.isnan(self.number('error_estimate')))))
         if 'balance_worst' in self.custom:
             rows.append((
-                'balance', f'energy off by at most {self.number("balance_worst"):.1e} of the '
-                'largest that moved, was exchanged or put in'))
+                'balance', f'largest energy error {self.number("balance_worst"):.1e} of the '
+                'largest energy stored, exchanged or supplied'))
         return rows
 
     def number(self, name: str) -> float:
-        """A figure of the custom data; not a number where there is none."""
+        """Return a number of the custom data, or NaN if it is missing."""
         try:
             return float(self.custom.get(name, ''))
         except ValueError:
@@ -235,17 +236,17 @@ class BagSummary:
         if not self.inputs:
             return [('inputs', 'none received')]
         rows = [('inputs', f'{len(self.inputs):,} received')]
-        for entry in self.inputs[:_LARGEST_LIST]:
+        for entry in self.inputs[:_MAX_LISTED_INPUTS]:
             what = 'cleared' if entry.is_zero else (
                 f'force {vector(entry.force, "N")}, torque {vector(entry.torque, "N m")}')
             frame = f' ({entry.frame_id})' if entry.frame_id else ''
             rows.append(('', f't = {entry.time:.9g} s  {entry.topic}{frame}: {what}'))
-        if len(self.inputs) > _LARGEST_LIST:
-            rows.append(('', f'... and {len(self.inputs) - _LARGEST_LIST:,} more'))
+        if len(self.inputs) > _MAX_LISTED_INPUTS:
+            rows.append(('', f'... and {len(self.inputs) - _MAX_LISTED_INPUTS:,} more'))
         return rows
 
     def _checkpoint_text(self) -> str:
-        said = [f't = {seconds(time):.9g} s' for time in self.checkpoints[:_LARGEST_LIST]]
+        said = [f't = {seconds(time):.9g} s' for time in self.checkpoints[:_MAX_LISTED_INPUTS]]
         more = len(self.checkpoints) - len(said)
         return ', '.join(said) + (f' and {more:,} more' if more else '') + ' (in the bag)'
 
@@ -255,14 +256,14 @@ class BagSummary:
         if CONTINUED in self.custom:
             return f'closed properly; the run continues in {self.custom[CONTINUED]}'
         if self.custom and not self.finished and 'animation' not in self.custom:
-            return 'the recorder was killed: this is what was saved of the run'
+            return 'the recorder was killed: this is the recovered part of the run'
         if self.custom.get('interrupted') == 'true':
             return 'interrupted by the user; closed properly'
         return 'closed properly'
 
 
 def summarise_bag(path: str | Path) -> BagSummary:
-    """Summarise a bag folder or file; BagError says what is wrong with it."""
+    """Summarise a bag folder or file; raise BagError if it is unreadable."""
     with RecordedRun(path) as run:
         first = last = None
         if f'{run.node}/poses' in run.topics:

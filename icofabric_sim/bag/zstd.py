@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The zstd of the standard library, or the package that brings it to older Pythons."""
+"""zstd of the standard library, or of the package that provides it for older Pythons."""
 import sys
 
 if sys.version_info >= (3, 14):

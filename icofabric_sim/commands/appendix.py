@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The appendix of the document: ten integrals over the frustum of each face, in exact numbers.
+Appendix of the document: ten integrals over the frustum of each face, in exact arithmetic.
 
 Source: the Maple listing of "A Mathematical Model of Icosahedral Materials". Vertices and faces
 come from `geometry/icosahedron.py`. With x = A lambda (eq 31) the integrands are polynomials of
@@ -39,20 +39,20 @@ from icofabric_sim.geometry.shell import (
 from icofabric_sim.pictures.citation import cite
 import numpy as np
 
-# Names as in the listing, and the power n of a^n - b^n that the number multiplies.
+# Names as in the listing, and the power n of the factor a^n - b^n of each number.
 INTEGRALS = {
     'V': 3, 'xcm': 4, 'ycm': 4, 'zcm': 4,
     'Ixx': 5, 'Iyy': 5, 'Izz': 5, 'Ixy': 5, 'Ixz': 5, 'Iyz': 5}
 EQUATIONS = (12, *range(28, 35), *range(41, 45))
 ERRATA = ('C2', 'C5', 'C16', 'C17')
 _COLUMN_GROUPS = (('V',), ('xcm', 'ycm', 'zcm'), ('Ixx', 'Iyy', 'Izz'), ('Ixy', 'Ixz', 'Iyz'))
-# Rounding of closed forms and of sums of a thousand terms, relative.
+# Relative round-off of closed forms and of sums of a thousand terms.
 _ROUNDING_RATIO = 1e-13
 
 
 @dataclass(frozen=True)
 class Surd:
-    """The number rational + root sqrt(5), exactly."""
+    """Exact number rational + root sqrt(5)."""
 
     rational: Fraction
     root: Fraction = Fraction(0)
@@ -106,7 +106,7 @@ _COORDINATES = {0.0: Surd(Fraction(0)), 1.0: Surd(Fraction(1)), icosahedron.TAU:
 
 
 class Check(NamedTuple):
-    """A statement about the integrals that was tested."""
+    """Tested statement about the integrals."""
 
     statement: str
     holds: bool
@@ -116,12 +116,12 @@ class Appendix:
     """
     Integrals over the 20 frusta of a shell of outer edge 2a and inner edge 2b.
 
-    `coefficients` has a row for each face and a column for each name of INTEGRALS, exact numbers
-    that multiply a^n - b^n (volume; integrals of x, y, z) or rho (a^n - b^n) (inertia).
+    `coefficients` has a row for each face and a column for each name of INTEGRALS. Its exact
+    numbers multiply a^n - b^n (volume; integrals of x, y, z) or rho (a^n - b^n) (inertia).
     """
 
     def __init__(self, shell: Shell) -> None:
-        """Integrate over all faces; the values in SI units are those of the shell."""
+        """Integrate over all faces; values in SI units are those of `shell`."""
         self.shell = shell
         self.corners = np.array([
             [[_exact_coordinate(part) for part in vertex] for vertex in face]
@@ -134,9 +134,9 @@ class Appendix:
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """Factors of the coefficients in SI units, (10,): a^n - b^n, times rho for inertia."""
+        """Return the factors of the coefficients [SI], (10,): a^n - b^n, times rho for inertia."""
         a, b = self.shell.half_edge, self.shell.inner_half_edge
-        # As a product with a - b from the thickness (eq 41): thin shells keep all digits.
+        # As a product with a - b from the thickness (eq 41), so that thin shells keep all digits.
         difference = self.shell.thickness / maximum_thickness(1.0)
         return np.array([
             (self.shell.density if name[0] == 'I' else 1.0) * difference
@@ -145,14 +145,16 @@ class Appendix:
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """The inertia tensor in units of rho (a^5 - b^5), (3, 3) exact numbers."""
+        """Return the inertia tensor in units of rho (a^5 - b^5), (3, 3) exact numbers."""
         return np.array([
             [self.totals['I' + ''.join(sorted(p + q))] for q in 'xyz'] for p in 'xyz'],
             dtype=object)
 
     @cached_property
     def eigensystem(self) -> list[tuple[str, float, list[list[float]]]]:
-        """Eigenvalues of the tensor as text and number, and the eigenvectors of each."""
+        """
+        Return the eigenvalues of the tensor as text and number, with the eigenvectors of each.
+        """
         values, vectors = np.linalg.eigh(self.inertia.astype(float))
         found: list[tuple[str, float, list[list[float]]]] = []
         for value, vector in zip(values.tolist(), vectors.T.tolist()):
@@ -166,14 +168,14 @@ class Appendix:
 
     @cached_property
     def checks(self) -> list[Check]:
-        """The checks of the listing, and comparisons with closed forms and quadrature."""
+        """Return the checks of the listing, and comparisons with closed forms and quadrature."""
         zero, tensor, shell = Surd(Fraction(0)), self.inertia, self.shell
         volume, moment = self.totals['V'], tensor[0, 0]
         squares = {
             sum(part * part for part in face[i] - face[i - 1])
             for face in self.corners for i in range(3)}
         root = Surd(Fraction(0), Fraction(1))
-        # As the Maple output prints them, with a^5 for a^-5.
+        # As in the Maple output, with a^5 for a^-5.
         printed_volume = root * Fraction(10, 3) + 10
         printed_moment = (root * 3 + 7) * Fraction(16, 3) / ((root - 1) * (root + 1))
         printed_eigenvalue = Surd(Fraction(-16, 3)) / (root * 3 - 7)
@@ -181,31 +183,31 @@ class Appendix:
         by_quadrature = _integrate_numerically(shell)
         largest = np.abs(by_quadrature).max(axis=0)
         deviation = float((np.abs(values - by_quadrature) / largest).max())
-        # The quadrature takes a - b as a difference, which has the rounding of a and b.
+        # The quadrature computes a - b as a difference, with the round-off of a and b.
         allowed = max(_ROUNDING_RATIO, 4.0 * sys.float_info.epsilon / (
             1.0 - shell.inner_half_edge / shell.half_edge))
         sums = values.sum(axis=0)
         return [
-            Check('there are 20 faces, each with other vertices than the rest',
+            Check('there are 20 faces, each with a different set of vertices',
                   len({frozenset(map(tuple, face.tolist())) for face in self.corners}) == 20),
             Check('all edges of the faces are 2a long (C17)', squares == {Surd(Fraction(4))}),
             Check('w1, w2, w3 of each face are right-handed, with determinant 2 tau^2 a^3 '
                   '(eq 33; C5)', set(self.scale_factors) == {TAU * TAU * 2}),
-            Check('the centre of mass is the centre of the shell',
+            Check('the centre of mass is at the centre of the shell',
                   all(self.totals[name] == zero for name in ('xcm', 'ycm', 'zcm'))),
-            Check('the tensor is Lambda times the unit matrix (eq 43)',
+            Check('the tensor is Lambda times the identity (eq 43)',
                   all(tensor[i, j] == (moment if i == j else zero)
                       for i in range(3) for j in range(3))),
-            Check('V and Lambda are the closed forms of eqs 42 and 44',
+            Check('V and Lambda equal the closed forms of eqs 42 and 44',
                   _is_near(float(volume), VOLUME_FACTOR)
                   and _is_near(float(moment), INERTIA_FACTOR)),
-            Check('V, the moments and the eigenvalue are those of the Maple output (C16)',
+            Check('V, the moments and the eigenvalue equal the Maple output (C16)',
                   volume == printed_volume and moment == printed_moment == printed_eigenvalue),
             Check('one eigenvalue has three eigenvectors',
                   [len(vectors) for _, _, vectors in self.eigensystem] == [3]),
             Check(f'all {values.size} integrals agree with Gauss quadrature of that shell '
                   f'(largest relative deviation {deviation:.1e})', deviation <= allowed),
-            Check('mass and Lambda of that shell are those that simulations use',
+            Check('mass and Lambda of that shell equal those used in simulations',
                   _is_near(shell.density * sums[0], shell.mass)
                   and _is_near(sums[4], shell.inertia))]
 
@@ -289,7 +291,8 @@ def _lambda_integral(p: int, q: int, r: int) -> Fraction:
     """
     Integrate l1^p l2^q l3^r over the domain of eq 34, in units of 1 - (b/a)^(p + q + r + 3).
 
-    Over l3 and l2, from 0 to l1 - l2 and from 0 to l1 (C2), it is a Beta function times a power.
+    The integral over l3 and l2, from 0 to l1 - l2 and from 0 to l1 (C2), is a Beta function times
+    a power.
     """
     return Fraction(
         factorial(q) * factorial(r), factorial(q + r + 2) * (int(p) + int(q) + int(r) + 3))
@@ -328,7 +331,7 @@ def _is_near(one: float, other: float) -> bool:
 
 
 def _beside(number: Surd) -> str:
-    """Return an exact number beside its decimals."""
+    """Return an exact number with its decimals."""
     return f'{number} = {float(number):.6f}' if number.root else str(number)
 
 

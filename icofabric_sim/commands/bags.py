@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The argument BAG, for all verbs that read one."""
+"""Argument BAG of the verbs that read a bag."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,12 +23,14 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def is_bag(path: Path) -> bool:
-    """Whether this is meant as a bag: a folder, or a file of one."""
+    """Return whether `path` denotes a bag: a folder, or a bag file."""
     return path.is_dir() or path.suffix in _SUFFIXES
 
 
 def bag_path(text: str) -> Path:
-    """Path of the argument BAG; an empty text is refused, which Path takes for this folder."""
+    """
+    Return the path of the argument BAG; reject an empty text, which Path reads as this folder.
+    """
     if not text:
         raise InputError(
             'the name of the bag is empty: give the folder of a recorded run, or its file')
@@ -38,7 +40,7 @@ def bag_path(text: str) -> Path:
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
     """
-    Distinguish what is not a bag (bad input) from a bag that is damaged, unfinished or of others.
+    Map errors of a bag to exit statuses: not a bag (bad input), or damaged, unfinished, foreign.
     """
     from icofabric_sim.bag import BagError
     try:

@@ -16,7 +16,7 @@
 import argparse
 from contextlib import suppress
 
-# Options of each verb are listed once, when the script is made.
+# The options of each verb are listed once, when the script is generated.
 _BASH = """\
 # Completion of icofabric for bash: eval "$(icofabric completion bash)"
 _icofabric() {{
@@ -40,7 +40,7 @@ autoload -Uz bashcompinit && bashcompinit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'shell', choices=('bash', 'zsh', 'fish'),
         help='bash, zsh: eval "$(icofabric completion SHELL)" in its start file; fish: icofabric '
@@ -48,14 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the script."""
+    """Print the completion script."""
     print({'bash': bash_script, 'zsh': lambda: _ZSH + bash_script(), 'fish': fish_script}[
         arguments.shell](), end='')
     return 0
 
 
 def words_of(verb: str) -> tuple[list[str], bool]:
-    """Options of a verb, and whether it takes a scene."""
+    """Return the options of a verb, and whether it takes a scene."""
     from icofabric_sim.commands.main import load_verb
     parser = argparse.ArgumentParser()
     load_verb(verb).add_arguments(parser)
@@ -80,7 +80,7 @@ def installed_verbs() -> dict[str, str]:
 
 
 def bash_script() -> str:
-    """The script for bash."""
+    """Return the script for bash."""
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     cases = []
     verbs = installed_verbs()
@@ -92,7 +92,7 @@ def bash_script() -> str:
 
 
 def fish_script() -> str:
-    """The script for fish."""
+    """Return the script for fish."""
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     lines = ['# Completion of icofabric for fish']
     for verb, summary in installed_verbs().items():

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What `icofabric run SCENE --cross-check` does and says."""
+"""Comparison of rotation formulations and its report, for `icofabric run SCENE --cross-check`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,13 +23,11 @@ from icofabric_sim.terminal import bad_input, Progress
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
 
-_LARGEST_TABLE = 16
+_MAX_ROWS = 16
 
 
 def report_cross_check(name: str, parameters: 'Parameters') -> int:
-    """
-    Compare the rotation formulations; 0: they agree as far as rounding allows, 1: they do not.
-    """
+    """Compare the rotation formulations; return 0 if they agree up to round-off, otherwise 1."""
     from icofabric_sim.checks import counted
     from icofabric_sim.running.cross_check import cross_check
     from icofabric_sim.scene.scene import Scene
@@ -38,44 +36,44 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
     with bad_input():
         scene = Scene.from_parameters(parameters)
         with _quiet():
-            compile_scene(scene)  # refuses a step beyond the limit
+            compile_scene(scene)  # rejects a step above the stability limit
     duration = parameters['duration']
     with Progress(duration, 's') as progress, _quiet():
         try:
             result = cross_check(scene, duration, progress=progress.update)
         except SimulationError as error:
-            progress.note(f'icofabric run: the simulation has stopped: {error}')
+            progress.note(f'icofabric run: the simulation failed: {error}')
             return 1
     print(f'{name}: quaternions (eqs 21-27) against direction cosines (eqs 16-20), '
           f'{counted(scene.body_count, "body")}')
     print(f'{"t [s]":>9} {"steps":>9} {"position/a":>11} {"angle [rad]":>11} '
           f'{"growth":>9} {"rounding":>9}')
     count = len(result.rows)
-    shown = {round((k + 1) * count / _LARGEST_TABLE) - 1 for k in range(_LARGEST_TABLE)}
+    shown = {round((k + 1) * count / _MAX_ROWS) - 1 for k in range(_MAX_ROWS)}
     for number, row in enumerate(result.rows):
-        if number in shown or count <= _LARGEST_TABLE or not row.agrees:
+        if number in shown or count <= _MAX_ROWS or not row.agrees:
             print(f'{row.time:9.4f} {row.steps:9,} {row.position:11.2e} {row.angle:11.2e} '
                   f'{row.growth:9.1e} {row.bound:9.1e}' + ('' if row.agrees else '  too far'))
     if result.ended:
         print(f'ended early: {result.ended}')
     if not result.rows:
-        print('nothing could be compared; choose a shorter --duration or a calmer scene')
+        print('no state could be compared; choose a shorter --duration or a less chaotic scene')
         return 1
     largest = max(result.rows, key=lambda row: max(row.position, row.angle))
     print(f'largest difference: {max(row.position for row in result.rows):.2e} a in position, '
           f'{max(row.angle for row in result.rows):.2e} rad in orientation, up to '
           f't = {result.rows[-1].time:.6g} s')
     if result.agrees:
-        print('the formulations agree: rounding, grown as this motion lets it grow, explains '
+        print('the formulations agree: round-off, amplified by this motion, explains differences '
               f'up to {largest.bound:.1e}')
         return 0
-    print('the formulations differ by more than rounding explains')
+    print('the formulations differ by more than amplified round-off explains')
     return 1
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep back the warnings that a run gives anyway: here each would come three times."""
+    """Suppress the warnings of a run, which would appear three times."""
     logger = logging.getLogger('icofabric_sim')
     before = logger.disabled
     logger.disabled = True

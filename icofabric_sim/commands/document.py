@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric document`: the tables, the appendix and the figures of the document, computed."""
+"""`icofabric document`: compute the tables, the appendix and the figures of the document."""
 
 import argparse
 import json
@@ -31,13 +31,13 @@ _PARTS = ('appendix', 'tables', *map(str, TABLES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     from icofabric_sim.parameters.table import STATIC
     specifications = {row.name: row for row in STATIC}
     parser.add_argument(
         'parts', metavar='PART', nargs='*',
         help='what to print: appendix, tables, or the number of a table, 1 to 10 (default: tables '
-             'and appendix, or nothing where figures are drawn)')
+             'and appendix, or nothing if figures are drawn)')
     add_size_argument(parser)
     for option, name, quantity in (
             ('--edge', 'shell.edge_length', 'outer edge 2a'),
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         row = specifications[name]
         parser.add_argument(
             option, type=float, default=row.default, metavar=quantity.split()[-1].upper(),
-            help=f'{quantity} of the shell that the appendix has numbers for [{row.unit}] '
+            help=f'{quantity} of the shell of the numbers in the appendix [{row.unit}] '
                  '(%(default)s)')
     parser.add_argument(
         '--json', action='store_true', help='print JSON instead of text, with values in SI units')
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--figure', nargs=2, action='append', default=[], metavar=('N', 'FILE'),
         help='draw one figure to a .png or .svg; N: 1, 2, 3a (golden rectangles), 3b (frustum of '
-             'a face), 4, 5, 6, 7, or edges (the diagram that the text wishes for)')
+             'a face), 4, 5, 6, 7, or edges (the diagram that the text requests)')
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -108,7 +108,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _figure_paths(arguments: argparse.Namespace) -> list[tuple[str, Path]]:
-    """Return names of figures and their files."""
+    """Return the names of the figures and their files."""
     paths = [(name, figure_path('--figure', file)) for name, file in arguments.figure]
     if paths or arguments.figures is not None:
         from icofabric_sim.libraries import require_library

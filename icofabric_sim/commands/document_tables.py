@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Tables 1 to 10 of the document, from the data that weaves are built from.
+Tables 1 to 10 of the document, computed from the data that weaves are built from.
 
-Source: "A Mathematical Model of Icosahedral Materials". Nothing is typed in here: counts come from
-`scene/weave_index.py`, connections from `scene/weave_tables.py`.
+Source: "A Mathematical Model of Icosahedral Materials". Counts come from `scene/weave_index.py`
+and connections from `scene/weave_tables.py`; no value is typed in.
 """
 
 from argparse import ArgumentParser
@@ -27,20 +27,20 @@ from typing import NamedTuple
 from icofabric_sim.terminal import bad_input, InputError
 
 Size = tuple[int, int, int]
-# As the default of `weave.size`: all three are odd, where the formulas show all they can.
+# Default of `weave.size`: all three are odd, so that every case of the formulas appears.
 DEFAULT_SIZE = (5, 5, 5)
 _PARITIES = ('both odd or both even', 'one odd, one even')
 
 
 class Displacement(NamedTuple):
-    """From the centre of the local icosahedron to that of the remote one, in units of W."""
+    """Vector from the centre of the local icosahedron to that of the remote one, in units of W."""
 
     x: int
     y: int
     z: int
 
     def __str__(self) -> str:
-        """Return it as the document writes it, such as (W, 0, -W)."""
+        """Return the displacement as in the document, such as (W, 0, -W)."""
         return f'({", ".join({-1: "-W", 0: "0", 1: "W"}[part] for part in self)})'
 
 
@@ -60,7 +60,7 @@ Cell = str | int | Displacement | Step
 
 
 class Table(NamedTuple):
-    """One table of the document."""
+    """Table of the document."""
 
     number: int
     title: str
@@ -76,7 +76,7 @@ class Table(NamedTuple):
 
 
 def align_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    """Return a head and rows as lines; columns of integers are aligned to the right."""
+    """Return a header and rows as lines; columns of integers are right-aligned."""
     texts = [columns, *([str(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*texts)]
     numeric = [isinstance(cell, int) for cell in rows[0]]
@@ -88,19 +88,19 @@ def align_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> list
 
 
 def indent_text(text: str) -> list[str]:
-    """Return a note as indented lines of at most 98 letters."""
+    """Return a note as indented lines of at most 98 characters."""
     return wrap(text, 98, initial_indent='  ', subsequent_indent='  ')
 
 
 def add_size_argument(parser: ArgumentParser) -> None:
-    """Declare the slab that tables count."""
+    """Declare the size of the slab whose bodies the tables count."""
     parser.add_argument(
         '--size', type=int, nargs=3, metavar=('NX', 'NY', 'NZ'), default=DEFAULT_SIZE,
         help='slab that Tables 1 to 4 and 10 count, in grid positions (default: 5 5 5)')
 
 
 def find_tables(numbers: Sequence[int], size: Sequence[int]) -> tuple[Size, list[Table]]:
-    """Return the checked size of a slab, and the tables of these numbers for it."""
+    """Return the validated size of a slab and the requested tables for it."""
     from icofabric_sim.scene.weave_index import checked_size
     for number in numbers:
         if number not in TABLES:
@@ -111,7 +111,7 @@ def find_tables(numbers: Sequence[int], size: Sequence[int]) -> tuple[Size, list
 
 
 def _line_table(number: int, size: Size) -> Table:
-    """Tables 1 and 2: a column j, or a row i, of level k."""
+    """Return Table 1 or 2: icosahedra in a column j, or in a row i, of level k."""
     from icofabric_sim.scene.weave_index import column_count, row_count
     count, name, letter = (
         (column_count, 'column', 'j') if number == 1 else (row_count, 'row', 'i'))
@@ -120,7 +120,7 @@ def _line_table(number: int, size: Size) -> Table:
         ('variant', *(f'{letter} and k {parity}' for parity in _PARITIES)),
         tuple((label, *(int(count(variant, size, line, 0)) for line in (0, 1)))
               for variant, label in enumerate(('0 or 2', '1 or 3'))),
-        f'{letter} is the number of the {name} and k that of its level, both from 0.')
+        f'{letter} is the index of the {name} and k that of its level, both from 0.')
 
 
 def _level_table(number: int, size: Size) -> Table:
@@ -130,8 +130,8 @@ def _level_table(number: int, size: Size) -> Table:
         ('variant', 'k even', 'k odd'),
         tuple((label, *(int(level_count(variant, size, k)) for k in (0, 1)))
               for variant, label in enumerate(('0 or 2', '1 or 3'))),
-        'Corrected: k counts from 0, as everywhere; the signs of the document, (-1)^(k+1) for '
-        'variants 0 and 2 and (-1)^k for 1 and 3, are those for levels counted from 1.')
+        'Corrected: k counts from 0; the signs of the document, (-1)^(k+1) for '
+        'variants 0 and 2 and (-1)^k for 1 and 3, are for levels counted from 1.')
 
 
 def _slab_table(number: int, size: Size) -> Table:
@@ -146,7 +146,7 @@ def _edge_table(number: int, size: Size) -> Table:
     from icofabric_sim.geometry.icosahedron import NAMED_EDGES
     from icofabric_sim.scene.weave_tables import TABLE_5
     return Table(
-        number, 'centres of the icosahedra that are connected to one, from its centre, body axes',
+        number, 'centres of the neighbours of an icosahedron, from its centre, body axes',
         ('local edge', 'remote edge', 'one centre', 'the other'),
         tuple((NAMED_EDGES[edge], NAMED_EDGES[edge ^ 1],
                *(Displacement(*direction) for _, direction in pairs))
@@ -155,7 +155,7 @@ def _edge_table(number: int, size: Size) -> Table:
 
 
 def _index_table(number: int, size: Size) -> Table:
-    """Tables 6 to 9: connections of variants 0 to 3."""
+    """Return one of Tables 6 to 9: connections of variants 0 to 3."""
     from icofabric_sim.geometry.icosahedron import NAMED_EDGES
     from icofabric_sim.scene.weave_index import is_turned
     from icofabric_sim.scene.weave_tables import INDEX_TABLES
@@ -182,7 +182,7 @@ def _connector_table(number: int, size: Size) -> Table:
 TABLES: dict[int, Callable[[int, Size], Table]] = {
     1: _line_table, 2: _line_table, 3: _level_table, 4: _slab_table, 5: _edge_table,
     **dict.fromkeys(range(6, 10), _index_table), 10: _connector_table}
-# Equations that each table counts or connects by, and the errata that it is corrected by.
+# Equations that each table uses, and the errata that correct it.
 SOURCES: dict[int, tuple[tuple[int, ...], tuple[str, ...]]] = {
     1: ((57, 58, 60), ()), 2: ((62, 64, 65), ()),
     3: ((56, 57, 59, 60, 61, 62, 63, 64), ('C6',)), 4: ((57, 60, 62, 64), ()),

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Moduli by direction in words, rows and numbers, for `icofabric elasticity`."""
+"""Elastic moduli by direction as text, rows and numbers, for `icofabric elasticity`."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, TYPE_CHECKING
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.directional import Directional
     from icofabric_sim.statics.periodic import Elasticity
 
-# Axes, diagonals of faces and diagonals of the cube, one of each opposite pair.
+# Axes, face diagonals and space diagonals of a cube, one of each opposite pair.
 _DIRECTIONS = {
     'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1),
     'xy': (1, 1, 0), 'x-y': (1, -1, 0), 'yz': (0, 1, 1), 'y-z': (0, 1, -1),
     'xz': (1, 0, 1), 'x-z': (1, 0, -1),
     'xyz': (1, 1, 1), '-x+y+z': (-1, 1, 1), 'x-y+z': (1, -1, 1), 'x+y-z': (1, 1, -1)}
-# Those that the terminal shows; by symmetry they stand for all of an orthogonal fabric's.
+# Directions shown in the terminal; by symmetry they represent all of an orthogonal fabric.
 _SHOWN = ('x', 'xy', 'xyz')
 COLUMNS = (
     'direction', 'x', 'y', 'z', 'young_modulus_pa',
@@ -42,7 +42,7 @@ COLUMNS = (
 def judged(
     constants: 'Elasticity', more: Sequence[Sequence[float]]
 ) -> list[tuple[str, 'Directional']]:
-    """Thirteen directions by name, and `more` by their three numbers."""
+    """Return the moduli of thirteen named directions, and of the directions in `more`."""
     import numpy as np
 
     named: dict[str, Sequence[float]] = dict(_DIRECTIONS)
@@ -52,7 +52,7 @@ def judged(
 
 
 def text(found: Sequence[tuple[str, 'Directional']]) -> list[str]:
-    """Lines for the terminal: of three named directions, and of all that the user gave."""
+    """Return lines for the terminal: three named directions and all directions of the user."""
     lines = []
     for name, one in found:
         if name in _DIRECTIONS and name not in _SHOWN:
@@ -64,22 +64,22 @@ def text(found: Sequence[tuple[str, 'Directional']]) -> list[str]:
         if name not in _DIRECTIONS:
             ratio = f"Young's modulus {one.young_modulus:.6g} Pa, {ratio}"
         lines.append(f'  along {name}: {ratio}')
-        lines.append('    planes across it slide with a shear modulus of ' + _range(
+        lines.append('    shear modulus on planes normal to this direction ' + _range(
             one.shear_modulus, one.shear_along, ' Pa'))
     return lines
 
 
 def _range(values: tuple[float, float], where: Any, unit: str) -> str:
-    """Least and largest value with their directions, or the one of all directions."""
+    """Format the smallest and largest value with their directions, or the common value."""
     least, largest = (f'{value + 0.0:.5g}{unit}' for value in values)
     if least == largest:
-        return f'{least} all round'
+        return f'{least} in all directions'
     first, second = (' '.join(f'{part:.3g}' for part in one.tolist()) for one in where)
     return f'{least} ({first}) to {largest} ({second})'
 
 
 def rows(found: Sequence[tuple[str, 'Directional']]) -> Iterator[list[object]]:
-    """Rows of `COLUMNS`; empty where there is no Poisson's ratio."""
+    """Yield rows of `COLUMNS`; undefined Poisson's ratios are empty."""
     for name, one in found:
         row: list[object] = [name, *one.direction.tolist(), one.young_modulus]
         for ratio, across in zip(one.poisson_ratio, one.poisson_across.tolist()):
@@ -90,7 +90,7 @@ def rows(found: Sequence[tuple[str, 'Directional']]) -> Iterator[list[object]]:
 
 
 def numbers(found: Sequence[tuple[str, 'Directional']]) -> dict[str, Any]:
-    """For programs, by name."""
+    """Return the moduli by direction, for JSON."""
     return {name: {
         'direction': one.direction, 'young_modulus_pa': one.young_modulus,
         'poisson_ratio': one.poisson_ratio, 'poisson_across': one.poisson_across,

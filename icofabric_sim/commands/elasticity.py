@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.lattice import LatticeRest
     from icofabric_sim.statics.periodic import Elasticity
 
-    # Directions by name, for each branch.
+    # Moduli by direction, for each branch.
     Judged = dict[str, list[tuple[str, Directional]]]
 
 _BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
-# Two directions across each, perpendicular to each other.
+# Two perpendicular directions normal to each direction.
 _ACROSS = {'x': ('y', 'z'), 'y': ('z', 'x'), 'z': ('x', 'y'), 'xy': ('z', 'x-y'),
            'xyz': ('x-y', 'x+y-2z')}
 _SIDES = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'x-y': (1, -1, 0),
@@ -48,28 +48,29 @@ _VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--strain', type=float, default=0.1, metavar='E',
-        help='largest displacement of the moved end over the length (%(default)g)')
+        help='largest displacement of the moved end divided by the length (%(default)g)')
     parser.add_argument(
         '--angle', type=float, default=0.1, metavar='RAD',
-        help='largest angle of one end against the other, of bend and twist [rad] (%(default)g)')
+        help='largest relative angle of the ends in bending and twisting [rad] (%(default)g)')
     parser.add_argument(
-        '--points', type=int, default=10, metavar='N', help='states of a curve (%(default)d)')
+        '--points', type=int, default=10, metavar='N', help='states in each curve (%(default)d)')
     parser.add_argument(
-        '--axis', choices=('x', 'y', 'z'), default='x', help='from end to end (%(default)s)')
+        '--axis', choices=('x', 'y', 'z'), default='x', help='axis through both ends of the slab '
+                                                             '(%(default)s)')
     parser.add_argument(
         '--about', choices=('x', 'y', 'z'),
-        help='axis that a bend turns about, across --axis (default: the next one, y for x)')
+        help='rotation axis of a bend, normal to --axis (default: the next axis, y for x)')
     parser.add_argument(
         '--along', nargs=3, type=float, metavar=('X', 'Y', 'Z'),
-        help='direction in which the moved end of a shear, an oblique pull or push is displaced, '
-             'against it for a push (default: --axis; for a shear the next axis, y for x)')
+        help='displacement direction of the moved end in a shear, or an oblique pull or push '
+             '(reversed for a push; default: --axis; for a shear the next axis, y for x)')
     parser.add_argument(
         '--cycles', type=int, default=0, metavar='N',
-        help='load and unload N times, and say what energy is lost (%(default)d: no way back)')
+        help='load and unload N times and report the dissipated energy (%(default)d: load only)')
     parser.add_argument(
         '--kinds', nargs='*', choices=(*STRAINED, *TURNED), default=_BY_ITSELF, metavar='KIND',
         help='curves of the slab: pull, push, shear, hydrostatic (all faces inwards), inflation '
@@ -77,21 +78,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--direction', nargs=3, type=float, action='append', default=[],
         metavar=('X', 'Y', 'Z'),
-        help="Young's modulus, Poisson's ratios and shear moduli of the endless fabric along this "
-             'direction, beside thirteen others; may be repeated')
+        help="Young's modulus, Poisson's ratios and shear moduli of the periodic fabric in this "
+             'direction, in addition to thirteen others; may be repeated')
     parser.add_argument(
         '--relaxed', action='store_true',
-        help='constants of the endless fabric about its rest, with what shells do to each other '
-             '(contact.mode never: without), instead of those of the woven state')
+        help='constants of the periodic fabric about its equilibrium, with contact between shells '
+             '(contact.mode never: without contact), instead of about the woven state')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """
-    Elastic constants of the endless fabric, and curves of the slab of the scene.
+    Print elastic constants of the periodic fabric and curves of the slab of a scene.
 
-    Returns 1 where a curve ends early.
+    Return 1 if a curve ends early.
     """
     with words_aside(arguments.json):
         report, early = _find(arguments)
@@ -101,7 +102,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
-    """Constants and curves, and whether a curve ended early."""
+    """Compute constants and curves; return the report and whether a curve ended early."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     if not arguments.points >= 1:
@@ -124,7 +125,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         directed = [kind for kind in arguments.kinds if kind in DIRECTED]
         for kind in directed or arguments.kinds:
             check_along(kind, axis, arguments.along)
-        # Curves of the slab need no endless fabric.
+        # Curves of the slab do not need the periodic fabric.
         why = _without_constants(scene) if arguments.kinds else ''
         alone = bool(why)
         constants = None if alone else homogenise(scene, relaxed=arguments.relaxed)
@@ -132,9 +133,9 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         branch: elastic_directions.judged(one, arguments.direction)
         for branch, one in _branches(constants).items()}
     if constants is None:
-        print(f'{name}: no constants of an endless fabric, because {why}')
+        print(f'{name}: no constants of a periodic fabric, because {why}')
     else:
-        print(f'{name}: the endless fabric')
+        print(f'{name}: periodic fabric')
         aside = rest_text(scene) if constants.rest is None else lattice_text(constants.rest, scene)
         print('\n'.join([*constants_text(constants, judged), *aside]))
     parts = np.arange(1, arguments.points + 1) / arguments.points
@@ -144,7 +145,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     try:
         cases.search(scene)
     finally:
-        # Those of an interrupted search too.
+        # Also after an interrupt.
         if lines := cases.text(name):
             print('\n'.join(lines))
         if constants is not None:
@@ -165,19 +166,21 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 
 def _without_constants(scene: 'Scene') -> str:
-    """Why there is no endless fabric of a scene, of which there are curves; '': there is."""
+    """
+    Return why the periodic fabric of a scene is undefined, otherwise ''; curves are possible.
+    """
     from icofabric_sim.scene.connector_groups import differ_by_direction_only
     if scene.parameters['weave.kind'] == 'radial':
         return 'a radial weave does not repeat in space'
     if not differ_by_direction_only(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
     if scene.electric.mutual and scene.electric.charge.any():
-        return 'of charge.mutual the sum over all charges has no end'
+        return 'charge.mutual is an infinite sum over all charges'
     return ''
 
 
 def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
-    """The constants by branch, '' where nothing is at its kink."""
+    """Return the constants by branch, with key '' if no connector is at its kink."""
     return dict(constants.branches) or {'': constants}
 
 
@@ -197,7 +200,7 @@ def _numbers(
 
 
 def _rest_numbers(rest: 'LatticeRest | None') -> dict[str, Any]:
-    """Where constants are about, if that is not the woven state."""
+    """Return the state that the constants refer to, unless it is the woven state."""
     return {} if rest is None else {'rest': {
         'deformation_gradient': rest.gradient, 'turn': rest.turn, 'verdict': rest.verdict,
         'pressing_pairs': len(rest.pressing), 'overlap_m': rest.overlap,
@@ -208,9 +211,9 @@ def moduli(
     constants: 'Elasticity'
 ) -> list[tuple[str, float, list[tuple[str, float | None]]]]:
     """
-    Directions of a pull, Young's modulus [Pa], and Poisson's ratio across in two directions.
+    Return directions, Young's moduli [Pa], and Poisson's ratios in two transverse directions.
 
-    None where a strain without energy yields: there is no such ratio.
+    A ratio is None if a zero-energy strain makes it undefined.
     """
     import numpy as np
 
@@ -228,7 +231,9 @@ def moduli(
 def one_sided_ratios(
     constants: 'Elasticity', label: str, sign: float
 ) -> list[tuple[str, float]]:
-    """Poisson's ratios for a small pull (1) or push (-1) along an axis; none where it yields."""
+    """
+    Return Poisson's ratios for a small pull (1) or push (-1) along an axis; None if undefined.
+    """
     import numpy as np
 
     found = constants.pulled(np.array(_DIRECTIONS[label], float), sign)
@@ -241,13 +246,13 @@ def one_sided_ratios(
 def constants_text(
     constants: 'Elasticity', judged: 'Judged'
 ) -> list[str]:
-    """Lines for the terminal; `judged`: directions by branch."""
+    """Return lines for the terminal; `judged` holds the directions by branch."""
     if not constants.branches:
         return [*_branch_text(constants, judged['']), *_limits_text(constants)]
     lines = [
         f'  {kink_text(constants.at_kink)} (of a cell)',
-        '  Such a fabric has no single tangent: elastic constants depend on the kind and sign of',
-        '  a strain. One twice as large meets the same modulus, but strains and waves do not '
+        '  Such a fabric has no single tangent modulus: it depends on the kind and sign of the',
+        '  strain. The modulus is independent of the amplitude, but strains and waves do not '
         'superpose.']
     lines += _one_sided_text(constants)
     for branch, said in _BRANCHES.items():
@@ -258,27 +263,28 @@ def constants_text(
 
 
 def lattice_text(rest: 'LatticeRest', scene: 'Scene') -> list[str]:
-    """Where the endless fabric has come to rest."""
+    """Describe the equilibrium of the periodic fabric."""
     import numpy as np
 
     stretches = np.linalg.svd(rest.gradient)[1]
     turn = 2.0 * np.arctan2(np.linalg.norm(rest.turn[:3]), abs(rest.turn[3]))
     lines = [
-        f'  about its rest, {rest.verdict}: {stretches.min():.6g} to {stretches.max():.6g} times '
-        f'as long as woven, bodies turned by {turn if turn > 1e-9 else 0.0:.3g} rad']
+        f'  about its equilibrium, {rest.verdict}: lengths {stretches.min():.6g} to '
+        f'{stretches.max():.6g} times '
+        f'the woven ones, bodies rotated by {turn if turn > 1e-9 else 0.0:.3g} rad']
     if len(rest.pressing):
         lines.append(
-            f'  each body presses on {2 * len(rest.pressing)} others, by up to {rest.overlap:.3g} '
-            f'm ({100.0 * rest.overlap / scene.geometry.half_edge:.2g} % of a)')
+            f'  each body is in contact with {2 * len(rest.pressing)} others, overlap up to '
+            f'{rest.overlap:.3g} m ({100.0 * rest.overlap / scene.geometry.half_edge:.2g} % of a)')
     if rest.first_touches:
         lines.append(
-            f'  {rest.first_touches} pairs of a body touch without a push: they resist one way '
-            'only, and are left out')
+            f'  {rest.first_touches} pairs of a body touch at zero force: they resist in one '
+            'direction only and are left out')
     return lines
 
 
 def rest_text(scene: 'Scene') -> list[str]:
-    """Where pre-tensioned point springs would take the fabric if nothing held it."""
+    """Describe the free equilibrium of pre-tensioned point springs."""
     from icofabric_sim.scene.attachments import has_own_attachments
     from icofabric_sim.scene.weave_geometry import geometry_from_length, MINIMUM_LENGTH_RATIO
 
@@ -294,13 +300,13 @@ def rest_text(scene: 'Scene') -> list[str]:
     shortest = MINIMUM_LENGTH_RATIO * woven.cube_width
     if natural < shortest:
         return [
-            f'  connector.natural_length {natural:.6g} m: a weave of connectors so short does not '
-            'exist; shells meet before, and only contact gives it a rest. The least natural '
-            f'length that has one without is {shortest:.9g} m']
+            f'  connector.natural_length {natural:.6g} m: no weave of such short connectors '
+            'exists; the shells touch first, and the equilibrium needs contact. The smallest '
+            f'natural length without contact is {shortest:.9g} m']
     angle = geometry_from_length(woven.half_edge, natural).connector_angle
     return [
         f'  connector.natural_length {natural:.6g} m: these are constants of the woven state, '
-        f'held; left alone the fabric rests at weave.connector_angle {angle:.6g} rad']
+        f'supported; the free fabric is in equilibrium at weave.connector_angle {angle:.6g} rad']
 
 
 _BRANCHES = {
@@ -308,10 +314,10 @@ _BRANCHES = {
 
 
 def _one_sided_text(constants: 'Elasticity') -> list[str]:
-    """What small strains of either sign meet."""
+    """Describe the response to small strains of either sign."""
     import numpy as np
 
-    lines = [f'  small strain {"sign":>5} {"modulus [Pa]":>14}  stress [Pa] for a strain of 1: '
+    lines = [f'  small strain {"sign":>5} {"modulus [Pa]":>14}  stress [Pa] per unit strain: '
              + ', '.join(_VOIGT)]
     for number, label in enumerate(_VOIGT):
         for sign in (1.0, -1.0):
@@ -326,19 +332,22 @@ def _one_sided_text(constants: 'Elasticity') -> list[str]:
         pull, push = (
             constants.pulled(np.array(direction, float), sign).modulus for sign in (1.0, -1.0))
         lines.append(
-            f"  Young's modulus along {label:3} {pull:12.6g} Pa pulled, {push:12.6g} Pa pushed")
+            f"  Young's modulus along {label:3} {pull:12.6g} Pa in tension, {push:12.6g} Pa in "
+            "compression")
     for label in 'xyz':
         pulled, pushed = (
             ', '.join(f'{ratio:.4g} along {side}' for side, ratio in one_sided_ratios(
                 constants, label, sign)) for sign in (1.0, -1.0))
         if pulled and pushed:
             lines.append(
-                f"  Poisson's ratio along {label}: {pulled} pulled, {pushed} pushed")
+                f"  Poisson's ratio along {label}: {pulled} in tension, {pushed} in compression")
     return lines
 
 
 def _limits_text(constants: 'Elasticity') -> list[str]:
-    """Strains at which the first connector changes side."""
+    """
+    Describe the strains at which the first connector changes between tension and compression.
+    """
     import numpy as np
 
     limits = [
@@ -346,8 +355,8 @@ def _limits_text(constants: 'Elasticity') -> list[str]:
         for number, label in enumerate(_VOIGT) for sign, value in (('+', 1.0), ('-', -1.0))]
     if not any(np.isfinite(limit) for _, limit in limits):
         return []
-    return ['  hold to the strain at which the first connector comes from pulling to pushing or '
-            'back: ' + ', '.join(
+    return ['  valid up to the strain at which the first connector changes between tension and '
+            'compression: ' + ', '.join(
                 f'{label} {limit:.4g}' for label, limit in limits if np.isfinite(limit))]
 
 
@@ -374,8 +383,8 @@ def _branch_text(
     lines.append(f'  density {constants.density:.6g} kg/m^3')
     if len(constants.soft_strains):
         lines.append(
-            f'  {len(constants.soft_strains)} strains cost no energy: where a pull excites one '
-            'the modulus is 0')
+            f'  {len(constants.soft_strains)} strains have zero energy: a pull that excites one '
+            'has modulus 0')
     return lines
 
 

@@ -41,31 +41,31 @@ if TYPE_CHECKING:
     from icofabric_sim.pictures.drawing import Renderer
 
 _NAME = 'icofabric film'
-_MOST_RATE = 240.0
+_MAX_RATE = 240.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser, 'SCENE|BAG')
     parser.add_argument(
         'film', metavar='FILE', help='the film: a file that ends in .mp4, .webp or .gif')
     parser.add_argument(
         '--rate', type=float, default=30.0, metavar='R',
-        help='pictures for each second of the film (%(default)g)')
+        help='frames per second (%(default)g)')
     parser.add_argument(
         '--speed', type=float, default=1.0, metavar='X',
-        help='simulated seconds for each second of the film: 0.2 is slow motion (%(default)g)')
+        help='simulated seconds per second of the film: 0.2 is slow motion (%(default)g)')
     parser.add_argument(
         '--duration', type=float, metavar='S',
-        help='of a scene: the simulated time [s]; needed where it has no duration of its own')
+        help='of a scene: simulated time [s]; required if the scene has no duration')
     parser.add_argument(
         '--small', action='store_true',
-        help='for a web page: an MP4 or a WebP of a fifth of the bytes, a little less sharp')
+        help='for a web page: MP4 or WebP with a fifth of the size, slightly less sharp')
     add_picture_arguments(parser, '1280x720')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Film a recorded run, or a scene that is simulated for it."""
+    """Film a recorded run, or a scene that is simulated for the film."""
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     path = Path(arguments.film).expanduser()
     size = _check(arguments, path)
@@ -78,7 +78,8 @@ def main(arguments: argparse.Namespace) -> int:
         source = bag_path(arguments.scene)
         if arguments.scene not in ready_scenes() and is_bag(source):
             if arguments.parameter or arguments.duration is not None:
-                raise InputError('-p and --duration are of scenes; a recorded run stays as it was')
+                raise InputError('-p and --duration apply to scenes; a recorded run cannot be '
+                                 'changed')
             with bag_errors(source):
                 return _film_bag(arguments, source, path, size)
         return _film_scene(arguments, path, size)
@@ -90,17 +91,17 @@ def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
     from icofabric_sim.pictures.film import FASTEST_GIF, SUFFIXES
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f'{path} does not name a film: give a file that ends in .mp4, .webp or .gif')
-    if not 0.0 < arguments.rate <= _MOST_RATE:
+            f'{path} is not a film: give a file that ends in .mp4, .webp or .gif')
+    if not 0.0 < arguments.rate <= _MAX_RATE:
         raise InputError(
-            f'--rate must be above 0 and at most {_MOST_RATE:g} pictures a second, got '
+            f'--rate must be above 0 and at most {_MAX_RATE:g} pictures a second, got '
             f'{arguments.rate:g}')
     if path.suffix.lower() == '.gif' and arguments.rate > FASTEST_GIF:
         raise InputError(
             f'--rate of a GIF is at most {FASTEST_GIF:g} pictures a second, got '
-            f'{arguments.rate:g}; an MP4 shows more')
+            f'{arguments.rate:g}; an MP4 allows more')
     if path.suffix.lower() == '.gif' and arguments.small:
-        raise InputError('--small is for a film that ends in .mp4 or .webp; a GIF has one form')
+        raise InputError('--small is for a film that ends in .mp4 or .webp; a GIF has one quality')
     if not 1e-6 <= arguments.speed <= 1e6:
         raise InputError(f'--speed must lie in 1e-06 to 1e+06, got {arguments.speed:g}')
     size = picture_size(arguments.size)
@@ -127,7 +128,7 @@ def _film_bag(
         times = nearest_times(recorded, np.rint(1e9 * wanted))
         rate = arguments.rate
         if len(times) < len(wanted):
-            # Fewer poses than pictures: the film lasts as long all the same.
+            # With fewer poses than frames the duration of the film stays the same.
             rate *= len(times) / len(wanted)
         with chosen_bodies_errors():
             pictures = RunPictures(
@@ -139,7 +140,7 @@ def _film_bag(
             count = write_film(
                 path, pictures.renderer, pictures.moments(), rate=rate, legend=legend,
                 small=arguments.small, progress=progress.update)
-    return _said(count, rate, path)
+    return _report(count, rate, path)
 
 
 def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]) -> int:
@@ -160,7 +161,7 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
         duration = arguments.end
     if not 0.0 < duration < math.inf:
         raise InputError(
-            'this film needs an end: give --duration S, the simulated time in seconds (the scene '
+            'duration required: give --duration S, the simulated time in seconds (the scene '
             'has duration 0)')
     start, end = time_span(arguments, 0.0, duration)
     with bad_input():
@@ -181,9 +182,9 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
         count = write_film(
             path, renderer, moments, rate=arguments.rate, legend=spread_moments(moments)[::3],
             small=arguments.small, progress=progress.update)
-    return _said(count, arguments.rate, path)
+    return _report(count, arguments.rate, path)
 
 
-def _said(count: int, rate: float, path: Path) -> int:
-    print(f'{count} pictures, {count / rate:.3g} s, in {path}')
+def _report(count: int, rate: float, path: Path) -> int:
+    print(f'{count} frames, {count / rate:.3g} s, in {path}')
     return 0

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser, 'SCENE|BAG')
     add_json_argument(parser)
     parser.add_argument(
         '--compile', action='store_true',
-        help='compile the kernels of the scene where need be, to say its method, step, accuracy')
+        help='compile the kernels of the scene if needed, to report method, step and accuracy')
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -42,7 +42,7 @@ def main(arguments: argparse.Namespace) -> int:
     path = bag_path(arguments.scene)
     if arguments.scene not in ready_scenes() and is_bag(path):
         if arguments.parameter:
-            raise InputError('-p changes a scene; a recorded run stays as it was')
+            raise InputError('-p applies to scenes; a recorded run cannot be changed')
         from icofabric_sim.bag.summary import summarise_bag
         with bag_errors(path):
             print_report(summarise_bag(path).rows(), as_json=arguments.json)
@@ -66,7 +66,7 @@ def _describe(arguments: argparse.Namespace) -> int:
                 rows += _motion(compile_scene(scene))
         except KernelsMissing:
             rows.append(('step', (
-                'method, step and accuracy are found with the kernels of this kind of scene, '
+                'method, step and accuracy need the kernels of this scene, '
                 'which are not compiled yet: add --compile')))
     duration = parameters['duration']
     rows.append(('duration', f'{duration:g} s' if duration > 0.0 else (
@@ -76,10 +76,10 @@ def _describe(arguments: argparse.Namespace) -> int:
 
 
 def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
-    """What follows from the first look at the compiled scene."""
+    """Return rows about frequency, method, step and accuracy of the compiled scene."""
     from icofabric_sim.commands.run_summary import method_rows
     rate = simulation.status.largest_frequency
-    rows = [('frequency', f'{rate:.6g} rad/s at most, at the start')]
+    rows = [('frequency', f'{rate:.6g} rad/s at the start, at most')]
     rows += method_rows(simulation)
     rows.append(('accuracy', _accuracy(simulation)))
     if simulation.status.proximity is not None:
@@ -91,6 +91,6 @@ def _accuracy(simulation: 'Simulation') -> str:
     tolerance = simulation.scene.parameters['solver.tolerance']
     rate = simulation.status.error_rate
     if math.isnan(rate):
-        return f'errors are not estimated; solver.tolerance is {tolerance:g} per second'
-    return (f'errors of {rate:.2g} per second at the start (position over a, or rad); '
+        return f'error not estimated; solver.tolerance is {tolerance:g} per second'
+    return (f'error {rate:.2g} per second at the start (position over a, or rad); '
             f'solver.tolerance is {tolerance:g} per second')

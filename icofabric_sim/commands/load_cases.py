@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Load cases of a slab in words and rows, for `icofabric elasticity`."""
+"""Load cases of a slab as text and rows, for `icofabric elasticity`."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.turning import TurnPoint
 
 STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic', 'inflation'), ('bend', 'twist')
-# Those that `along` is for.
+# Load cases that use `along`.
 DIRECTED = ('pull', 'push', 'shear')
 BREAK_COLUMNS = (
     'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_j')
@@ -35,22 +35,22 @@ BREAK_COLUMNS = (
 
 @dataclass
 class LoadCases:
-    """What was asked for, and what has been found of it."""
+    """Requested load cases and their results."""
 
     kinds: Sequence[str]
     strains: list[float]
     angles: list[float]  # [rad]
-    axis: int  # from end to end
-    about: int | None  # of a bend
-    count: int  # of cycles; 0: there, and not back
-    along: Sequence[float] | None = None  # direction of pull, push and shear; None: that of each
+    axis: int  # through both ends
+    about: int | None  # rotation axis of a bend
+    count: int  # number of cycles; 0: load only
+    along: Sequence[float] | None = None  # of pull, push and shear; None: default of each
     curves: dict[str, list['CurvePoint']] = field(default_factory=dict)
     turns: dict[str, list['TurnPoint']] = field(default_factory=dict)
     cycles: dict[str, list['Cycle']] = field(default_factory=dict)
     early: bool = False
 
     def search(self, scene: 'Scene') -> None:
-        """Find the states of all kinds; those of an interrupted search stay."""
+        """Find the states of all load cases; an interrupted search keeps the states found."""
         for kind in self.kinds:
             points: list[Any] = []
             found: dict[str, list[Any]] = self.curves if kind in STRAINED else self.turns
@@ -62,7 +62,7 @@ class LoadCases:
             self.early |= len(points) < whole or points[-1].verdict.startswith('not')
 
     def _load(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
-        """Add the states of a kind to `points`, and say how many there are to be."""
+        """Add the states of a load case to `points`, and return their intended number."""
         from icofabric_sim.statics.stretching import curve_points
         from icofabric_sim.statics.turning import turn_points
 
@@ -79,7 +79,7 @@ class LoadCases:
         return len(amounts)
 
     def _cycle(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
-        """The same there and back, `count` times."""
+        """Load and unload `count` times."""
         from icofabric_sim.statics.cycles import CycleRun
 
         with bad_input():
@@ -105,22 +105,22 @@ class LoadCases:
         return self.along if kind in DIRECTED else None
 
     def text(self, name: str) -> list[str]:
-        """Lines for the terminal."""
+        """Return lines for the terminal."""
         lines, letter = [], 'xyz'[self.axis]
         curves, turns = _any(self.curves), _any(self.turns)
         if curves:
             lines.append(
-                f'{name}: its slab, held at both ends along {letter}, sides free (hydrostatic, '
-                'inflation: all faces held); strains across are those of its middle third')
+                f'{name}: slab, fixed at both ends along {letter}, sides free (hydrostatic, '
+                'inflation: all faces fixed); transverse strains are from the middle third')
             lines += curve_text(curves, self.axis)
         if turns:
             lines.append(
-                f'{name}: its slab, its ends along {letter} turned against each other, sides free')
+                f'{name}: slab, ends along {letter} rotated against each other, sides free')
             lines += turn_text(turns)
         return lines + cycle_text(self.cycles)
 
     def write(self, outputs: RestOutputs) -> None:
-        """Tables of all that was found."""
+        """Write tables of all results."""
         if curves := _any(self.curves):
             from icofabric_sim.statics.stretching import CURVE_COLUMNS
             outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
@@ -139,7 +139,7 @@ class LoadCases:
             outputs.table('breaks.csv', BREAK_COLUMNS, broken)
 
     def numbers(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the results for JSON."""
         return {
             'curves': {kind: [_state(one) for one in found]
                        for kind, found in self.curves.items()},
@@ -149,12 +149,12 @@ class LoadCases:
 
 
 def _any(found: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
-    """Those kinds of which there is something."""
+    """Return the entries that are not empty."""
     return {kind: points for kind, points in found.items() if points}
 
 
 def _state(point: 'CurvePoint | TurnPoint') -> dict[str, Any]:
-    """A state without its snapshot."""
+    """Return a state without its snapshot."""
     return {**_without(point._asdict(), 'snapshot'),
             'breaks': [each._asdict() for each in point.breaks]}
 
@@ -164,7 +164,7 @@ def _without(fields: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[str]:
-    """Lines for the terminal; strains across `axis` are those of the middle of the slab."""
+    """Return lines for the terminal; transverse strains are from the middle of the slab."""
     lines = []
     for kind, points in curves.items():
         sides = [number for number in range(3) if number != axis]
@@ -181,7 +181,7 @@ def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[
 
 
 def turn_text(turns: Mapping[str, Sequence['TurnPoint']]) -> list[str]:
-    """Lines for the terminal."""
+    """Return lines for the terminal."""
     lines = []
     for kind, points in turns.items():
         stiffness = 'EI [N m^2]' if kind == 'bend' else 'GJ [N m^2]'
@@ -195,10 +195,11 @@ def turn_text(turns: Mapping[str, Sequence['TurnPoint']]) -> list[str]:
 
 
 def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
-    """Lines for the terminal."""
+    """Return lines for the terminal."""
     return [
-        f'  {kind:11} cycle {number}: {cycle.work:.6g} J there, {cycle.regained:.6g} J back, '
-        f'{cycle.lost:.3g} J lost' + (
+        f'  {kind:11} cycle {number}: {cycle.work:.6g} J loading, {cycle.regained:.6g} J '
+        'unloading, '
+        f'{cycle.lost:.3g} J dissipated' + (
             f'; breaks released {cycle.released:.6g} J, {cycle.broken} broken'
             if cycle.broken else '')
         for kind, found in cycles.items() for number, cycle in enumerate(found, start=1)]
@@ -207,7 +208,7 @@ def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
 def break_rows(
     cases: Iterable[tuple[str, Sequence['CurvePoint | TurnPoint']]]
 ) -> list[list[object]]:
-    """Rows of `BREAK_COLUMNS`: what broke in each case, in its order."""
+    """Return rows of `BREAK_COLUMNS`: the broken connectors of each case, in order."""
     return [
         [kind, each.amount, each.connector, each.side, each.length, each.released]
         for kind, points in cases for point in points for each in point.breaks]
@@ -218,11 +219,11 @@ def _over(stress: float, strain: float) -> str:
 
 
 def _more(point: 'CurvePoint | TurnPoint') -> str:
-    """What is to be known of a state beside its verdict."""
+    """Return remarks on a state besides its verdict."""
     parts = [
         f'  {count} {words}' for count, words in (
             (point.obstructed, 'obstructed'), (point.broken, 'broken'),
-            (point.touching, 'pairs touch'), (point.sliding, 'of these slide'),
+            (point.touching, 'pairs in contact'), (point.sliding, 'sliding'),
             (point.at_kink, 'at their kink'),
             (point.past_kink, 'past it')) if count]
     return ''.join(parts)

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Entry point of `icofabric`: finds the verb, and turns what goes wrong into an exit status.
+Entry point of `icofabric`: find the verb, and map errors to exit statuses.
 
-Each verb is a module with `add_arguments(parser)` and `main(arguments) -> int`. Only the module of
-the verb that was asked for is imported, and what takes long to import only when it is needed: an
-interrupt before `main` is called ends Python as it likes.
+Each verb is a module with `add_arguments(parser)` and `main(arguments) -> int`. Only the requested
+module is imported, and slow imports are deferred until needed. An interrupt before `main` is
+called ends Python in its default way.
 """
 
 import argparse
@@ -27,38 +27,38 @@ import sys
 import threading
 from typing import Any, NoReturn
 
-# Verb, and what it does; the module has the same name.
+# Verbs and their summaries; each module is named like its verb.
 VERBS = {
     'run': 'simulate a scene as fast as possible and record it to a bag',
     'verify': 'simulate a recorded run again and compare, bit by bit',
-    'statics': 'find where a scene comes to rest under its loads',
-    'modes': 'find the small vibrations and the mechanisms of a scene',
-    'elasticity': 'find the elastic constants of a fabric, and stress against strain of its slab',
+    'statics': 'find the static equilibrium of a scene under its loads',
+    'modes': 'find normal modes and mechanisms of a scene',
+    'elasticity': 'find elastic constants of a fabric, and stress-strain curves of a slab',
     'info': 'describe a scene or a recorded run',
     'render': 'draw a recorded run to pictures',
     'plot': 'plot energies, displacements, forces, tensions, spectra or stress of a recorded run',
     'film': 'film a recorded run or a scene: MP4, WebP or GIF',
-    'view': 'look at a scene or a recorded run in a browser, and pull at it',
-    'sweep': 'run a scene for many values of its parameters, on all cores or a cluster',
-    'study': 'answer what kind of material it is: all figures and tables of docs/study.md',
+    'view': 'show a scene or a recorded run in a browser, and drag its shells',
+    'sweep': 'run a scene for many parameter values, on all cores or a cluster',
+    'study': 'compute the material study: all figures and tables of docs/study.md',
     'document': 'print the tables and the appendix of the document, and draw its figures',
     'tables': 'print the tables of the document, and draw its Figure 5 (see document)',
-    'stress': 'judge random scenes: accuracy, stability, refusals, bits',
-    'benchmark': 'measure speed and accuracy beside other tools',
-    'new': 'write a commented scene to begin with',
-    'completion': 'print a script that completes verbs, options and scenes in a shell',
-    'warm': 'compile kernels ahead, so that runs begin at once',
-    'recover': 'make a whole bag of one whose recorder was killed',
+    'stress': 'test random scenes: accuracy, stability, input validation, reproducibility',
+    'benchmark': 'measure speed and accuracy, and compare with other tools',
+    'new': 'write a new scene file with comments',
+    'completion': 'print a shell completion script for verbs, options and scenes',
+    'warm': 'compile kernels in advance, so that runs start at once',
+    'recover': 'recover a bag whose recorder was killed',
 }
 # Verbs of the sibling package icofabric_validation, which declares them as entry points.
 VALIDATION_VERBS = ('study', 'stress', 'benchmark')
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-# Wall time [s] after which an interrupt that was dropped is sent once more.
-_AGAIN = 0.05
+# Wall time [s] after which a dropped interrupt is raised again.
+_RETRY_S = 0.05
 
 
 class _Help(argparse.HelpFormatter):
-    """Keeps every verb on the line of its summary: argparse counts their indent too short."""
+    """Help formatter that keeps a verb and its summary on one line."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog)
@@ -66,7 +66,7 @@ class _Help(argparse.HelpFormatter):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong."""
+    """Argument parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         import difflib
@@ -74,16 +74,16 @@ class _Parser(argparse.ArgumentParser):
         wrong = re.match(r"argument VERB: invalid choice: '([^']+)'", message)
         near = difflib.get_close_matches(wrong[1], VERBS, 1) if wrong else []
         if wrong and near:
-            message = f'there is no verb {wrong[1]}; did you mean {near[0]}?'
+            message = f'unknown verb {wrong[1]}; did you mean {near[0]}?'
         print(f'{self.prog}: {message} (see {self.prog} --help)', file=sys.stderr)
         sys.exit(BAD_INPUT)
 
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Run one verb; without `argv` that of the command line, after which the process is to end.
+    Run one verb; without `argv`, that of the command line, after which the process should end.
 
-    Returns 0: done; 1: the physics or the file says no; 2: bad input; 130: interrupted.
+    Returns the exit status: 0 done, 1 failed run or damaged file, 2 bad input, 130 interrupted.
     """
     words = sys.argv[1:] if argv is None else argv
     name = f'icofabric {words[0]}' if words and words[0] in VERBS else 'icofabric'
@@ -91,7 +91,7 @@ def main(argv: list[str] | None = None) -> int:
     if argv is None:
         sys.unraisablehook = _raise_again
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # A shell has its background jobs ignore it; whoever sends it means it.
+        # A shell lets its background jobs ignore the signal; whoever sends it means it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
@@ -102,9 +102,9 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         if argv is None:
             _ignore_interrupts()
-        # Where it was raised in a text that `exec` or `eval` runs (named tuples are made so),
-        # Python notes that, and in the end kills itself by SIGINT whatever the status. The next
-        # text resets the note.
+        # If the interrupt was raised in code run by `exec` or `eval` (named tuples are built so),
+        # Python records that and kills itself by SIGINT at the end, whatever the status. Another
+        # such run resets the record.
         exec('')
         print(f'{name}: interrupted', file=sys.stderr)
         return INTERRUPTED
@@ -125,7 +125,7 @@ def load_verb(verb: str) -> Any:
 
 
 def _guarded(words: list[str], name: str) -> int:
-    """Run a verb; what goes wrong, but for an interrupt, becomes a line and a status."""
+    """Run a verb; map every error except an interrupt to a message and an exit status."""
     from icofabric_sim.libraries import install_command, MissingLibrary
     from icofabric_sim.terminal import FileSaysNo, InputError
     try:
@@ -145,11 +145,11 @@ def _guarded(words: list[str], name: str) -> int:
         print(f'{name}: {error}', file=sys.stderr)
         return FAILED
     except BrokenPipeError:
-        # The reader of the output closed it; Python must not complain at its end.
+        # The reader closed the pipe; Python must not report that at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except MemoryError:
-        print(f'{name}: there is not enough memory for this; choose less', file=sys.stderr)
+        print(f'{name}: not enough memory; choose a smaller problem', file=sys.stderr)
         return FAILED
     except OSError as error:
         place = f'{error.filename}: ' if error.filename else ''
@@ -162,13 +162,13 @@ def _run(words: list[str]) -> int:
         prog='icofabric',
         description='Simulate icosahedral fabric without a ROS graph.',
         formatter_class=_Help,
-        epilog='icofabric VERB --help explains a verb.')
+        epilog='icofabric VERB --help describes the options of a verb.')
     from icofabric_sim.commands.scenes import located
     from icofabric_sim.terminal import InputError, quiet
     from icofabric_sim.version import __version__
     parser.add_argument('--version', action='version', version=f'icofabric_sim {__version__}')
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
-    # For a word that is not a verb the names are enough.
+    # Names are sufficient for a word that is not a verb.
     wanted = next((word for word in words if not word.startswith('-')), '')
     for verb, summary in VERBS.items():
         sub = verbs.add_parser(
@@ -181,7 +181,7 @@ def _run(words: list[str]) -> int:
                 help='show results, warnings and errors only, no progress')
             sub.set_defaults(main=module.main)
     if wanted in VERBS:
-        # Words that are left over are reported with the verb.
+        # Report remaining words in the name of the verb.
         parser.prog = f'icofabric {wanted}'
     arguments = parser.parse_args(words)
     try:
@@ -193,7 +193,7 @@ def _run(words: list[str]) -> int:
 
 
 def _one_line(error: Exception) -> str:
-    # A name of a file may have line breaks.
+    # A file name may contain line breaks.
     return ' '.join(str(error).splitlines())
 
 
@@ -203,23 +203,23 @@ def _interrupt(number: int, frame: object) -> NoReturn:
 
 def _raise_again(lost: 'sys.UnraisableHookArgs') -> None:
     """
-    Send an interrupt once more that was raised where nothing can catch it.
+    Raise an interrupt again that was raised where nothing can catch it.
 
-    Such as the compiler's calls back into Python, which drop it, or a `__del__`.
+    Examples are callbacks of the compiler, which drop it, or a `__del__`.
     """
     if lost.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(lost)
         return
-    again = threading.Timer(_AGAIN, os.kill, (os.getpid(), signal.SIGINT))
+    again = threading.Timer(_RETRY_S, os.kill, (os.getpid(), signal.SIGINT))
     again.daemon = True
     again.start()
 
 
 def _ignore_interrupts() -> None:
     """
-    Let the process end with the status that is decided.
+    Ignore interrupts, so that the process ends with its exit status.
 
-    While Python tears its modules down signals have their default action again, and would kill it.
+    While Python tears down its modules, signals have their default action again and would kill it.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -39,53 +39,53 @@ if TYPE_CHECKING:
     import numpy as np
 
 _SHOWN = 12
-_DRAWN = 5  # modes in a picture
-# Lengths and sizes of an animation.
+_DRAWN = 5  # number of modes in a picture
+# Endings of other files, which are not accepted for an animation.
 _OTHER_FILES = ('.png', '.jpg', '.jpeg', '.mp4', '.webm', '.avi', '.mov', '.mcap', '.db3')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--count', type=int, metavar='N',
-        help='so many frequencies (default: all of up to 2,400 freedoms, else 20)')
+        help='number of frequencies (default: all for up to 2,400 degrees of freedom, else 20)')
     parser.add_argument(
-        '--highest', action='store_true', help='the highest instead of the lowest')
+        '--highest', action='store_true', help='highest frequencies instead of the lowest')
     parser.add_argument(
         '--branch', choices=('pull', 'push'),
-        help='where connectors are at their natural length and have two stiffnesses: '
-             'which of the two all of them do, in what is drawn and animated (default: push; what '
-             'is listed and written is of both, bands are drawn of both)')
+        help='for connectors at their natural length with two stiffnesses: the stiffness '
+             'that all of them have in drawings and animations (default: push; '
+             'lists and files contain both, bands are drawn for both)')
     parser.add_argument(
         '--equilibrium', action='store_true',
-        help='about the equilibrium under the loads of the scene, as icofabric statics finds it '
-             '(default: about its initial configuration); bands are about the rest of the endless '
-             'fabric then, with contact')
+        help='about the equilibrium under the loads of the scene, as found by icofabric statics '
+             '(default: about the initial configuration); bands are about the equilibrium of the '
+             'periodic fabric, with contact')
     parser.add_argument(
         '--time', type=float, metavar='S',
-        help='loads, drives and anchors are held as they are at this time [s] (needed where they '
+        help='hold loads, drives and anchors at their values at this time [s] (required if they '
              'change with time)')
     parser.add_argument(
         '--bands', metavar='FILE',
-        help='also draw the waves in the endless fabric of this weave to this PNG: band structure '
-             'and density of states')
+        help='also draw the dispersion of waves in the periodic fabric to this PNG: band '
+             'structure and density of states')
     parser.add_argument(
         '--animate', metavar='PATH',
-        help='show one of them in motion: a file that ends in .gif is a picture that moves, any '
+        help='animate one mode: a path that ends in .gif is an animated picture, any '
              'other new path the folder of a bag for replay_node and icofabric render')
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
-        '--mode', type=int, metavar='N', help='the one to animate, as listed (default: 0)')
+        '--mode', type=int, metavar='N', help='mode to animate, as listed (default: 0)')
     which.add_argument(
         '--mechanism', type=int, metavar='N',
-        help='animate one of the motions without energy instead (from 0; of up to 2,400 freedoms)')
+        help='animate a zero-energy motion instead (from 0; for up to 2,400 degrees of freedom)')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Find the vibrations, and count the motions without any."""
+    """Find the normal modes, and count the zero-energy motions."""
     with words_aside(arguments.json):
         report = _find(arguments)
     if arguments.json:
@@ -94,7 +94,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _find(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What vibrates, and how."""
+    """Compute the spectrum, write the requested output, and return the report."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     bands = picture_path(arguments, 'bands')
@@ -115,7 +115,7 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
             print(f'verdict     {found.verdict} (residual {found.residual:.2g})')
             if not found.converged or found.verdict == LEAST_RESULTANTS:
                 raise FileSaysNo(
-                    'no equilibrium was found to vibrate about; icofabric statics shows why')
+                    'no equilibrium was found; icofabric statics shows why')
             at = found.snapshot
         spectrum = solve_modes(
             scene, at=at, time=arguments.time, count=arguments.count,
@@ -150,7 +150,7 @@ def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
 
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
-    """Lines for the terminal."""
+    """Return lines for the terminal."""
     lines = [f'freedoms    {spectrum.freedoms:,}']
     if spectrum.first_touches:
         lines.append(f'touching    {touch_text(spectrum.first_touches)}')
@@ -167,13 +167,13 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
     return lines
 
 
-# Largest ratio to the lowest frequency of one that may count as 0, and largest relative error of
-# it, that are not reported.
+# Thresholds below which no warning is printed: largest ratio of a frequency that may count as 0 to
+# the lowest frequency, and largest relative error of the latter.
 _UNCLEAR, _INEXACT = 0.1, 1e-6
 _KINK = (
-    'Such a fabric has no single frequency of a kind. Two branches bound it: all of these',
-    'pull (k_e), or all push (k_c). The k-th frequency of every mixture lies between theirs.',
-    'A small motion twice as large takes the same time, but motions do not superpose.')
+    'Such a fabric has no single frequency for each mode. Two branches bound it: all of these',
+    'have k_e (tension), or all have k_c. The k-th frequency of every mixture is in between.',
+    'The period is independent of the amplitude, but motions do not superpose.')
 _BRANCHES = {'pull': 'k_e in all at their kink', 'push': 'k_c in all at their kink'}
 
 
@@ -185,8 +185,8 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
         lines.append('zero energy not counted')
     else:
         lines.append(
-            f'zero energy {spectrum.mechanism_count:,} motions, {spectrum.rigid_count} of them '
-            'rigid motions of the whole')
+            f'zero energy {spectrum.mechanism_count:,} motions, of which {spectrum.rigid_count} '
+            'are rigid-body motions of the fabric')
     counts = spectrum.counts
     if counts is not None:
         lines.append(
@@ -194,13 +194,13 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
             f'{counts.mechanisms:,} mechanisms - {counts.self_stresses:,} states of self-stress')
     lines += _rounding_text(spectrum)
     if spectrum.unstable_count > 0:
-        lines.append(f'unstable    {spectrum.unstable_count:,} motions lower the energy')
+        lines.append(f'unstable    {spectrum.unstable_count:,} motions decrease the energy')
     rates = spectrum.frequencies
     if len(rates):
         lines.append(
             f'frequencies {len(rates):,}, {rates[0]:.6g} to {rates[-1]:.6g} rad/s '
             f'({rates[0] / (2 * math.pi):.6g} to {rates[-1] / (2 * math.pi):.6g} Hz)')
-        # What has no kink holds for any small amplitude; at the kink it is 0.
+        # Without a kink the limit holds for any small amplitude; at the kink it is 0.
         factors = spectrum.amplitudes[:_SHOWN]
         holds = np.isfinite(factors) & (factors > 0.0)
         for number, rate in enumerate(rates[:_SHOWN].tolist()):
@@ -213,39 +213,40 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
             lines.append(f'  ... and {len(rates) - _SHOWN:,} more')
         if holds.any():
             lines.append(
-                '  to: largest displacement and turn of a body at which the first connector comes '
-                'from pulling to pushing or back')
+                '  to: largest displacement and rotation of a body at which the first connector '
+                'changes between tension and compression')
         largest = spectrum.largest_frequency
         lines.append(
-            f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), by the search '
-            'that chooses steps')
+            f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), by the '
+            'iteration that selects the step')
     else:
         lines.append('frequencies none')
     return lines
 
 
 def _rounding_text(spectrum: 'Spectrum') -> list[str]:
-    """Say what rounding hides, where stiffnesses differ by orders of magnitude."""
+    """Report what round-off hides if stiffnesses differ by orders of magnitude."""
     lines, rates, errors = [], spectrum.frequencies, spectrum.relative_errors
     if hidden := spectrum.hidden_count:
         lines.append(
-            f'rounding    {hidden:,} of the motions without energy stretch connectors: '
-            f'frequencies below {spectrum.zero_below:.3g} rad/s count as 0')
+            f'round-off   {hidden:,} of the zero-energy motions stretch connectors: '
+            f'frequencies below {spectrum.zero_below:.3g} rad/s are counted as 0')
     elif spectrum.mechanism_count > 0 and len(rates) and (
             spectrum.zero_below > _UNCLEAR * rates[0]):
-        lines.append(f'rounding    frequencies below {spectrum.zero_below:.3g} rad/s count as 0')
+        lines.append(f'round-off   frequencies below {spectrum.zero_below:.3g} rad/s are counted '
+                     'as 0')
     if len(errors) and errors[0] > _INEXACT:
-        lines.append(f'rounding    the lowest frequency is exact to {errors[0]:.1g} of itself')
+        lines.append(f'round-off   relative error of the lowest frequency {errors[0]:.1g}')
     return lines
 
 
 def _bounds_text(spectrum: 'Spectrum') -> list[str]:
     bounds = spectrum.bounds
     if bounds is None:
-        return ['between     not known: motions without energy were not counted']
+        return ['between     unknown: zero-energy motions were not counted']
     lines = [
-        'between     frequencies of every mixture, by their place among all motions; those '
-        'without energy come first, as 0']
+        'between     frequencies of every mixture, by their index among all motions; those '
+        'of zero energy come first, as 0']
     lines += [
         f'  {spectrum.bounds_from + row:4d}  {least:14.8g} to {most:14.8g} rad/s'
         for row, (least, most) in enumerate(bounds[:_SHOWN].tolist())]
@@ -280,7 +281,7 @@ def _pictures(
     from icofabric_sim.pictures.mode_animation import displaced, scaled_shape
 
     rest = spectrum.snapshot
-    states = [(rest.position, rest.orientation, 'at rest')]
+    states = [(rest.position, rest.orientation, 'equilibrium')]
     for rate, shape in zip(spectrum.frequencies[:_DRAWN], spectrum.shapes):
         there = displaced(rest, scaled_shape(scene, shape))
         states.append((there.position, there.orientation, f'{rate:.5g} rad/s'))
@@ -288,11 +289,11 @@ def _pictures(
 
 
 def _animation_path(arguments: argparse.Namespace) -> Path | None:
-    """Where the animation goes: a GIF, or a folder that is not there yet."""
+    """Return the path of the animation: a GIF, or a folder that does not exist yet."""
     wanted = arguments.mode if arguments.mechanism is None else arguments.mechanism
     if arguments.animate is None:
         if wanted is not None:
-            raise InputError('--mode and --mechanism say what to animate: give --animate PATH too')
+            raise InputError('--mode and --mechanism need --animate PATH')
         return None
     if wanted is not None and wanted < 0:
         raise InputError(f'--mode and --mechanism count from 0, got {wanted}')
@@ -302,7 +303,7 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
         raise InputError(
             f'--animate {path}: give a file that ends in .gif, or the folder of a new bag')
     if suffix != '.gif' and os.path.lexists(path):
-        raise InputError(f'--animate {path} exists already, and no bag is overwritten')
+        raise InputError(f'--animate {path} exists; bags are never overwritten')
     if suffix == '.gif':
         require_library('matplotlib', 'a picture')
     return require_place('--animate', path)
@@ -311,17 +312,17 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
 def _animate(
     path: Path, name: str, scene: 'Scene', spectrum: 'Spectrum', arguments: argparse.Namespace
 ) -> None:
-    """Show the mode, or the motion without energy, that is wanted."""
+    """Animate the requested mode or zero-energy motion."""
     from icofabric_sim.pictures.mode_animation import HALF, PERIOD, write_bag, write_gif
 
     if arguments.mechanism is not None:
         shapes, number = spectrum.mechanisms, arguments.mechanism
-        said = f'motion without energy {number}'
+        said = f'zero-energy motion {number}'
     else:
         shapes, number = spectrum.shapes, arguments.mode or 0
         said = f'mode {number}'
     if not number < len(shapes):
-        raise InputError(f'--animate: there is no {said}; {len(shapes):,} were found')
+        raise InputError(f'--animate: {said} does not exist; {len(shapes):,} were found')
     if arguments.mechanism is None:
         said += f', {spectrum.frequencies[number]:.5g} rad/s'
     if path.suffix.lower() == '.gif':
@@ -332,4 +333,4 @@ def _animate(
     else:
         with bad_input():
             write_bag(path, said, scene, spectrum.snapshot, shapes[number])
-    print(f'{said} animated in {path}: a swing takes {PERIOD:g} s')
+    print(f'{said} animated in {path}: the period is {PERIOD:g} s')

@@ -23,45 +23,45 @@ _CORNERS = ' or '.join(f'x_{along} and y_{across}'
 _HELD = {'side': 'x_min', 'top': 'z_max', 'bottom': 'z_min', 'corners': _CORNERS}
 _FREE = {'side': 'x_max', 'top': 'z_min', 'bottom': 'z_max', 'none': 'x_max',
          'corners': 'not x_min and not x_max or not y_min and not y_max'}
-# Hooks hold corners, which are free to turn.
+# Hooks fix positions but leave rotations free.
 _FIX = {'corners': 'tx ty tz'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument('file', metavar='FILE', help='the new scene, a file that ends in .yaml')
     parser.add_argument(
         '--size', type=int, nargs=3, default=[7, 3, 3], metavar='N',
         help='grid positions along x, y and z (7 3 3)')
     parser.add_argument(
         '--kind', choices=('orthogonal', 'bias'), default='orthogonal',
-        help='the weave (%(default)s)')
+        help='weave (%(default)s)')
     parser.add_argument(
         '--angle', type=float, default=0.25, metavar='RAD',
-        help='connector angle [rad]: less is a closer fabric (%(default)s)')
+        help='connector angle [rad]: a smaller angle gives a denser fabric (%(default)s)')
     parser.add_argument(
         '--stiffness', type=float, default=500.0, metavar='K',
-        help='of the connectors [N/m] (%(default)g)')
+        help='connector stiffness [N/m] (%(default)g)')
     parser.add_argument(
         '--damping', type=float, default=0.02, metavar='C',
-        help='of the connectors [N s/m] (%(default)g)')
+        help='connector damping [N s/m] (%(default)g)')
     parser.add_argument(
         '--bending', type=float, default=0.02, metavar='B',
-        help='bending stiffness of the connectors [N m/rad]; 0: plain springs, with which a '
+        help='bending stiffness of the connectors [N m/rad]; 0: ideal springs, with which a '
              'fabric folds and hangs like a net (%(default)g)')
     parser.add_argument(
         '--held', choices=(*_HELD, 'none'), default='side',
-        help='what is held in place: a layer, or the four upright edges as by hooks, for a '
+        help='supported bodies: a layer, or the four upright edges as on hooks, for a '
              'hammock (%(default)s)')
-    parser.add_argument('--floor', type=float, metavar='Z', help='a floor at this height [m]')
-    parser.add_argument('--no-gravity', action='store_true', help='no weight')
+    parser.add_argument('--floor', type=float, metavar='Z', help='height of a floor [m]')
+    parser.add_argument('--no-gravity', action='store_true', help='no gravity')
     parser.add_argument(
         '--duration', type=float, default=2.0, metavar='S',
         help='simulated time [s] of `icofabric run` and films (%(default)g)')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Write the scene, once it is known to be one."""
+    """Write the scene after validating it."""
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.scene.scene import Scene
@@ -88,31 +88,33 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def scene_text(arguments: argparse.Namespace, name: str) -> str:
-    """The text of a scene file with comments."""
+    """Return the text of a scene file with comments."""
     held = arguments.held
     down = 0.0 if arguments.no_gravity else -9.81
     lines = [
-        f'# {name}: made by icofabric new. All parameters: docs/parameters.md. SI units, radians.',
+        f'# {name}: written by icofabric new. All parameters: docs/parameters.md. SI units, '
+        'radians.',
         '/**:',
         '  ros__parameters:',
         '    weave:',
         f'      kind: {arguments.kind}',
-        f'      size: [{", ".join(map(str, arguments.size))}]  # grid positions; every other one '
-        'bears a shell',
-        f'      connector_angle: {arguments.angle!r}  # [rad]; up to pi/4: longer connectors, '
-        'looser fabric',
+        f'      size: [{", ".join(map(str, arguments.size))}]  # grid positions; every second one '
+        'has a shell',
+        f'      connector_angle: {arguments.angle!r}  # [rad]; below pi/4: longer connectors, '
+        'less dense fabric',
         '    connector:',
         f'      stiffness: {arguments.stiffness!r}  # [N/m]',
-        f'      damping: {arguments.damping!r}  # [N s/m]; 0: energy is kept',
-        f'      bending_stiffness: {arguments.bending!r}  # [N m/rad]; 0: plain springs, it folds',
+        f'      damping: {arguments.damping!r}  # [N s/m]; 0: energy is conserved',
+        f'      bending_stiffness: {arguments.bending!r}  # [N m/rad]; 0: ideal springs; the '
+        'fabric folds',
         f'    gravity: [0.0, 0.0, {down!r}]  # [m/s^2]',
-        f'    duration: {arguments.duration!r}  # [s]; a node stops there, 0: never',
+        f'    duration: {arguments.duration!r}  # [s]; a node stops at this time; 0: never',
     ]
     if arguments.floor is not None:
         lines += [
             '    planes:', '      floor:',
             '        normal: [0.0, 0.0, 1.0]  # towards the free side',
-            f'        offset: {arguments.floor!r}  # [m]; contact.* says how hard it is']
+            f'        offset: {arguments.floor!r}  # [m]; contact.* sets its stiffness']
     lines += ['    groups:  # selectors: x_min, z_max, level 3, row 0, ids 0 5 7, ...']
     if held != 'none':
         lines.append(f'      held: {_HELD[held]}')
@@ -121,7 +123,7 @@ def scene_text(arguments: argparse.Namespace, name: str) -> str:
         lines += ['    supports:', '      hold:', '        group: held',
                   f'        fix: {_FIX.get(held, "all")}  # all, or some of: tx ty tz rotation']
     lines += [
-        '    loads:', '      push:  # pushed by messages on ~/loads/push, or here:',
-        '        group: free', '        share: total  # among the bodies of the group',
+        '    loads:', '      push:  # driven by messages on ~/loads/push, or here:',
+        '        group: free', '        share: total  # divided among the bodies of the group',
         '        force: [0.0, 0.0, 0.0]  # [N]']
     return '\n'.join(lines) + '\n'

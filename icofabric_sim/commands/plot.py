@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric plot BAG KIND`, and of the table of a benchmark."""
+"""`icofabric plot BAG KIND`, also for the table of a benchmark."""
 
 import argparse
 import math
@@ -24,34 +24,35 @@ from icofabric_sim.terminal import bad_input, InputError, require_place
 
 _WORK = 'work-precision'
 _KINDS = ('energy', 'displacement', 'force', 'tension', 'spectrum', 'stress', _WORK)
-_SMALLEST, _LARGEST = 2.0, 40.0  # inches
+_MIN_INCHES, _MAX_INCHES = 2.0, 40.0  # inches
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'bag', metavar='BAG',
         help='folder of a recorded run, or its file; for work-precision: work_precision.csv')
     parser.add_argument(
         'kind', choices=_KINDS, metavar='KIND',
-        help='energy: energies and their balance; displacement, force: of groups over time; '
-             'tension: how many connectors have which, at four times; spectrum: of the '
-             'displacements; stress: over strain, between two groups; work-precision: error over '
-             'time of the solvers in a table of `icofabric benchmark work-precision`')
+        help='energy: energies and their balance; displacement, force: of groups against time; '
+             'tension: distribution over the connectors, at four times; spectrum: of the '
+             'displacements; stress: against strain, between two groups; work-precision: error '
+             'against time of the solvers in a table of `icofabric benchmark work-precision`')
     parser.add_argument(
         '--output', metavar='FILE',
-        help='the figure, a file that ends in .png or .svg (default: BAG_KIND.png beside the bag)')
+        help='figure, a file that ends in .png or .svg (default: BAG_KIND.png beside the bag)')
     parser.add_argument(
         '--groups', nargs='+', default=[], metavar='GROUP',
         help="groups of the scene, selectors such as 'x_max and z_max', or numbers of bodies "
              '(default: all groups of the scene)')
     parser.add_argument(
         '--axis', choices=('x', 'y', 'z'), default='',
-        help='this component of displacements and forces (default: the size of the vector)')
+        help='component of displacements and forces (default: magnitude of the vector)')
     parser.add_argument(
-        '--size', default='6.4x4.0', metavar='WxH', help='inches of the figure (%(default)s)')
+        '--size', default='6.4x4.0', metavar='WxH', help='size of the figure [inches] '
+                                                         '(%(default)s)')
     parser.add_argument('--from', type=float, metavar='T', dest='start', default=-math.inf,
-                        help='begin at this simulated time [s]')
+                        help='start at this simulated time [s]')
     parser.add_argument('--to', type=float, metavar='T', dest='end', default=math.inf,
                         help='end at this simulated time [s]')
 
@@ -72,7 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
     size = _inches(arguments.size)
     if not arguments.end >= arguments.start:
         raise InputError(
-            f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is no time')
+            f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is not a time')
     require_place('--output', path)
     require_library('matplotlib', 'a picture')
     if arguments.kind == _WORK:
@@ -98,7 +99,7 @@ def _plot_work(
             ('--groups', arguments.groups), ('--axis', arguments.axis),
             ('--from', math.isfinite(arguments.start)), ('--to', math.isfinite(arguments.end))):
         if given:
-            raise InputError(f'{option} is of recorded runs; {_WORK} takes a table')
+            raise InputError(f'{option} applies to recorded runs; {_WORK} takes a table')
     if not source.is_file():
         raise InputError(
             f'{source}: no such file; {_WORK} takes the table that icofabric benchmark '
@@ -115,8 +116,8 @@ def _inches(text: str) -> tuple[float, float]:
         size = (float(match[1]), float(match[2])) if match else (0.0, 0.0)
     except ValueError:
         size = (0.0, 0.0)
-    if not all(_SMALLEST <= side <= _LARGEST for side in size):
+    if not all(_MIN_INCHES <= side <= _MAX_INCHES for side in size):
         raise InputError(
-            f'--size must be WIDTHxHEIGHT, {_SMALLEST:g} to {_LARGEST:g} inches each way, such as '
+            f'--size must be WIDTHxHEIGHT, {_MIN_INCHES:g} to {_MAX_INCHES:g} inches, such as '
             f'6.4x4.0, got {text!r}')
     return size

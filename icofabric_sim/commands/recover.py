@@ -22,7 +22,7 @@ from icofabric_sim.terminal import FileSaysNo, InputError, Progress, require_pla
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument('bag', metavar='BAG', help='folder of the bag, or its .mcap or .db3 file')
     parser.add_argument(
         'destination', metavar='DESTINATION', nargs='?', default='',
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Copy all that can be read into a new bag."""
+    """Copy all readable messages into a new bag."""
     from icofabric_sim.bag import BagError, next_free_path, recover_bag
     from icofabric_sim.bag.reader import storage_files
     from icofabric_sim.bag.summary import span_text
@@ -62,6 +62,6 @@ def main(arguments: argparse.Namespace) -> int:
         *(('' if number else 'topics', f'{topic}: {count:,}')
           for number, (topic, count) in enumerate(sorted(report.topics.items()))),
         ('source', f'the source was damaged: {report.damage}' if report.damage else
-         'the source was whole: nothing was lost'),
+         'the source was complete: nothing was lost'),
         ('next', f'icofabric info {report.path}')], as_json=arguments.json)
     return 0

@@ -38,19 +38,19 @@ _FILES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument('bag', metavar='BAG', help='folder of a recorded run, or its file')
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         '--frames', type=int, metavar='N',
-        help=f'N moments spread evenly over the run (default: {_DEFAULT_COUNT})')
+        help=f'N frames spread evenly over the run (default: {_DEFAULT_COUNT})')
     which.add_argument(
-        '--every', type=float, metavar='S', help='a moment every S seconds of simulated time')
+        '--every', type=float, metavar='S', help='one frame every S seconds of simulated time')
     which.add_argument(
         '--times', type=float, nargs='+', metavar='T',
-        help='moments at these simulated times [s]; each takes the nearest recorded poses')
+        help='frames at these simulated times [s]; each shows the nearest recorded poses')
     parser.add_argument(
-        '--sheet', metavar='FILE', help='draw the moments side by side into this one PNG')
+        '--sheet', metavar='FILE', help='draw the frames side by side into this PNG')
     parser.add_argument(
         '--output', metavar='DIR',
         help='folder for frame_0001.png, ... (default: BAG_frames, unless --sheet is given)')
@@ -70,8 +70,8 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.output:
         if Path(arguments.output).suffix.lower() in _FILES:
             raise InputError(
-                f'--output {arguments.output} looks like a file, and is the folder for frames; '
-                'give a name without such an ending, or --sheet FILE.png for a single picture')
+                f'--output {arguments.output} looks like a file, but must be a folder for frames; '
+                'give a name without this ending, or --sheet FILE.png for a single picture')
         require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
     require_library('matplotlib', 'a picture')
     from icofabric_sim.bag import next_free_path
@@ -88,13 +88,13 @@ def main(arguments: argparse.Namespace) -> int:
         if sheet is not None:
             sheet.parent.mkdir(parents=True, exist_ok=True)
             pictures.sheet(sheet)
-            print(f'{len(times)} moments in {sheet}')
+            print(f'{len(times)} frames in {sheet}')
         if arguments.output or sheet is None:
             folder = Path(arguments.output).expanduser() if arguments.output else next_free_path(
                 path.absolute().with_name(f'{path.stem if path.is_file() else path.name}_frames'))
             if folder.exists() and any(folder.glob('frame_*.png')):
                 raise InputError(
-                    f'--output {folder} holds frames already, and they would be mixed; choose '
+                    f'--output {folder} already contains frames, which would be mixed; choose '
                     'another folder')
             with Progress(len(times), 'frames') as progress:
                 drawn = pictures.frames(folder, progress=progress.update)
@@ -103,11 +103,11 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _times(arguments: argparse.Namespace, recorded: 'np.ndarray') -> 'np.ndarray':
-    """Recorded times [ns] of the moments that are wanted."""
+    """Return the recorded times [ns] of the requested frames."""
     from icofabric_sim.pictures.render import nearest_times, spread_times
     import numpy as np
     if not len(recorded):
-        raise InputError(f'{arguments.bag} holds no poses to draw')
+        raise InputError(f'{arguments.bag} contains no poses to draw')
     start, end = time_span(arguments, float(recorded[0]) / 1e9, float(recorded[-1]) / 1e9)
     recorded = recorded[(recorded >= 1e9 * start - 0.5) & (recorded <= 1e9 * end + 0.5)]
     if not len(recorded):

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What verbs report: two columns for people, or JSON for programs."""
+"""Reports of the verbs: two columns for people, or JSON for programs."""
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,20 +32,20 @@ def add_json_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --json."""
     parser.add_argument(
         '--json', action='store_true',
-        help='report as JSON: names with a text, or a list of texts')
+        help='print the report as JSON: each name with a text, or a list of texts')
 
 
 def add_json_numbers_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare --json of a verb that reports numbers."""
+    """Declare --json for a verb that reports numbers."""
     parser.add_argument(
         '--json', action='store_true',
-        help='report as JSON, numbers in full and in SI units; what is said beside goes to the '
+        help='print JSON with full precision in SI units; other messages go to the '
              'error stream')
 
 
 @contextmanager
 def words_aside(as_json: bool) -> Iterator[None]:
-    """Let all that is printed within go to the error stream, where the report is JSON."""
+    """Redirect printed text to the error stream if the report is JSON."""
     if not as_json:
         yield
         return
@@ -54,12 +54,14 @@ def words_aside(as_json: bool) -> Iterator[None]:
 
 
 def print_json(report: Mapping[str, Any]) -> None:
-    """Print numbers, texts, arrays and what is made of them; numbers that are not finite: null."""
+    """
+    Print numbers, texts, arrays and nested data as JSON; numbers that are not finite become null.
+    """
     print(json.dumps(_plain(report), indent=1, ensure_ascii=False), flush=True)
 
 
 def print_json_line(report: Mapping[str, Any]) -> None:
-    """Print the same on one line."""
+    """Print a report as JSON on one line."""
     print(json.dumps(_plain(report), ensure_ascii=False), flush=True)
 
 
@@ -76,7 +78,7 @@ def _plain(value: Any) -> Any:
 
 
 def print_report(rows: Iterable[Row], *, as_json: bool, lines: Iterable[str] = ()) -> None:
-    """Print rows of a label and a text, and further lines."""
+    """Print rows of label and text, and further lines."""
     from icofabric_sim.scene.summary import as_lines
     table = list(rows)
     if not as_json:
@@ -101,10 +103,10 @@ def rows_as_they_come(
     total: int
 ) -> Iterator[Callable[[NamedTuple, int], None]]:
     """
-    Give a function that takes a row, and how many runs of the `total` are done.
+    Yield a function that takes a row and the number of finished runs of `total`.
 
-    It prints the row, as a `line` or as JSON, and adds it to the CSV file `table`, under the
-    `head`, before anything else begins: what an interrupt ends may have lasted for hours.
+    The function prints the row, as a `line` or as JSON, and adds it to the CSV file `table` below
+    the `head`. Rows are written at once, because an interrupt may end work of hours.
     """
     with ExitStack() as stack:
         file = None

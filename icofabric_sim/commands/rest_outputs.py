@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Files that `icofabric statics` and `icofabric modes` leave: tables, and pictures."""
+"""Output files of `icofabric statics` and `icofabric modes`: tables and pictures."""
 
 import argparse
 import csv
@@ -40,21 +40,21 @@ _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
 
 
 def kink_text(connectors: int, anchors: tuple[str, ...] = ()) -> str:
-    """What is at its kink, and where; for the terminal."""
+    """Describe connectors and anchors at their kink, for the terminal."""
     parts = [f'{connectors:,} connectors'] if connectors else []
     parts += [f'anchors.{name}' for name in anchors]
-    return f'{", ".join(parts)}: at the natural length, where k_e is not k_c'
+    return f'{", ".join(parts)}: at the natural length, where k_e and k_c differ'
 
 
 def touch_text(count: int) -> str:
-    """What is at its first touch; for the terminal."""
+    """Describe contacts at zero force, for the terminal."""
     return (
-        f'{count:,} contacts at their first touch: they count as open, and resist when they are '
-        'pressed')
+        f'{count:,} contacts at first touch (zero force): treated as open, but they resist '
+        'compression')
 
 
 class RestOutputs(NamedTuple):
-    """Where to write, if anywhere."""
+    """Destinations of tables and pictures, if any."""
 
     folder: Path | None
     picture: Path | None
@@ -65,10 +65,10 @@ class RestOutputs(NamedTuple):
         contacts: 'ContactForces | None' = None, leftover: 'np.ndarray | None' = None
     ) -> None:
         """
-        Tables of bodies, connectors, reactions and contacts, and a picture of start and end.
+        Write tables of bodies, connectors, reactions and contacts, and draw start and end.
 
-        Where shells can touch, `bodies.csv` has the resultants of the contacts of each, and what
-        is `leftover` (n, 6) where that is given.
+        If shells can touch, `bodies.csv` also has the contact resultants of each body and, if
+        given, the residual `leftover` (n, 6).
         """
         if self.folder is not None:
             head: tuple[str, ...] = _BODIES
@@ -92,12 +92,12 @@ class RestOutputs(NamedTuple):
                 borne = reactions.table()
                 self.table('reactions.csv', tuple(borne), zip(*borne.values()))
         if self.picture is not None:
-            # Where it is needed: help texts come without it.
+            # Imported here, so that help texts do not need it.
             import numpy as np
 
             self.draw(name, scene, [
                 (scene.initial.position, scene.initial.orientation, 'start'),
-                (snapshot.position, snapshot.orientation, 'at rest')],
+                (snapshot.position, snapshot.orientation, 'equilibrium')],
                 _arrows(reactions, float(np.abs(tension).max(initial=0.0))), contacts)
 
     def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
@@ -115,7 +115,7 @@ class RestOutputs(NamedTuple):
         self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],
         pushes: tuple['Push', ...] = (), contacts: 'ContactForces | None' = None
     ) -> None:
-        """Draw configurations side by side, with the arrows of forces at the last one."""
+        """Draw configurations side by side, with force arrows in the last one."""
         from icofabric_sim.pictures.drawing import frame_moments, Renderer
         from icofabric_sim.pictures.measures import fit_scale
         from icofabric_sim.pictures.moment import Moment
@@ -132,7 +132,7 @@ class RestOutputs(NamedTuple):
 
 
 def _arrows(reactions: 'Reactions | None', tension: float) -> tuple['Push', ...]:
-    """Arrows of what bears a force, but for rounding beside it and the largest `tension` [N]."""
+    """Return arrows of reactions that exceed round-off relative to the largest `tension` [N]."""
     from icofabric_sim.pictures.moment import Push
 
     if reactions is None or not len(reactions.names):
@@ -147,11 +147,11 @@ def _arrows(reactions: 'Reactions | None', tension: float) -> tuple['Push', ...]
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare --output and --picture."""
     parser.add_argument('--output', metavar='DIR', help='folder for tables (CSV)')
-    parser.add_argument('--picture', metavar='FILE', help='draw it to this PNG')
+    parser.add_argument('--picture', metavar='FILE', help='draw start and equilibrium to this PNG')
 
 
 def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
-    """What was asked for."""
+    """Return the requested outputs."""
     folder = None if arguments.output is None else Path(arguments.output).expanduser()
     picture = picture_path(arguments, 'picture')
     if folder is not None and folder.exists() and not folder.is_dir():
@@ -162,7 +162,7 @@ def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
 
 
 def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
-    """The PNG file that an option names."""
+    """Return the PNG file that an option names."""
     text = getattr(arguments, name)
     if text is None:
         return None

@@ -44,11 +44,11 @@ _NAME = 'icofabric run'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--duration', type=float, metavar='S',
-        help='simulated time [s]; needed where the scene has no duration of its own')
+        help='simulated time [s]; required if the scene has no duration')
     record = parser.add_mutually_exclusive_group()
     record.add_argument(
         '--record', metavar='PATH',
@@ -59,34 +59,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='storage of the bag (default: record.storage of the scene)')
     parser.add_argument(
         '--no-growth', action='store_true',
-        help='do not measure how a small disturbance grows in this motion: a second, displaced '
-             'run beside the first, which doubles the work (with solver.tolerance above 4e-9 in '
+        help='do not measure error growth: a second run from a displaced start, '
+             'which doubles the work (with solver.tolerance above 4e-9 in '
              'a radian of the fastest vibration, and no solver.step: two more runs)')
     parser.add_argument(
         '--ranks', action='store_true',
-        help='share the steps among the processes of MPI that were started together: mpiexec -n 4 '
-             'icofabric run SCENE --ranks; the first one records. The same bits as one process. '
-             'Without growth, and with what ranks can share (docs/howto/ranks.md)')
+        help='share the steps among the MPI processes that were started together: mpiexec -n 4 '
+             'icofabric run SCENE --ranks; the first one records. Bit-identical to one process. '
+             'Without error growth; docs/howto/ranks.md lists what ranks support')
     add_json_argument(parser)
     parser.add_argument(
         '--cross-check', action='store_true',
-        help='record nothing; integrate with quaternions and with direction cosines side by side '
-             'and report how far they differ')
+        help='record nothing; integrate with quaternions and with direction cosines '
+             'and report the differences')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Simulate to the end of the duration; the record is kept and closed whatever happens."""
+    """Simulate to the end of the duration; keep and close the bag in any case."""
     if not arguments.ranks:
         with bad_input():
             require_alone()
         return _simulate(arguments, None)
     if arguments.cross_check:
-        raise InputError('--cross-check compares within one process: give it without --ranks')
+        raise InputError('--cross-check runs in one process: leave out --ranks')
     with bad_input():
         ranks = launched_ranks()
 
     def lead() -> int:
-        # Until it is known: bad input ends it by an exception.
+        # Until the run is set up, bad input ends it with an exception.
         ranks.exit_status = 2
         return _simulate(arguments, ranks)
 
@@ -110,7 +110,7 @@ def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:
         simulation = compile_scene(scene, ranks=ranks)
     is_shared = ranks is not None and ranks.size > 1
     if is_shared and not arguments.no_growth:
-        say('growth is not measured while ranks share the steps: icofabric verify compares bits, '
+        say('error growth is not measured with ranks: icofabric verify compares bits, '
             'and a run in one process measures it')
     simulation.warm_up()
     with ExitStack() as stack:
@@ -157,11 +157,11 @@ class _Run:
                     aside = self._seconds_aside() - aside
                     self._judge(runner)
                 finally:
-                    # A signal here must not tear the bag.
+                    # A signal must not leave a damaged bag.
                     self._close()
                 self.progress.clear()
                 status = runner.status()
-                # What was interrupted after its last step is not interrupted.
+                # An interrupt after the last step does not count.
                 interrupted = self.interrupted and not (status.finished or status.failure)
                 rows = run_summary(
                     self.name, self.simulation, self.monitor, status, wall - aside, aside,
@@ -171,7 +171,7 @@ class _Run:
         except KeyboardInterrupt:
             if not self.interrupted:
                 raise
-            # In the midst of what leaves no state to describe.
+            # The state is not known in the middle of a compilation.
             self.progress.clear()
             print_report(broken_off_summary(
                 self.name, self.simulation, runner.status(), compile_notice.seconds,
@@ -188,7 +188,7 @@ class _Run:
         return 0.0 if companion is None else companion.seconds
 
     def _judge(self, runner: 'Runner') -> None:
-        """Find out how accurate the run was."""
+        """Estimate the accuracy of the run."""
         from icofabric_sim.running.run_records import errors_of
         self.errors = errors_of(self.simulation)
         companion = self.monitor.companion
@@ -206,9 +206,9 @@ class _Run:
                 storage=self.simulation.scene.parameters['record.storage'])
 
     def _bag_failed(self, error: Exception) -> None:
-        # A run whose record has failed ends: the record was asked for.
+        # Recording was requested, so the run ends when it fails.
         if self.runner is not None:
-            self.progress.note(f'{_NAME}: {error}; the run ends here')
+            self.progress.note(f'{_NAME}: {error}; the run is stopped')
             self.runner.stop()
 
     def _close(self) -> None:
@@ -226,7 +226,7 @@ class _Run:
         def stop(number: int, frame: object) -> None:
             self.interrupted = True
             runner.stop()
-            # What does not check for that, above all the compiler, is broken off.
+            # Code that does not poll for signals, mainly the compiler, is interrupted.
             leaving.request()
 
         before = {number: signal.signal(number, stop)
@@ -241,12 +241,12 @@ class _Run:
 
 
 def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Parameters':
-    """Parameters with what the command line changes: the pace, the duration, the storage."""
+    """Apply real-time factor, duration and storage of the command line to the parameters."""
     changes: dict[str, object] = {}
     given = {rule.partition(':=')[0] for rule in arguments.parameter}
     if 'real_time_factor' not in given:
         changes['real_time_factor'] = 0.0
-    # There is no service to end the pause.
+    # No service could resume a paused run.
     changes['start_paused'] = False
     if arguments.duration is not None:
         changes['duration'] = arguments.duration
@@ -256,7 +256,7 @@ def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Param
         parameters = parameters.with_changes(changes)
     if not parameters['duration'] > 0.0:
         raise InputError(
-            'this run needs an end: give --duration S, the simulated time in seconds (the scene '
+            'duration required: give --duration S, the simulated time in seconds (the scene '
             'has duration 0)')
     return parameters
 

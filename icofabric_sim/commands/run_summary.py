@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What `icofabric run` says at its end."""
+"""Summary of `icofabric run`."""
 
 import math
 
@@ -26,8 +26,8 @@ from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np
 
-# Less of the compiler [s] is not worth a line.
-_MENTIONED = 0.5
+# Shorter compilation times [s] are not reported.
+_MIN_REPORTED_S = 0.5
 
 
 def run_summary(
@@ -35,10 +35,10 @@ def run_summary(
         aside: float, *, errors: Errors | None, growth: Growth | None, bag: BagRecorder | None,
         interrupted: bool, compiling: float = 0.0) -> list[Row]:
     """
-    Label and text of all that the summary says.
+    Return label and text of each line of the summary.
 
-    `wall` is the wall time of the run itself [s], `aside` that of measuring the growth, and
-    `compiling` that of the compiler, before the run and in it.
+    `wall` is the wall time of the run [s], `aside` that of the growth measurement, and `compiling`
+    that of the compiler, before and during the run.
     """
     scene = simulation.scene
     rows = [
@@ -57,7 +57,7 @@ def run_summary(
         ('strain', _strain(simulation, monitor)),
         *_breaks(simulation),
         ('motion', _displacement(simulation, monitor)),
-        ('overlap', status.proximity or 'none beyond what contact is meant for'),
+        ('overlap', status.proximity or 'none beyond the intended contact overlap'),
         *([('', status.obstruction)] if status.obstruction else []),
     ]
     if status.failure:
@@ -72,20 +72,20 @@ def broken_off_summary(
         name: str, simulation: Simulation, status: Status, compiling: float, *,
         bag: BagRecorder | None) -> list[Row]:
     """
-    Label and text for a run that the user ended in the midst of long work.
+    Return label and text for a run that the user ended during a compilation or measurement.
 
-    Its last state is not known.
+    The last state is not known.
     """
     return [
         ('scene', f'{name}: {size_text(simulation.scene)}'),
         *_compiler(compiling),
         ('stopped', f'by the user at t = {seconds(status.time):.6g} s, while kernels were being '
-                    'compiled or the step was being measured: no figures of the run'),
+                    'compiled or the step was being measured: no results'),
         *_recorded(name, bag)]
 
 
 def method_rows(simulation: Simulation) -> list[Row]:
-    """What takes the steps, and why."""
+    """Return the method, its step and its threads, with the reasons for them."""
     wanted = simulation.scene.parameters['solver.threads']
     threads = f'{simulation.status.thread_count}, ' + (
         f'of solver.threads {wanted}' if wanted else 'as many as cores and bodies are worth')
@@ -97,81 +97,81 @@ def method_rows(simulation: Simulation) -> list[Row]:
 
 
 def _elsewhere(simulation: Simulation) -> Row | None:
-    """What took the steps, if not this process alone."""
+    """Return the device or the ranks that take the steps, or None for this process alone."""
     status = simulation.status
     if status.device:
-        return ('device', f'{status.device}; the run takes about '
-                          f'{status.device_bytes / 1e6:.3g} MB there')
+        return ('device', f'{status.device}; memory about '
+                          f'{status.device_bytes / 1e6:.3g} MB')
     if status.rank_count == 1:
         return None
-    return ('ranks', f'{status.rank_count} share the steps, by one thread each; halo at most '
-                     f'{status.halo_bytes / 1e3:.4g} kB for each evaluation of the forces')
+    return ('ranks', f'{status.rank_count} share the steps, one thread each; halo at most '
+                     f'{status.halo_bytes / 1e3:.4g} kB for each force evaluation')
 
 
 def accuracy_rows(
         simulation: Simulation, errors: Errors, growth: Growth | None) -> list[Row]:
-    """What was achieved beside what was asked for, and what it means for the end of the run."""
+    """Return the error estimate, the tolerance, and the meaning for the end of the run."""
     parameters = simulation.scene.parameters
     tolerance = parameters['solver.tolerance']
     given = parameters['solver.step'] > 0.0
     is_estimated = not math.isnan(errors.estimate)
-    text = 'not estimated, as solver.error_estimate is false'
+    text = 'not estimated, because solver.error_estimate is false'
     if is_estimated:
-        text = (f'{errors.estimate:.2g} added in all, lately {errors.rate:.2g} per second '
-                '(position over a, or rad)')
+        text = (f'error estimate {errors.estimate:.2g} in total, {errors.rate:.2g} per second at '
+                'present (position over a, or rad)')
     text += f'; solver.tolerance is {tolerance:g} per second'
     if errors.rate > tolerance:
-        text += ': not met by the step that was given' if given else ': not met'
+        text += ': exceeded with the given step' if given else ': exceeded'
     lacks = simulation.status.error_estimate_lacks if is_estimated else ''
-    return [('accuracy', text), *([('', f'not covered by that: {lacks}')] if lacks else []), *(
+    return [('accuracy', text), *([('', f'not included: {lacks}')] if lacks else []), *(
         [('growth', 'not measured')] if growth is None
         else growth_rows(growth, 0.0 if given else tolerance))]
 
 
 def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
-    """How a small disturbance grew, and the verdict; `tolerance` 0: the step was given."""
+    """Return the growth of a small disturbance and a verdict; `tolerance` 0: given step."""
     text = f'a small disturbance grew {times(growth.largest, growth.at_least)}'
     if growth.ended:
         text += f' until t = {growth.time[-1]:.6g} s, when {growth.ended}'
     until = growth.meaningful_until
     if math.isnan(until):
-        return [('growth', f'{text}; what that makes of errors is not known, as they were not '
+        return [('growth', f'{text}; the effect on errors is not known, because they were not '
                            'estimated')]
     if not growth.is_sensitive:
         basis = 'errors' if tolerance == 0.0 else 'tolerance'
-        end = 'the error then' if growth.ended else 'the final error'
+        end = 'the error at that time' if growth.ended else 'the final error'
         return [('growth', f'{text}: {end} stays below {growth.final_error(tolerance):.2g} '
                            f'({basis}, times growth)')]
-    rows = [('growth', f'{text}: the motion is sensitive, or chaotic')]
+    rows = [('growth', f'{text}: the motion is sensitive or chaotic')]
     if until == math.inf:
-        rows.append(('', 'its errors, grown, stay below a tenth of a half edge all the same: the '
-                         'trajectory means something to its end'))
+        rows.append(('', 'the amplified errors stay below a tenth of a half edge: the '
+                         'trajectory is meaningful to the end'))
     else:
-        rows.append(('', f'the trajectory means something until t = {until:.4g} s, while errors, '
-                         'grown, are below a tenth of a half edge; after that only averages do'))
+        rows.append(('', f'the trajectory is meaningful until t = {until:.4g} s, while amplified '
+                         'errors are below a tenth of a half edge; after that only averages are'))
     return rows
 
 
 def step_reason(simulation: Simulation) -> str:
-    """The step in use, and where it comes from."""
+    """Return the present step and the reason for it."""
     text = f'{simulation.status.step:.6g} s'
     rate, limit = simulation.status.largest_frequency, step_limit(simulation)
     if simulation.scene.parameters['solver.step'] > 0.0:
         return f'{text}, given as solver.step; the limit is {limit:.6g} s'
     if limit == math.inf and facts_of(simulation.status.method_name).adaptive:
-        when = 'to begin with' if simulation.status.step_count == 0 else (
-            f'at last, {simulation.time / simulation.status.step_count:.3g} s on average')
-        return f'{text} {when}: each is as long as its error allows'
+        when = 'at the start' if simulation.status.step_count == 0 else (
+            f'at the end, {simulation.time / simulation.status.step_count:.3g} s on average')
+        return f'{text} {when}: adapted to the error'
     if rate > 0.0:
         return (
-            f'{text}, chosen: {simulation.status.step * rate:.2g} over the largest frequency of '
-            f'the fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
-    return f'{text}, chosen: no connector sets a frequency'
+            f'{text}, automatic: {simulation.status.step * rate:.2g} over the largest frequency '
+            f'of the fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
+    return f'{text}, automatic: no connector limits it'
 
 
 def _recorded(name: str, bag: BagRecorder | None) -> list[Row]:
     if bag is None:
-        return [('bag', 'nothing was recorded')]
+        return [('bag', 'not recorded')]
     if bag.error is not None:
         return [('bag', _bag(bag))]
     return [
@@ -181,10 +181,10 @@ def _recorded(name: str, bag: BagRecorder | None) -> list[Row]:
 
 
 def _compiler(compiling: float) -> list[Row]:
-    if compiling < _MENTIONED:
+    if compiling < _MIN_REPORTED_S:
         return []
-    return [('', f'{compiling:.3g} s of wall time more to load or compile kernels, before '
-                 'it and in it')]
+    return [('', f'{compiling:.3g} s of additional wall time to load or compile kernels, before '
+                 'and during the run')]
 
 
 def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
@@ -201,12 +201,12 @@ def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
 
 
 def _kept(monitor: RunMonitor, status: Status) -> list[Row]:
-    """Say which times the figures of a failed run are of: outputs, steps, and the kept state."""
+    """Describe the times of the results of a failed run: outputs, steps, and the kept state."""
     if not status.failure:
         return []
-    return [('', f'stopped: outputs come to t = {seconds(status.time):.6g} s, steps and the '
-                 'balance to the failure; energy and momentum at the end are those of the last '
-                 f'good state, t = {monitor.last.time:.6g} s')]
+    return [('', f'failed: outputs end at t = {seconds(status.time):.6g} s, steps and the '
+                 'balance at the failure; energy and momentum at the end are from the last '
+                 f'valid state, t = {monitor.last.time:.6g} s')]
 
 
 def _energy(simulation: Simulation, monitor: RunMonitor, status: Status) -> str:
@@ -218,15 +218,15 @@ def _energy(simulation: Simulation, monitor: RunMonitor, status: Status) -> str:
     if not monitor.energy_scale > 0.0:
         return text
     drift = (last - first) / monitor.energy_scale
-    return (f'{text}; drift {drift:+.1e} of the largest energy that was exchanged '
+    return (f'{text}; drift {drift:+.1e} of the largest exchanged energy '
             f'({monitor.energy_scale:.3g} J)')
 
 
 def _balance(simulation: Simulation) -> str:
     balance = simulation.balance
-    work = f', of which {balance.work:.3g} J were put in' if balance.work != 0.0 else ''
-    return (f'balance: off by at most {balance.worst:.1e} of the largest energy that moved, was '
-            f'exchanged or put in ({balance.scale:.3g} J{work}); solver.energy_limit is '
+    work = f', external work {balance.work:.3g} J' if balance.work != 0.0 else ''
+    return (f'balance: largest error {balance.worst:.1e} of the largest energy stored, '
+            f'exchanged or supplied ({balance.scale:.3g} J{work}); solver.energy_limit is '
             f'{balance.limit:g}')
 
 
@@ -248,7 +248,7 @@ def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
         ('gravity', any(scene.parameters['gravity'])),
         ('loads', _loads_act(simulation))) if acts]
     if reasons:
-        rows.append(('', f'not kept: {", ".join(reasons)}'))
+        rows.append(('', f'not conserved: {", ".join(reasons)}'))
         return rows
     parts = []
     for label, before, after, scale in (
@@ -258,7 +258,7 @@ def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
         if scale > 0.0:
             parts.append(f'{label} {float(np.linalg.norm(after - before)) / scale:.1e}')
     if parts:
-        rows.append(('', f'changed by {", ".join(parts)} of the sum over the bodies'))
+        rows.append(('', f'relative change {", ".join(parts)} of the sum over the bodies'))
     return rows
 
 
@@ -274,13 +274,13 @@ def _strain(simulation: Simulation, monitor: RunMonitor) -> str:
 
 
 def _breaks(simulation: Simulation) -> list[Row]:
-    """How many connectors broke, when, and what that cost; nothing where none can."""
+    """Return number, times and energy of broken connectors; nothing if none can break."""
     snapshot, scene = simulation.snapshot(), simulation.scene
     torn = np.flatnonzero(~snapshot.anchor_intact)
     if not scene.can_break and snapshot.intact.all():
         return []
     gone = np.flatnonzero(~snapshot.intact)
-    lost = f'{snapshot.energy["lost_at_breaks"]:.3g} J were lost'
+    lost = f'{snapshot.energy["lost_at_breaks"]:.3g} J dissipated'
     rows = []
     if len(gone):
         times = snapshot.break_time[gone]

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What a scene says of itself before anything is compiled: room, contact, period, cost."""
+"""Estimates from a scene before compilation: bounding box, contact, period, cost."""
 
 import math
 
@@ -22,17 +22,17 @@ from icofabric_sim.scene.summary import Row, vector
 from icofabric_sim.simulation.contact.setup import pack_contact
 import numpy as np
 
-# Steps of the leapfrog in a period of the fastest vibration at solver.tolerance 1e-6 or so, and
-# ns for each body and step on one thread (docs/performance.md); contact and fields add to it.
+# Leapfrog steps in a period of the fastest vibration at solver.tolerance of about 1e-6, and ns for
+# each body and step on one thread (docs/performance.md); contact and fields add to it.
 _STEPS_A_PERIOD, _NANOSECONDS = 60.0, 20.0
-# Edges of more [m] look like millimetres.
-_LARGE_EDGE = 0.5
-# Numbers of a group that are listed.
-_LISTED = 8
+# Larger edges [m] are probably in millimetres.
+_MAX_EDGE_M = 0.5
+# Largest number of listed members of a group.
+_MAX_LISTED = 8
 
 
 def estimate_rows(scene: Scene) -> list[Row]:
-    """Bounding box, smallest gap, members of groups, contact, fastest period, expected cost."""
+    """Return bounding box, smallest gap, group members, contact, fastest period, expected cost."""
     rows = [('box', _box(scene)), ('gap', _gap(scene))]
     rows += [(f'group {name}', members(bodies)) for name, bodies in scene.groups.items()]
     rows.append(('contact', _contact(scene)))
@@ -40,11 +40,12 @@ def estimate_rows(scene: Scene) -> list[Row]:
     if frequency > 0.0:
         period = 2.0 * math.pi / frequency
         rows.append((
-            'period', f'the fastest vibration of connectors takes {period:.3g} s or more'))
+            'period', f'the fastest vibration of connectors has a period of at least {period:.3g} '
+                      's'))
         steps = _STEPS_A_PERIOD / period
         cost = 1e-9 * _NANOSECONDS * steps * scene.body_count
         rows.append((
-            'cost', f'of the order of {cost:.1g} s of computing for each simulated second, on one '
+            'cost', f'about {cost:.1g} s of computing for each simulated second, on one '
             'thread and without contact'))
     rows += hints(scene)
     return rows
@@ -53,26 +54,26 @@ def estimate_rows(scene: Scene) -> list[Row]:
 def _box(scene: Scene) -> str:
     radius = circumscribed_radius(1.0) * scene.body_half_edges[:, None]
     low, high = (scene.position - radius).min(axis=0), (scene.position + radius).max(axis=0)
-    return f'{vector(low, "m")} to {vector(high, "m")}, around the shells'
+    return f'{vector(low, "m")} to {vector(high, "m")}, bounding box of the shells'
 
 
 def _gap(scene: Scene) -> str:
     found = smallest_gap(
         scene.body_half_edges, scene.initial.position, scene.initial.orientation)
     if found is None:
-        return 'there is one shell'
+        return 'only one shell'
     gap, (one, other) = found
     if gap < 0.0:
         return f'none: shells {one} and {other} overlap by {-gap:.3g} m at the start'
-    return f'{gap:.6g} m or more between shells, least between {one} and {other}'
+    return f'{gap:.6g} m at least between shells, smallest between {one} and {other}'
 
 
 def members(bodies: np.ndarray) -> str:
-    """Numbers of bodies, as ranges."""
+    """Return numbers of bodies as ranges."""
     parts = np.split(bodies, np.flatnonzero(np.diff(bodies) > 1) + 1)
     said = [f'{part[0]}' if len(part) == 1 else f'{part[0]} to {part[-1]}' for part in parts]
-    more = f', ... ({len(bodies):,} bodies)' if len(said) > _LISTED else ''
-    return ', '.join(said[:_LISTED]) + more
+    more = f', ... ({len(bodies):,} bodies)' if len(said) > _MAX_LISTED else ''
+    return ', '.join(said[:_MAX_LISTED]) + more
 
 
 def _contact(scene: Scene) -> str:
@@ -80,7 +81,7 @@ def _contact(scene: Scene) -> str:
     mode = scene.parameters['contact.mode']
     if setup is None:
         return f'{mode}: never computed'
-    own = '' if scene.parameters['contact.stiffness'] else ", the scene's own"
+    own = '' if scene.parameters['contact.stiffness'] else ' (automatic)'
     text = (f'{mode}: stiffness {setup.stiffness:.4g} N/m{own}, damping {setup.damping:g} s/m, '
             f'friction {setup.friction:g}')
     if setup.names:
@@ -90,7 +91,7 @@ def _contact(scene: Scene) -> str:
 
 def frequency_bound(scene: Scene) -> float:
     """
-    Angular frequency [rad/s] that no vibration of straight, unstrained connectors exceeds.
+    Return an upper bound of the angular frequencies [rad/s] of straight, unstrained connectors.
 
     (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2 for each of them; g^2 <= 1/m + r^2/I of a body.
     """
@@ -110,17 +111,18 @@ def frequency_bound(scene: Scene) -> float:
 
 
 def hints(scene: Scene) -> list[Row]:
-    """What may be meant in other units."""
+    """Return hints about values that may be in other units."""
     found: list[Row] = []
     edge = scene.shell.edge_length
-    if edge >= _LARGE_EDGE:
+    if edge >= _MAX_EDGE_M:
         found.append(('hint', f'shell.edge_length is {edge:g} m; lengths are in m: did you mean '
                               f'{edge / 1000:g}?'))
     for name in scene.parameters.names('initial'):
         turn = float(np.linalg.norm(scene.parameters[f'initial.{name}.rotation']))
         if turn > 2.0 * math.pi:
             found.append((
-                'hint', f'initial.{name}.rotation is a turn by {turn:g} rad; angles are in rad: '
+                'hint', f'initial.{name}.rotation is a rotation by {turn:g} rad; angles are in '
+                        'rad: '
                 f'did you mean degrees, {math.radians(turn):.4g} rad?'))
     gravity = float(np.linalg.norm(scene.parameters['gravity']))
     if gravity > 1000.0:

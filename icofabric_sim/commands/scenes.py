@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The argument SCENE with its overrides, for all verbs that take one."""
+"""Argument SCENE with its overrides, for the verbs that take a scene."""
 
 import argparse
 from collections.abc import Sequence
@@ -30,17 +30,17 @@ def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE')
     """Declare SCENE and `-p name:=value`."""
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     names = ', '.join(ready_scenes()) or 'none is installed'
-    text = f'parameter file of a scene, or the name of a ready scene ({names})'
+    text = f'parameter file of a scene, or the name of an example scene ({names})'
     if metavar != 'SCENE':
         text += ', or the folder of a bag'
     parser.add_argument('scene', metavar=metavar, help=text)
     parser.add_argument(
         '-p', '--parameter', metavar='NAME:=VALUE', action='append', default=[],
-        help="another value for a parameter of the scene, as after ROS's -p; may be repeated")
+        help='parameter override, as with -p in ROS; may be repeated')
 
 
 def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
-    """Name of the scene, and its parameters with the overrides."""
+    """Return the name of the scene and its parameters with the overrides."""
     from icofabric_sim.parameters.file import load_parameter_file, parse_parameter_override
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
@@ -58,14 +58,14 @@ _DOTTED = re.compile(r'[a-z]\w*(?:\.[A-Za-z_]\w*)+(?=[:, ])')
 
 def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputError:
     """
-    The error with the line of the scene file that it is about, where that can be said.
+    Return the error with the line of the scene file that it concerns, if known.
 
-    `given` are the parameters `NAME:=VALUE` that the command line has put in the file's place.
+    `given` are the parameters `NAME:=VALUE` of the command line that replace values of the file.
     """
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import ParameterError
     cause = error.__cause__
-    # Parts of the scene that do not know of parameters begin with the name of one.
+    # Errors of code that does not know parameters start with the name of one.
     begun = _DOTTED.match(str(error))
     name = cause.name if isinstance(cause, ParameterError) else begun[0] if begun else ''
     if (not scene or not name or not isinstance(cause, ValueError)
@@ -80,7 +80,7 @@ def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputEr
 
 
 def line_of(path: Path, name: str) -> int:
-    """Line of a parameter file that gives a parameter, or the nearest one above it; 0: none."""
+    """Return the line of a parameter file that sets a parameter or its nearest parent; 0: none."""
     import yaml
     try:
         root = yaml.compose(path.read_text('utf-8'), yaml.SafeLoader)
@@ -95,7 +95,7 @@ def line_of(path: Path, name: str) -> int:
 
 
 def _deepest(node: 'yaml.Node', name: str, depth: int) -> tuple[int, int]:
-    """Depth and line of the longest beginning of a dotted name below a node."""
+    """Return depth and line of the longest prefix of a dotted name below a node."""
     best = (0, 0)
     for key, value in node.value if isinstance(node.value, list) else []:
         word = str(getattr(key, 'value', ''))

@@ -37,27 +37,27 @@ _STEP_COLUMNS = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser)
     parser.add_argument(
         '--time', type=float, metavar='S',
-        help='loads, drives and anchors are held as they are at this time [s] (needed where they '
+        help='hold loads, drives and anchors at their values at this time [s] (required if they '
              'change with time)')
     parser.add_argument(
         '--tolerance', type=float, default=1e-10, metavar='T',
-        help='force that may be left, as a part of the largest connector force or load '
+        help='largest residual force as a fraction of the largest connector force or load '
              '(%(default)g)')
     parser.add_argument(
         '--steps', type=int, default=2000, metavar='N',
-        help='give up after so many steps (%(default)d)')
+        help='maximum number of steps (%(default)d)')
     parser.add_argument(
         '--load-steps', type=int, metavar='N',
-        help='bring weight, fields, loads and tractions up in N equal parts, each equilibrium '
-             'sought from the one before (1); with contact.friction: follow what sticks and '
-             'slides on this path, instead of seeking contact forces within the friction cones')
+        help='increase weight, fields, loads and tractions in N equal steps, each equilibrium '
+             'solved from the one before (1); with contact.friction: follow sticking and sliding '
+             'contacts on this path, instead of seeking contact forces within the friction cones')
     parser.add_argument(
         '--objective', choices=('energy', 'resultants'),
-        help='what the search minimises: potential energy with contacts as springs, or force and '
+        help='quantity to minimise: potential energy with contacts as springs, or force and '
              'moment resultants without overlap, as the document says (default: '
              'equilibrium.objective of the scene)')
     add_output_arguments(parser)
@@ -66,9 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """
-    Find where the fabric comes to rest, and say what holds there.
+    Find the static equilibrium and print the forces in it.
 
-    Returns 0 for an equilibrium, 1 where none was reached.
+    Return 0 for an equilibrium, 1 if none was reached.
     """
     with words_aside(arguments.json):
         report, converged = _find(arguments)
@@ -78,7 +78,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
-    """What is there at rest, and whether it was reached."""
+    """Solve for the equilibrium; return the report and whether an equilibrium was reached."""
     name, parameters = read_parameters(arguments)
     outputs = outputs_of(arguments)
     if arguments.load_steps is not None and not arguments.load_steps >= 1:
@@ -98,21 +98,21 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     from icofabric_sim.statics.held import without_potential
     turning = without_potential(scene)
     if turning:
-        print(f'{", ".join(turning)}: turns with its bodies or twists them, so it has no energy; '
-              'it is followed step by step')
+        print(f'{", ".join(turning)}: rotates with its bodies or twists them, so it has no '
+              'potential energy; its equilibria are followed step by step')
     if _rubs(scene) and arguments.objective == 'energy':
         print(
-            'contact.friction: contact forces within the friction cones are sought that balance '
+            'contact.friction: searching contact forces within the friction cones that balance '
             'all loads; --load-steps N follows a path' if arguments.load_steps is None else
-            'contact.friction: what touches sticks and slides on a path of '
-            f'{arguments.load_steps} load steps; more of them (--load-steps) follow it more '
-            'exactly')
+            'contact.friction: sticking and sliding contacts are followed on a path of '
+            f'{arguments.load_steps} load steps; more steps (--load-steps) are more '
+            'accurate')
     began = time.monotonic()
     reached: list[tuple[float, 'Equilibrium']] = []
     try:
         _search(arguments, scene, reached)
     finally:
-        # Those of an interrupted search too.
+        # Also after an interrupt.
         if reached and (len(reached) > 1 or reached[0][0] < 1.0):
             print('\n'.join(_steps_text(scene, reached)))
         if reached and outputs.folder is not None and (arguments.load_steps or 1) > 1:
@@ -143,7 +143,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 def _search(
     arguments: argparse.Namespace, scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]
 ) -> None:
-    """Add equilibria under growing loads to `reached`, the last one under all, or none."""
+    """Append equilibria under growing loads to `reached`; the last one is under the full load."""
     from icofabric_sim.statics.equilibrium import Progress as Search
     from icofabric_sim.statics.equilibrium import solve_equilibrium, step_loads
     import numpy as np
@@ -151,7 +151,7 @@ def _search(
     count = arguments.load_steps or 1
     goal = -float(np.log10(arguments.tolerance)) if 0.0 < arguments.tolerance < 1.0 else 1.0
     unit = 'decimal places of the residual' if count == 1 else 'load steps'
-    # A residual falls by leaps: its pace does not predict the rest.
+    # The residual decreases in jumps, so its rate does not predict the remaining time.
     with Progress(
             goal if count == 1 else count, unit, foreseen=count > 1) as progress, bad_input():
         def show(search: Search) -> None:
@@ -178,19 +178,19 @@ def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[objec
 
 
 def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> list[str]:
-    """Lines for the terminal."""
-    lines = ['  load    moved [m]  largest tension [N]']
+    """Return lines for the terminal."""
+    lines = ['  load    displ [m]  largest tension [N]']
     for factor, found in reached:
         _, verdict, _, moved, pull, *_ = _step_row(scene, factor, found)
         lines.append(f'  {factor:<6.4g} {moved:10.4g}  {pull:19.5g}  {verdict}')
     factor, found = reached[-1]
     if not found.converged:
-        lines.append(f'what follows is the search under {factor:.4g} of the loads')
+        lines.append(f'the following lines refer to {factor:.4g} of the loads')
     return lines
 
 
 def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
-    """Lines for the terminal."""
+    """Return lines for the terminal."""
     from icofabric_sim.checks import counted
     from icofabric_sim.statics.contacts import MAX_INTENDED_OVERLAP_RATIO
     from icofabric_sim.statics.resultants import LEAST_RESULTANTS
@@ -204,42 +204,42 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     if not result.converged:
         worst = ', '.join(map(str, result.worst_bodies))
         most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())
-        lines.append(f'left over  up to {most:.4g} N, most on bodies {worst}')
+        lines.append(f'unbalanced up to {most:.4g} N, most on bodies {worst}')
         lines.append(f'reason     {result.reason}')
     elif result.verdict == LEAST_RESULTANTS:
         worst, left = ', '.join(map(str, result.worst_bodies)), result.leftover
         lines.append(
-            f'left over  up to {float(np.linalg.norm(left[:, :3], axis=1).max()):.4g} N and '
+            f'unbalanced up to {float(np.linalg.norm(left[:, :3], axis=1).max()):.4g} N and '
             f'{float(np.linalg.norm(left[:, 3:], axis=1).max()):.4g} N m, most on bodies {worst}: '
-            'what contacts would have to bear')
+            'contacts would have to carry it')
     elif result.mechanism_count >= 0:
         lines.append(
-            f'motions    {result.mechanism_count:,} cost no energy, {result.unstable_count:,} '
-            'lower it')
+            f'motions    {result.mechanism_count:,} of zero energy, {result.unstable_count:,} '
+            'decrease it')
     else:
-        lines.append('motions    those without energy could not be counted')
+        lines.append('motions    zero-energy motions could not be counted')
     if result.converged and result.branches:
         lines.append(f'at a kink  {kink_text(len(result.at_kink), result.anchors_at_kink)}')
         lines += [
-            f'           if all of these {branch}: {counts.zero:,} motions cost no energy, '
-            f'{counts.negative:,} lower it'
+            f'           if all of these {branch}: {counts.zero:,} motions of zero energy, '
+            f'{counts.negative:,} decrease it'
             for branch, counts in result.branches.items() if counts.zero >= 0]
         lines.append(
             '           small motions about it do not superpose')
     if len(result.tension):
         lines.append(
             f'connectors {float(result.tension.min()):.4g} to {float(result.tension.max()):.4g} N '
-            '(positive: they pull)')
+            '(positive: tension)')
     lines += _reactions_text(result)
     moved = float(np.linalg.norm(result.snapshot.position - scene.position, axis=1).max())
-    lines.append(f'moved      up to {moved:.4g} m from the woven places')
+    lines.append(f'moved      up to {moved:.4g} m from the woven positions')
     obstructed = int(np.count_nonzero(result.snapshot.obstructed))
     if obstructed and scene.parameters['connector.obstruction'] == 'wrap':
-        lines.append(f'around     {obstructed:,} connectors lie around shells')
+        lines.append(f'around     {obstructed:,} connectors are wrapped over shells')
     elif obstructed:
         lines.append(
-            f'obstructed {obstructed:,} connectors lead through a shell of their own: that is not '
-            'part of this equilibrium')
+            f'obstructed {obstructed:,} connectors pass through their own shell: the equilibrium '
+            'does not include this')
     touching = result.touching
     if touching is not None:
         lines.append(
@@ -249,8 +249,8 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         deep = touching.depth / (MAX_INTENDED_OVERLAP_RATIO * scene.geometry.half_edge)
         if deep > 1.0:
             lines.append(
-                '           more than the 1 % of a that contact is meant for: shells would not '
-                f'rest so; give a contact.stiffness of {2.0 * deep * touching.stiffness:.2g} N/m')
+                '           more than the intended 1 % of a: real shells would overlap '
+                f'less; use a contact.stiffness of {2.0 * deep * touching.stiffness:.2g} N/m')
     if result.rubbing is not None and len(result.rubbing.pairs):
         slides = int(np.count_nonzero(result.rubbing.slides))
         sizes = np.linalg.norm(result.rubbing.force, axis=1)
@@ -260,8 +260,8 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     if result.friction_needed < np.inf and result.contacts is not None:
         lines.append(
             f'friction   contacts hold with a smallest margin of '
-            f'{result.contacts.smallest_margin:.4g}; they need a contact.friction of '
-            f'{result.friction_needed:.4g}, the scene has '
+            f'{result.contacts.smallest_margin:.4g}; required contact.friction '
+            f'{result.friction_needed:.4g}, scene: '
             f'{scene.parameters["contact.friction"]:g}')
     if result.first_touches:
         lines.append(f'touching   {touch_text(result.first_touches)}')
@@ -269,7 +269,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
 
 
 def _reactions_text(result: 'Equilibrium') -> list[str]:
-    """What bears, each with its force."""
+    """Return the reactions of supports, drives, anchors and planes with their forces."""
     found = result.reactions
     if found is None or not found.force.any():
         return []
@@ -280,7 +280,7 @@ def _reactions_text(result: 'Equilibrium') -> list[str]:
             f'{begin} {name}: {", ".join(f"{value:.6g}" for value in force)} N')
     if len(lines) > 1:
         whole = found.force.sum(axis=0).tolist()
-        lines.append('           in all: ' + ', '.join(f'{value:.6g}' for value in whole) + ' N')
+        lines.append('           total: ' + ', '.join(f'{value:.6g}' for value in whole) + ' N')
     return lines
 
 
@@ -295,7 +295,7 @@ def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]
 
 
 def _rubs(scene: 'Scene') -> bool:
-    """Whether there is friction where shells can touch."""
+    """Return whether shells can touch with friction."""
     from icofabric_sim.statics.friction import FrictionPath
 
     return FrictionPath.of(scene) is not None

@@ -41,29 +41,29 @@ if TYPE_CHECKING:
 
 _NAME = 'icofabric sweep'
 _STORE = 'runs/sweep'
-_ROWS = 20
-# The table is written again after this wall time [s], and so many times what writing it takes.
+_PRINTED_ROWS = 20
+# The table is rewritten after this wall time [s], and after this multiple of the writing time.
 _WRITE_AFTER, _WRITE_TIMES = 2.0, 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser, 'STUDY|SCENE')
     parser.add_argument(
         '--vary', metavar='NAME:=VALUES', action='append', default=[],
-        help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 in 13 parts, "
-             '1..1000/7log evenly in the logarithm, 0.1..0.7 to be sampled; may be repeated, for '
+        help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 in 13 steps, "
+             '1..1000/7log with logarithmic spacing, 0.1..0.7 to be sampled; repeat for '
              'a grid; NAME[1] is one element of a list')
     parser.add_argument(
         '--sample', metavar='METHOD:COUNT[:SEED]',
-        help='draw COUNT points from the ranges without a count: sobol, halton, latin, random')
+        help='sample COUNT points from ranges without a count: sobol, halton, latin, random')
     parser.add_argument(
         '--verb', dest='verbs', action='append', metavar='VERB',
-        help='what is done in each run: run (default), statics, modes (about the equilibrium '
-             'where statics is there, too), elasticity, bands, curve; may be repeated')
+        help='computation of each run: run (default), statics, modes (about the equilibrium '
+             'with statics), elasticity, bands, curve; may be repeated')
     parser.add_argument(
         '--keep', action='append', metavar='PHRASE',
-        help="what is kept: energies, extremes, bag, 'displacement GROUP', tension, "
+        help="results to keep: energies, extremes, bag, 'displacement GROUP', tension, "
              "'reaction GROUP', 'frequencies COUNT', moduli, gap, 'curve KIND STRAIN POINTS "
              "AXIS'; may be repeated")
     parser.add_argument(
@@ -71,34 +71,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     who = parser.add_mutually_exclusive_group()
     who.add_argument(
         '--workers', type=int, metavar='N',
-        help='processes on this machine (default: one for each core); 0: this one alone, without '
-             'Dask')
+        help='processes on this machine (default: one for each core); 0: only this process, '
+             'without Dask')
     who.add_argument(
         '--scheduler', default='', metavar='ADDRESS',
-        help='the workers of a scheduler of Dask, by its address (tcp://host:8786) or its '
+        help='use the workers of a Dask scheduler: address (tcp://host:8786) or '
              'scheduler file (.json)')
     parser.add_argument(
         '--store', default=_STORE, metavar='FOLDER',
-        help='folder of finished runs, which are not done again (%(default)s)')
+        help='folder of finished runs, which are not repeated (%(default)s)')
     parser.add_argument(
-        '--retry', action='store_true', help='do again what has failed')
+        '--retry', action='store_true', help='repeat failed runs')
     parser.add_argument(
         '--output', metavar='FILE',
-        help='the table: .csv or .parquet (default: STORE/NAME.csv), written again and again '
+        help='output table: .csv or .parquet (default: STORE/NAME.csv), updated '
              'while runs finish')
-    parser.add_argument('--picture', metavar='FILE', help='plot the outcome: .png or .svg')
+    parser.add_argument('--picture', metavar='FILE', help='plot the result: .png or .svg')
     parser.add_argument(
         '--columns', nargs='+', default=[], metavar='COLUMN',
         help='columns to print and to plot (default: the first ones); a varied parameter among '
-             'them is what is plotted over')
+             'them is the abscissa')
     parser.add_argument(
         '--list', action='store_true',
-        help='say what would be run, and what is finished already, and run nothing')
+        help='list planned and finished runs without running them')
     parser.add_argument('--json', action='store_true', help='print the table as JSON')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Do what is not in the store; 1 where a run has failed."""
+    """Run what the store lacks; return 1 if a run has failed."""
     from icofabric_sim.sweeps.sweep import how_to_run
     with bad_input():
         how = how_to_run(arguments.workers, arguments.scheduler)
@@ -109,7 +109,7 @@ def main(arguments: argparse.Namespace) -> int:
         return _list(name, study)
     say(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}, '
         f'{_counted(study.kinds, "kind")} of scenes; the first run of a kind compiles its kernels '
-        'where they are not on disk, and the others wait for it')
+        'unless they are on disk, and the others wait for it')
     began = time.monotonic()
     outcomes: list[Outcome] = []
     try:
@@ -129,7 +129,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
-    """Name and plan, from a study file or a scene, with the flags."""
+    """Return name and plan, from a study file or a scene, with the options."""
     from icofabric_sim.parameters.file import parse_parameter_override
     from icofabric_sim.parameters.ready_scenes import ready_scenes
     from icofabric_sim.parameters.validation import make_parameters
@@ -165,27 +165,27 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
                     verbs=arguments.verbs or verbs, keep=arguments.keep or keep,
                     store=arguments.store, judged=judged)
         except TypeError as error:
-            # A study file may give a number where a list is due.
+            # A study file may give a number in place of a list.
             raise InputError(str(error)) from error
     return name, study
 
 
 @contextmanager
 def _planning() -> Iterator[Callable[[int, int], None]]:
-    """Show how many runs are judged; how many there are is known with the first."""
+    """Show the number of validated runs; the total is known with the first one."""
     with ExitStack() as stack:
         shown: list[Progress] = []
 
         def judged(done: int, total: int) -> None:
             if not shown:
-                shown.append(stack.enter_context(Progress(total, 'runs judged')))
+                shown.append(stack.enter_context(Progress(total, 'runs validated')))
             shown[0].update(done)
 
         yield judged
 
 
 def _varied(rule: str) -> tuple[str, Any]:
-    """Name and values of `--vary NAME:=VALUES`."""
+    """Return name and values of `--vary NAME:=VALUES`."""
     import yaml
     name, found, text = rule.partition(':=')
     if not found or not name or not text:
@@ -209,7 +209,7 @@ def _sample(text: str) -> dict[str, Any]:
 
 
 def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None]:
-    """Where the table and the picture go."""
+    """Return the paths of the table and the picture."""
     from icofabric_sim.pictures.figure_style import SUFFIXES
     from icofabric_sim.sweeps.table import require_suffix
     output = Path(arguments.store).expanduser() / f'{name}.csv'
@@ -231,12 +231,12 @@ def _list(name: str, study: 'Study') -> int:
     failed = sum(bool(outcome.reason) for outcome in done.values())
     print(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}; kept: '
           f'{", ".join(map(str, study.work.keep))}')
-    print(f'{len(done):,} are finished in {study.store.path}, {failed:,} of them failed')
-    for order in study.orders[:_ROWS]:
-        state = done[order.number].state.value if order.number in done else 'to do'
+    print(f'{len(done):,} finished in {study.store.path}, of which {failed:,} failed')
+    for order in study.orders[:_PRINTED_ROWS]:
+        state = done[order.number].state.value if order.number in done else 'planned'
         print(f'  {state:6}  {order.key}  {study.plan.describe(order.number)}')
-    if len(study.orders) > _ROWS:
-        print(f'  ... and {len(study.orders) - _ROWS:,} more')
+    if len(study.orders) > _PRINTED_ROWS:
+        print(f'  ... and {len(study.orders) - _PRINTED_ROWS:,} more')
     return 0
 
 
@@ -244,7 +244,7 @@ def _gather(
     arguments: argparse.Namespace, study: 'Study', how: 'How', outcomes: list['Outcome'],
     output: Path
 ) -> None:
-    """Take outcomes as they come; the table on disk follows."""
+    """Collect outcomes as they finish, and update the table on disk."""
     from icofabric_sim.sweeps.dask_runs import SchedulerLost
     from icofabric_sim.sweeps.single_run import State, WorkersDiffer
     total = len(study.orders)
@@ -277,12 +277,12 @@ def _gather(
 def _require_columns(
     arguments: argparse.Namespace, study: 'Study', outcome: 'Outcome'
 ) -> None:
-    """Refuse columns that nothing fills; the first run says which there are."""
+    """Reject columns that no run fills; the first run defines the columns."""
     known = [*study.plan.names, *(column.name for column in outcome.columns)]
     for name in arguments.columns:
         if name not in known:
             raise InputError(
-                f'--columns {name}: there is no such column; there are: {", ".join(known)}')
+                f'--columns {name}: unknown column; choose from: {", ".join(known)}')
 
 
 def _save(study: 'Study', outcomes: Sequence['Outcome'], output: Path) -> None:
@@ -290,11 +290,13 @@ def _save(study: 'Study', outcomes: Sequence['Outcome'], output: Path) -> None:
 
 
 def _save_finished(study: 'Study', output: Path) -> str:
-    """Write what the store has, which may be more than was heard of; says how much it is."""
+    """
+    Write all finished runs of the store, also those not collected; return their number as text.
+    """
     found = study.finished()
     _save(study, list(found.values()), output)
     return (f'{len(found):,} of {_counted(len(study.orders), "run")} are finished and kept in '
-            f'{study.store.path}; the same command goes on')
+            f'{study.store.path}; the same command continues')
 
 
 def _report(
@@ -308,8 +310,8 @@ def _report(
         print_json({'study': name, 'table': table.table(), 'failed': failed, 'reused': reused,
                     'store': os.fspath(study.store.path)})
     else:
-        print('\n'.join(table.lines(_ROWS, arguments.columns)))
-        print(f'{_counted(len(table), "run")}, {reused:,} of them from the store, {failed:,} '
+        print('\n'.join(table.lines(_PRINTED_ROWS, arguments.columns)))
+        print(f'{_counted(len(table), "run")}, {reused:,} from the store, {failed:,} '
               f'failed, in {duration_text(wall)}; table: {output}')
 
 

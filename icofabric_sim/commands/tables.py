@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric tables`: the tables of `icofabric document` alone, and its Figure 5."""
+"""`icofabric tables`: the tables of `icofabric document`, and its Figure 5."""
 
 import argparse
 import json
@@ -25,10 +25,10 @@ from icofabric_sim.commands.picture_arguments import figure_path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'numbers', metavar='N', nargs='*', type=int,
-        help='tables to print, 1 to 10 (default: all, or none where --figure is given)')
+        help='tables to print, 1 to 10 (default: all, or none with --figure)')
     add_size_argument(parser)
     parser.add_argument(
         '--json', action='store_true',
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              'steps from (i, j, k)')
     parser.add_argument(
         '--figure', metavar='FILE',
-        help='draw Figure 5, connector length over connector angle, beside a diagram of the six '
+        help='draw Figure 5, connector length against connector angle, and a diagram of the six '
              'edges and the twelve connectors of an icosahedron, to a .png or .svg')
 
 

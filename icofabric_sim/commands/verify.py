@@ -26,32 +26,32 @@ if TYPE_CHECKING:
 
 _NAME = 'icofabric verify'
 _NANOSECONDS = 10**9
-# Beyond it integer nanoseconds do not fit a bag [s].
-_LATEST = 9e9
+# Integer nanoseconds of later times do not fit a bag [s].
+_MAX_TIME_S = 9e9
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'bags', metavar='BAG', nargs='+',
         help='folder of a bag, or its .mcap or .db3 file; several are verified one by one')
     add_json_argument(parser)
     parser.add_argument(
         '--node', default='', metavar='NAME',
-        help='the fabric to verify, by the full name of its node (default: all in the bag)')
+        help='fabric to verify: full name of its node (default: all in the bag)')
     parser.add_argument(
         '--threads', type=int, default=0, metavar='N',
-        help='threads to simulate with (default: as in the scene); the result is the same')
+        help='number of threads (default: as in the scene); the result does not depend on it')
     parser.add_argument(
         '--start', type=float, metavar='S',
-        help='simulated time [s]: begin at the last checkpoint in the bag not after it, instead '
+        help='simulated time [s]: start at the last checkpoint up to this time, instead '
              'of at the start')
     parser.add_argument(
         '--stop', type=float, metavar='S', help='simulated time [s] at which to stop')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Simulate each run again and compare; 1 where one differs."""
+    """Simulate each run again and compare; return 1 if one differs."""
     if arguments.threads < 0:
         raise InputError(f'--threads must be at least 0, got {arguments.threads}')
     start, stop = (_nanoseconds(name, getattr(arguments, name)) for name in ('start', 'stop'))
@@ -74,7 +74,7 @@ def _nodes(path: Path, wanted: str) -> list[str]:
     with RecordedRun(path) as run:
         if wanted and not any(name.startswith(f'{wanted}/') for name in run.topics):
             raise InputError(
-                f'--node {wanted!r}: there is no such fabric in {path}; it holds '
+                f'--node {wanted!r}: unknown fabric; {path} contains '
                 f'{", ".join(run.nodes) or "none"}')
         return [wanted] if wanted else run.nodes or ['']
 
@@ -88,7 +88,7 @@ def _verify(
     with RecordedRun(path, node) as run:
         if 'animation' in run.custom:
             raise InputError(
-                f'{path} is an animation ({run.custom["animation"]}): nothing was simulated that '
+                f'{path} is an animation ({run.custom["animation"]}): there is no simulation that '
                 'could be verified')
         begin = _within(run, start)
         end = run.end if stop is None else min(stop, run.end)
@@ -121,6 +121,6 @@ def _within(run: 'RecordedRun', start: int | None) -> int:
 def _nanoseconds(name: str, time: float | None) -> int | None:
     if time is None:
         return None
-    if not 0.0 <= time <= _LATEST:
-        raise InputError(f'--{name} must be a simulated time [s] from 0 on, got {time!r}')
+    if not 0.0 <= time <= _MAX_TIME_S:
+        raise InputError(f'--{name} must be a simulated time [s], at least 0, got {time!r}')
     return round(time * _NANOSECONDS)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric view`: look at a scene, or at a recorded run, in a browser, and pull at it."""
+"""`icofabric view`: show a scene or a recorded run in a browser, and drag its shells."""
 
 import argparse
 from collections.abc import Callable
@@ -28,22 +28,23 @@ from icofabric_sim.terminal import bad_input, InputError
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
     from icofabric_sim.simulation.simulation import Simulation
-    from icofabric_sim.viewer.hands import Hands
+    from icofabric_sim.viewer.actions import Actions
     from icofabric_sim.viewer.page import Page
     from icofabric_sim.viewer.sight import Sight
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     add_scene_arguments(parser, 'SCENE|BAG')
     parser.add_argument(
         '--host', default='127.0.0.1',
-        help='address to serve at; anything but this machine asks for a token (%(default)s)')
+        help='address to serve at; other addresses than this machine require a token '
+             '(%(default)s)')
     parser.add_argument(
         '--port', type=int, default=8080,
-        help='its port, or the next free one (%(default)s)')
+        help='port, or the next free one (%(default)s)')
     parser.add_argument('--rate', type=float, default=60.0, help='frames a second (%(default)s)')
-    parser.add_argument('--read-only', action='store_true', help='look only')
+    parser.add_argument('--read-only', action='store_true', help='disable all controls of the run')
     parser.add_argument('--open', action='store_true', help='open the page in a browser')
 
 
@@ -60,7 +61,7 @@ def main(arguments: argparse.Namespace) -> int:
     path = bag_path(arguments.scene)
     if arguments.scene not in ready_scenes() and is_bag(path):
         if arguments.parameter:
-            raise InputError('-p changes a scene; a recorded run stays as it was')
+            raise InputError('-p applies to scenes; a recorded run cannot be changed')
         return _show_bag(arguments, path)
     return _show_scene(arguments)
 
@@ -81,11 +82,11 @@ def _show_run(
     arguments: argparse.Namespace, sight: 'Sight', simulation: 'Simulation',
     parameters: 'Parameters', before: 'Page | None' = None
 ) -> int:
-    """Run and show a simulation; at the address of a page that was `before`, if any."""
+    """Run and show a simulation, at the address of the earlier page `before`, if any."""
     from icofabric_sim.running.diagnostics import HealthReport
     from icofabric_sim.running.recording import BagSink, summarise_run
     from icofabric_sim.running.runner import Runner
-    from icofabric_sim.viewer.local import RunHands, SightSink
+    from icofabric_sim.viewer.local import RunActions, SightSink
     with bad_input():
         bag = BagSink(parameters['record.path'], simulation, live=True, parameters=parameters)
     report = HealthReport('/icofabric')
@@ -94,7 +95,7 @@ def _show_run(
         report=lambda status: report.bytes(status, {}, {}, {}))
     thread = threading.Thread(target=runner.run, name='simulation', daemon=True)
     try:
-        _serve(arguments, sight, RunHands(runner), thread, before=before)
+        _serve(arguments, sight, RunActions(runner), thread, before=before)
     finally:
         runner.stop()
         if thread.ident is not None:
@@ -107,7 +108,7 @@ def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
     from icofabric_sim.running.replay.player import Player
     from icofabric_sim.running.replay.report import ReplayReport
     from icofabric_sim.running.replay.source import ReplaySource
-    from icofabric_sim.viewer.local import ReplayHands, SightSink
+    from icofabric_sim.viewer.local import ReplayActions, SightSink
     from icofabric_sim.viewer.sight import Sight
     with bag_errors(path):
         source = ReplaySource(path)
@@ -117,30 +118,30 @@ def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
     sight, report = Sight(), ReplayReport('/icofabric', source)
     with source:
         player = Player(source, SightSink(sight), stay=True, report=report.message)
-        hands = ReplayHands(player)
+        actions = ReplayActions(player)
         thread = threading.Thread(target=player.run, name='replay', daemon=True)
         try:
             page = _serve(
-                arguments, sight, hands, thread, until=lambda: hands.going_on is not None)
+                arguments, sight, actions, thread, until=lambda: actions.going_on is not None)
         finally:
             player.stop()
             if thread.ident is not None:
                 thread.join()
-    if hands.going_on is None:
+    if actions.going_on is None:
         return 0
-    return _show_run(arguments, sight, *hands.going_on, before=page)
+    return _show_run(arguments, sight, *actions.going_on, before=page)
 
 
 def _serve(
-    arguments: argparse.Namespace, sight: 'Sight', hands: 'Hands', thread: threading.Thread, *,
+    arguments: argparse.Namespace, sight: 'Sight', actions: 'Actions', thread: threading.Thread, *,
     until: Callable[[], bool] = lambda: False, before: 'Page | None' = None
 ) -> 'Page':
-    """Serve a page until interrupted, or `until` says so; it is closed when this returns."""
+    """Serve a page until interrupted, or until `until` returns True; close it at the end."""
     from icofabric_sim.viewer.page import Page
     port = arguments.port if before is None else before.port
     with bad_input():
         page = Page(
-            sight, None if arguments.read_only else hands, host=arguments.host, port=port,
+            sight, None if arguments.read_only else actions, host=arguments.host, port=port,
             rate=arguments.rate, token='' if before is None else before.token)
     try:
         if before is None or page.address != before.address:
@@ -148,7 +149,7 @@ def _serve(
         if arguments.open and before is None:
             webbrowser.open(page.address)
         thread.start()
-        # The page stays when the run has come to its end.
+        # The page stays open after the end of the run.
         while not until():
             time.sleep(0.2)
     except KeyboardInterrupt:

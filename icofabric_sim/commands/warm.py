@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-`icofabric warm`: compiles what scenes need, side by side, and leaves it on disk.
+`icofabric warm`: compile the kernels of scenes in parallel and store them on disk.
 
-A run that finds its kernels there begins at once; so do first contacts, and common changes of
-parameters. What is compiled serves every machine of the same level (kernels/runtime/target.py).
+Runs that find their kernels on disk start at once; so do first contacts and common changes of
+parameters. Compiled kernels serve every machine of the same level (kernels/runtime/target.py).
 """
 
 import argparse
@@ -37,9 +37,9 @@ from icofabric_sim.terminal import bad_input, duration_text, FileSaysNo, InputEr
 if TYPE_CHECKING:
     from icofabric_sim.simulation.simulation import Simulation
 
-# The scene that changes are tried on: of point springs, without damping, drives or regions.
+# Scene for changes of parameters: point springs, without damping, drives or regions.
 _CHANGED = 'bias_column'
-# What people change first. A kind of kernels depends on which terms there are, not on how large.
+# The most common changes. A kernel variant depends on the presence of terms, not on their values.
 CHANGES: tuple[dict[str, Any], ...] = (
     {'solver.method': 'leapfrog'},
     {'solver.method': 'srkn4'},
@@ -50,31 +50,31 @@ CHANGES: tuple[dict[str, Any], ...] = (
     {'connector.bending_stiffness': 1e-4},
     {'contact.mode': 'always', 'contact.damping': 1.0, 'contact.friction': 0.3},
 )
-# Verbs beside `run`, each with a scene that it takes.
+# Verbs besides `run`, each with a scene that it accepts.
 VERBS: tuple[tuple[str, ...], ...] = (
     ('statics', 'stiff_cantilever'),
     ('modes', 'stiff_cantilever', '--count', '2'),
     ('elasticity', 'stiff_cantilever'),
 )
-# A worker keeps what it has compiled; after so many kinds others take over.
-_KINDS_EACH = 12
-# Simulated time [s] in which every kind of output comes at least once.
-_TRIAL = 1e-3
+# A worker keeps its compiled code; after this many variants a new one takes over.
+_VARIANTS_PER_WORKER = 12
+# Simulated time [s] in which every kind of output occurs at least once.
+_TRIAL_S = 1e-3
 # PR_SET_PDEATHSIG of prctl(2).
 _END_WITH_PARENT = 1
 
 
-class Kind(NamedTuple):
-    """One thing to compile for."""
+class Variant(NamedTuple):
+    """Kernel variant to compile."""
 
     scene: str
     changes: tuple[tuple[str, Any], ...] = ()
     verb: tuple[str, ...] = ()
-    # Of a scene whose shells may touch: as from the first contact on, or until then; None: both.
+    # For a scene whose shells may touch: from the first contact on, or until then; None: both.
     touching: bool | None = None
 
     def __str__(self) -> str:
-        """Return what it is, in a few words."""
+        """Return a short description."""
         if self.verb:
             return ' '.join(('icofabric', *self.verb))
         words = [self.scene, *(f'{name} {value}' for name, value in self.changes)]
@@ -84,90 +84,91 @@ class Kind(NamedTuple):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'scenes', metavar='SCENE', nargs='*',
-        help='ready scenes or parameter files; without one: all ready scenes, common changes of '
-        'them, and the verbs')
+        help='example scenes or parameter files; without one: all example scenes, common changes '
+             'of '
+        'parameters, and the verbs')
     parser.add_argument(
         '-j', '--processes', type=int, metavar='N', default=len(os.sched_getaffinity(0)),
         help='compile in N processes (default: one for each core)')
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Compile, with a bar; returns 0, or 1 where a kind could not be compiled."""
+    """Compile with a progress bar; return 0, or 1 if a variant could not be compiled."""
     if not 1 <= arguments.processes <= 256:
         raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
-    kinds = list(kinds_of(arguments.scenes))
+    kinds = list(variants_of(arguments.scenes))
     if len(kinds) < arguments.processes:
         kinds = [part for kind in kinds for part in _parts_of(kind)]
     begun, failed = time.monotonic(), []
-    # Kernels with contact are kinds of their own here.
+    # Kernels with contact are separate variants here.
     os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'
-    with Progress(len(kinds), 'kinds of kernels') as progress:
+    with Progress(len(kinds), 'kernel variants') as progress:
         for done, (kind, fault) in enumerate(_compile_all(kinds, arguments.processes), 1):
             if fault:
                 failed.append(f'{kind}: {fault}')
             progress.update(done)
     ready = len(kinds) - len(failed)
     print(
-        f'{ready} {"kind of kernels is" if ready == 1 else "kinds of kernels are"} ready, after '
+        f'{ready} {"kernel variant is" if ready == 1 else "kernel variants are"} ready after '
         f'{duration_text(time.monotonic() - begun)}')
     if failed:
         raise FileSaysNo('not compiled: ' + '; '.join(failed))
     return 0
 
 
-def kinds_of(scenes: Sequence[str]) -> Iterator[Kind]:
-    """What is to be compiled for these scenes; for all that is common where there are none."""
+def variants_of(scenes: Sequence[str]) -> Iterator[Variant]:
+    """Yield the kernel variants of these scenes, or of all common cases without scenes."""
     from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
     with bad_input():
         for scene in scenes:
             find_scene(scene)
     for scene in scenes or ready_scenes():
-        yield Kind(scene)
+        yield Variant(scene)
     if not scenes:
         for change in CHANGES:
-            yield Kind(_CHANGED, tuple(change.items()))
+            yield Variant(_CHANGED, tuple(change.items()))
         for verb in VERBS:
-            yield Kind(verb[1], verb=verb)
+            yield Variant(verb[1], verb=verb)
 
 
-def _parts_of(kind: Kind) -> list[Kind]:
-    """Both parts of a kind, for two processes: they have some kernels in common."""
+def _parts_of(kind: Variant) -> list[Variant]:
+    """Return both parts of a variant for two processes; some kernels are shared."""
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.ready_scenes import find_scene
     with bad_input():
         given = load_parameter_file(find_scene(kind.scene))
     if kind.verb or given.get('contact.mode', 'auto') != 'auto':
         return [kind]
-    # The one that takes longer comes first.
+    # The slower one first.
     return [kind._replace(touching=touching) for touching in (True, False)]
 
 
-def _compile_all(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
-    """Each kind once it is compiled, and what was wrong with it."""
-    # Python 3.11's own max_tasks_per_child may wait for ever once workers have left.
-    batch = _KINDS_EACH * processes
+def _compile_all(kinds: Sequence[Variant], processes: int) -> Iterator[tuple[Variant, str]]:
+    """Yield each variant once it is compiled, with the error if there was one."""
+    # max_tasks_per_child of Python 3.11 can wait for ever after workers have ended.
+    batch = _VARIANTS_PER_WORKER * processes
     for first in range(0, len(kinds), batch):
         yield from _compile_batch(kinds[first:first + batch], processes)
 
 
-def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind, str]]:
+def _compile_batch(kinds: Sequence[Variant], processes: int) -> Iterator[tuple[Variant, str]]:
     with ProcessPoolExecutor(
         min(processes, len(kinds)), multiprocessing.get_context('spawn'), _leave_signals
     ) as pool:
-        waiting = {pool.submit(compile_kind, kind): kind for kind in kinds}
+        waiting = {pool.submit(compile_variant, kind): kind for kind in kinds}
         try:
             for finished in as_completed(waiting):
                 try:
                     yield waiting[finished], finished.result()
                 except BrokenProcessPool as error:
                     raise FileSaysNo(
-                        'a process that compiled was ended from outside, e.g. for want of memory; '
+                        'a compiling process was killed, e.g. for lack of memory; '
                         'try --processes 1') from error
         except BaseException:
-            # What is written to the cache is whole at any moment; one kind takes a minute or two.
+            # Files in the cache are always complete; one variant takes a minute or two.
             for worker in multiprocessing.active_children():
                 worker.terminate()
             raise
@@ -176,14 +177,14 @@ def _compile_batch(kinds: Sequence[Kind], processes: int) -> Iterator[tuple[Kind
 
 
 def _leave_signals() -> None:
-    """An interrupt is for the process that began this one, which ends it; so does its death."""
+    """Ignore interrupts, which the parent process handles; end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGTERM)
 
 
-def compile_kind(kind: Kind) -> str:
-    """Compile one kind in this process; returns what was wrong, '' where nothing was."""
+def compile_variant(kind: Variant) -> str:
+    """Compile one variant in this process; return an error message, '' for success."""
     logging.getLogger('icofabric_sim').addHandler(logging.NullHandler())
     try:
         if kind.verb:
@@ -193,12 +194,12 @@ def compile_kind(kind: Kind) -> str:
                 status = run_verb(list(kind.verb))
             return said.getvalue().strip() if status else ''
         _run(kind)
-    except Exception as error:  # noqa: BLE001 - said with the name of the kind; others go on
+    except Exception as error:  # reported with the name of the variant; others continue
         return ' '.join(str(error).split()) or type(error).__name__
     return ''
 
 
-def _run(kind: Kind) -> None:
+def _run(kind: Variant) -> None:
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
@@ -224,11 +225,11 @@ def _run(kind: Kind) -> None:
 
 
 def _ready(simulation: 'Simulation') -> 'Simulation':
-    """Have steps and outputs compiled, and what ends a step at an input."""
+    """Compile steps, outputs, and the end of a step at an input."""
     from icofabric_sim.messages.topics import Outputs
     from icofabric_sim.simulation.simulation import use_all_kernels
     use_all_kernels(simulation)
-    simulation.advance_to(max(_TRIAL, simulation.time))
+    simulation.advance_to(max(_TRIAL_S, simulation.time))
     snapshot, outputs = simulation.snapshot(), Outputs(simulation.scene)
     outputs.energy(snapshot)
     for messages in (outputs.connectors(snapshot, 0), outputs.icosahedra(snapshot, 0)):

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-ROS messages laid out once as bytes, with NumPy views over their numbers; no ROS needed.
+ROS messages built as bytes with NumPy views of their numbers; no ROS needed.
 
-Building a message from objects costs a hundred times more than the step it reports, so each class
-here writes the unchanging parts of its message once and exposes the numbers as an array. What a
-publisher sends and what a bag stores are the same bytes.
+Building a message from objects costs a hundred times more than the step it reports. Each class
+here therefore writes the constant parts of its message once and exposes the numbers as an array.
+Publishers and bags use the same bytes.
 """
 from icofabric_sim.messages.arrays import Float64MultiArrayBytes, StringBytes, UInt8MultiArrayBytes
 from icofabric_sim.messages.decode import (

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What acts on a fabric, for viewers: loads, supports, planes and contacts, in a MarkerArray.
+MarkerArray of loads, supports, planes and contacts for viewers.
 
-Few lists instead of one marker for each arrow; an empty one is removed, so what is shown does not
-depend on what was received before.
+A few lists replace one marker for each arrow. Empty lists are sent as removals, so that the
+display does not depend on earlier messages.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,14 +32,14 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
 _LINE_LIST, _CUBE_LIST, _SPHERE_LIST, _TRIANGLE_LIST = 5, 6, 7, 11
-# Bodies of one load that get an arrow; of more, evenly spread ones.
-_MOST_ARROWS = 1000
-# Lines of a plane each way.
-_MOST_LINES = 60
+# Largest number of arrows of one load; with more bodies, evenly spread ones get an arrow.
+_MAX_ARROWS = 1000
+# Largest number of lines of a plane in each direction.
+_MAX_LINES = 60
 
 
 class _List(NamedTuple):
-    """One marker: a list of points [m] in the frame of the fabric."""
+    """Marker that is a list of points [m] in the frame of the fabric."""
 
     namespace: str
     number: int
@@ -50,12 +50,12 @@ class _List(NamedTuple):
 
 
 class ActingMarkers:
-    """The markers of one scene."""
+    """Markers of one scene."""
 
     TYPE: ClassVar[str] = 'visualization_msgs/msg/MarkerArray'
 
     def __init__(self, scene: Scene) -> None:
-        """Lay out what does not change."""
+        """Build the constant markers."""
         self._scene, self._frame_id = scene, scene.parameters['frame_id']
         self._planes, self._surfaces = _plane_lines(scene), _plane_triangles(scene)
         supports = scene.supports
@@ -67,10 +67,10 @@ class ActingMarkers:
         touching: Touching
     ) -> bytes:
         """
-        The message at that time, with the wrenches that act, by channel or body number.
+        Return the message at a time, with the active wrenches by channel or body number.
 
-        And with what is `touching`: a point for each contact, its normal, one edge long, and the
-        forces on both shells, friction included, the largest of them two edges long.
+        `touching` contacts get a point, the normal of one edge length, and the forces on both
+        shells, friction included; the largest force is two edges long.
         """
         edge = self._scene.shell.edge_length
         size = np.linalg.norm(touching.force, axis=1, keepdims=True)
@@ -103,12 +103,12 @@ class ActingMarkers:
     def _arrows(
         self, snapshot: Snapshot, acting: Mapping[str | int, Wrench]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of the lines of forces and of torques; the largest of each is two edges long."""
+        """Return the ends of force and torque lines; the largest of each is two edges long."""
         ends: list[list[np.ndarray]] = [[], []]
         for target, wrench in acting.items():
             channel = None if isinstance(target, int) else self._scene.loads[target]
             bodies = np.array([target]) if channel is None else channel.bodies
-            bodies = bodies[:: max(1, len(bodies) // _MOST_ARROWS)]
+            bodies = bodies[:: max(1, len(bodies) // _MAX_ARROWS)]
             place, turn = snapshot.position[bodies], snapshot.orientation[bodies]
             if channel is not None and channel.total:
                 wrench = Wrench(*(part / len(channel.bodies) for part in wrench))
@@ -124,7 +124,9 @@ class ActingMarkers:
         return forces, torques
 
     def _lines(self, arrows: np.ndarray) -> np.ndarray:
-        """Ends of lines for points and vectors (k, 2, 3); the largest is two edges long."""
+        """
+        Return the ends of lines for points and vectors (k, 2, 3); the largest is two edges long.
+        """
         size = np.linalg.norm(arrows[:, 1], axis=1).max(initial=0.0)
         scale = 2.0 * self._scene.shell.edge_length / size if size > 0.0 else 0.0
         return np.stack(
@@ -132,14 +134,14 @@ class ActingMarkers:
 
 
 def _turned(orientation: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """A vector of the axes of bodies, with `orientation` (n, 4) x y z w, in the world: (n, 3)."""
+    """Rotate a vector from body axes, with `orientation` (n, 4) x y z w, to the world: (n, 3)."""
     axis, real = orientation[:, :3], orientation[:, 3:]
     twice = 2.0 * np.cross(axis, vector)
     return np.asarray(vector + real * twice + np.cross(axis, twice))
 
 
 def _plane_lines(scene: Scene) -> np.ndarray:
-    """Ends of lines two pitches apart on all planes, below and beside the fabric."""
+    """Return the ends of lines two pitches apart on all planes, below and beside the fabric."""
     gap, reach = _plane_size(scene)
     offsets = np.arange(-reach, reach + 0.5 * gap, gap)
     lines = []
@@ -151,7 +153,7 @@ def _plane_lines(scene: Scene) -> np.ndarray:
 
 
 def _plane_triangles(scene: Scene) -> np.ndarray:
-    """Corners of the triangles that fill the same squares, seen from both sides."""
+    """Return the corners of triangles that fill the same squares, visible from both sides."""
     _, reach = _plane_size(scene)
     corners = []
     for foot, first, second in _plane_frames(scene):
@@ -162,14 +164,14 @@ def _plane_triangles(scene: Scene) -> np.ndarray:
 
 
 def _plane_size(scene: Scene) -> tuple[float, float]:
-    """Distance [m] of the lines, and half the width [m] of the square that is shown of a plane."""
+    """Return the line distance [m] and half the width [m] of the square shown of a plane."""
     span = scene.position.max(axis=0) - scene.position.min(axis=0)
     gap = 2.0 * scene.geometry.pitch
-    return gap, float(gap * min(np.ceil(np.linalg.norm(span) / gap) + 1.0, _MOST_LINES / 2))
+    return gap, float(gap * min(np.ceil(np.linalg.norm(span) / gap) + 1.0, _MAX_LINES / 2))
 
 
 def _plane_frames(scene: Scene) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """A point of each plane, below or beside the fabric, and two unit vectors along it."""
+    """Yield a point of each plane, below or beside the fabric, and two unit vectors along it."""
     middle = 0.5 * (scene.position.min(axis=0) + scene.position.max(axis=0))
     for *normal, offset in make_planes(scene.parameters):
         normal = np.array(normal)
@@ -197,7 +199,7 @@ def _append(layout: CdrBuilder, item: _List, frame_id: str, nanoseconds: int) ->
     if len(item.points):
         layout.align(8)
         layout.data.extend(np.ascontiguousarray(item.points, '<f8').tobytes())
-    layout.numbers('I', 0)  # colors: none of their own
+    layout.numbers('I', 0)  # colors: none for single points
     layout.string('')  # texture_resource
     layout.header('')  # texture: stamp, frame
     layout.string('')  # texture format

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 
 class StringBytes:
-    """A std_msgs/String."""
+    """std_msgs/String message."""
 
     TYPE: ClassVar[str] = 'std_msgs/msg/String'
 
@@ -41,7 +41,7 @@ class StringBytes:
 
 
 class UInt8MultiArrayBytes:
-    """A std_msgs/UInt8MultiArray: a row of bytes, without labels."""
+    """std_msgs/UInt8MultiArray message: one row of bytes, without labels."""
 
     TYPE: ClassVar[str] = 'std_msgs/msg/UInt8MultiArray'
 
@@ -60,9 +60,9 @@ class UInt8MultiArrayBytes:
 
 class Float64MultiArrayBytes:
     """
-    A std_msgs/Float64MultiArray of fixed shape, row by row, one label for each dimension.
+    std_msgs/Float64MultiArray message of fixed shape in row order, with a label per dimension.
 
-    `values` is a view, in that shape, into the message that is kept.
+    `values` is a view of this shape into the stored message.
     """
 
     TYPE: ClassVar[str] = 'std_msgs/msg/Float64MultiArray'
@@ -96,7 +96,7 @@ class Float64MultiArrayBytes:
 
     @cached_property
     def _message(self) -> NDArray[np.uint8]:
-        """The message that is kept, and copied each time; made when it is first needed."""
+        """Return the stored message, which is created on first use and copied for each output."""
         start = len(self._head)
         message = aligned_buffer(start + 8 * math.prod(self._shape))
         message[:start] = np.frombuffer(self._head, np.uint8)
@@ -111,9 +111,9 @@ class Float64MultiArrayBytes:
 
     def filled(self, fill: Fill) -> bytes:
         """
-        Return a message whose numbers, shaped as `values`, `fill` writes.
+        Return a message whose numbers, shaped like `values`, are written by `fill`.
 
-        It is laid out once, where it stays, and `values` is not touched.
+        The message is built in place; `values` is not changed.
         """
         checks.function('fill', fill)
         start = len(self._head)

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The encoding of ROS 2 messages, CDR: laying one out, and reading one that may be malformed.
+CDR encoding of ROS 2 messages: writing, and reading of possibly malformed data.
 
 Source: OMG DDSI-RTPS 2.5, section 10 (encapsulation) and OMG DDS-XTypes 1.3, section 7.4 (XCDR
-version 1). Four bytes of header, then each number aligned to its own size, counted from the byte
-after the header; a string is its length with the final NUL, its bytes and the NUL; a sequence is
-its length and its items. Messages are written little endian.
+version 1). A message has four bytes of header. Each number is aligned to its size, counted from
+the byte after the header. A string is its length with the final NUL, its bytes and the NUL; a
+sequence is its length and its items. Messages are written in little endian.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 # A ROS stamp holds 0 to 2^31 s.
 _LAST_NANOSECOND = 2**31 * NANOSECONDS_PER_SECOND - 1
 # A message may be padded to a multiple of four bytes (DDS-XTypes 1.3, section 7.6.3.1.2), and
-# rclpy also makes room for the alignment of a last sequence of float64 that is empty.
+# rclpy also pads for the alignment of an empty float64 sequence at the end.
 PADDING_BELOW = 8
 
 _PREFIXES = {b'\x00\x00': '>', b'\x00\x01': '<'}
@@ -49,9 +49,9 @@ def split_nanoseconds(nanoseconds: SupportsIndex) -> tuple[int, int]:
 
 def aligned_buffer(size: int) -> NDArray[np.uint8]:
     """
-    Make `size` zero bytes in which the float64 numbers of a message lie aligned in memory.
+    Return `size` zero bytes in which the float64 numbers of a message are aligned in memory.
 
-    The alignment of CDR counts from byte 4, so that byte is put on a multiple of eight.
+    CDR alignment counts from byte 4, so that byte is at a multiple of eight.
     """
     raw = np.zeros(size + 8, np.uint8)
     start = -(raw.ctypes.data + HEADER_SIZE) % 8
@@ -59,28 +59,28 @@ def aligned_buffer(size: int) -> NDArray[np.uint8]:
 
 
 class CdrBuilder:
-    """Lays out the parts of a message one after the other."""
+    """Writer of the parts of a message in order."""
 
     def __init__(self, *, offset: int | None = None) -> None:
-        """Start a message; with `offset`, a part that follows that many bytes of one."""
+        """Start a message, or with `offset` a part that follows that number of bytes."""
         self.data = bytearray(LITTLE_ENDIAN_HEADER if offset is None else b'')
         self._offset = offset or 0
 
     @property
     def size(self) -> int:
-        """Bytes of the message so far, those before `offset` included."""
+        """Return the bytes of the message so far, including those before `offset`."""
         return self._offset + len(self.data)
 
     def align(self, size: int) -> None:
         self.data.extend(bytes((HEADER_SIZE - self.size) % size))
 
     def numbers(self, kind: str, *values: float) -> None:
-        """Append numbers of one `struct` kind: B, i, I, f or d."""
+        """Append numbers of one `struct` type: B, i, I, f or d."""
         self.align(_SIZES[kind])
         self.data.extend(struct.pack(f'<{len(values)}{kind}', *values))
 
     def string(self, text: str, name: str = 'text') -> None:
-        """Append a text; `name` is that of the argument that it was."""
+        """Append a text; `name` is the argument's name for errors."""
         if '\0' in checks.text(name, text):
             raise ValueError(
                 f'{name} must be a text without the NUL character, got {checks.shown(text)}')
@@ -99,7 +99,7 @@ class CdrBuilder:
 
 
 class CdrReader:
-    """Reads the parts of a message in order; whatever does not fit raises ValueError."""
+    """Reader of the parts of a message in order; raises ValueError for malformed data."""
 
     def __init__(self, data: bytes | bytearray | memoryview, type_name: str) -> None:
         try:
@@ -123,9 +123,7 @@ class CdrReader:
         return ValueError(f'not a {self._type_name}: {reason}')
 
     def _take(self, size: int, alignment: int) -> int:
-        """
-        Step over `size` bytes that start at a multiple of `alignment`; return where they start.
-        """
+        """Skip `size` bytes aligned to `alignment`; return their start."""
         start = self._position + (HEADER_SIZE - self._position) % alignment
         if not start + size <= len(self._view):
             raise self.error(
@@ -134,13 +132,13 @@ class CdrReader:
         return start
 
     def integer(self, kind: str) -> int:
-        """Read one integer of a `struct` kind: B, i or I."""
+        """Read an integer of a `struct` type: B, i or I."""
         size = _SIZES[kind]
         value: int = struct.unpack_from(self._prefix + kind, self._view, self._take(size, size))[0]
         return value
 
     def time(self) -> int:
-        """Read a stamp; integer nanoseconds, negative before the epoch."""
+        """Read a stamp as integer nanoseconds, negative before the epoch."""
         seconds = self.integer('i')
         return seconds * NANOSECONDS_PER_SECOND + self.integer('I')
 
@@ -162,24 +160,24 @@ class CdrReader:
         count = self.integer('I')
         if not count * item_size <= len(self._view) - self._position:
             raise self.error(
-                f'{count} items are announced, but {len(self._view) - self._position} bytes left')
+                f'{count} items are declared, but {len(self._view) - self._position} bytes left')
         return count
 
     def floats(self, count: int, kind: str = 'd') -> NDArray[np.float64]:
-        """Read `count` numbers; a read-only view where the message allows one."""
-        if count == 0:  # nothing is written for an empty sequence, not even its alignment
+        """Read `count` numbers, as a read-only view if the message allows one."""
+        if count == 0:  # an empty sequence has no alignment bytes
             return np.empty(0)
         size = _SIZES[kind]
         start = self._take(count * size, size)
         values = np.frombuffer(self._view, f'{self._prefix}f{size}', count, start)
-        # Any pattern of bits may come, also of a NaN that signals.
+        # Any bit pattern may occur, also a signalling NaN.
         with np.errstate(invalid='ignore'):
             values = values.astype(np.float64, copy=False)
         values.flags.writeable = False
         return values
 
     def take(self, size: int) -> bytes:
-        """Read `size` bytes as they are."""
+        """Read `size` bytes."""
         start = self._take(size, 1)
         return bytes(self._view[start:start + size])
 

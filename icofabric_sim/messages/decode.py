@@ -12,10 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Reading messages back: arrays as views, and a ValueError for whatever is malformed.
+Decoding of messages: arrays as views, and ValueError for malformed data.
 
 Both byte orders are read. Times are integer nanoseconds. Arrays are read-only views into the
-message where its byte order allows it, and not aligned in memory: copy one to compute much on it.
+message if its byte order allows. They are not aligned in memory: copy an array before long
+computations.
 """
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ Floats = NDArray[np.float64]
 
 
 class PoseArrayValues(NamedTuple):
-    """A PoseArray: `values` (n, 7) holds position [m] and orientation x, y, z, w."""
+    """PoseArray: `values` (n, 7) contains position [m] and orientation x, y, z, w."""
 
     nanoseconds: int
     frame_id: str
@@ -43,7 +44,7 @@ class PoseArrayValues(NamedTuple):
 
 
 class MarkerPoints(NamedTuple):
-    """A Marker with its points [m] (m, 3); `marker_type` and `action` are the numbers of ROS."""
+    """Marker with its points [m] (m, 3); `marker_type` and `action` are the numbers in ROS."""
 
     nanoseconds: int
     frame_id: str
@@ -58,7 +59,7 @@ class MarkerPoints(NamedTuple):
 
 
 class LabelledArray(NamedTuple):
-    """A Float64MultiArray: one label for each dimension of `values`."""
+    """Float64MultiArray with one label for each dimension of `values`."""
 
     labels: tuple[str, ...]
     values: Floats
@@ -91,7 +92,7 @@ def decode_string(data: Buffer) -> str:
 
 
 def decode_uint8_multi_array(data: Buffer) -> bytes:
-    """Return the bytes, whatever shape they are said to have."""
+    """Return the bytes, ignoring the declared shape."""
     reader = CdrReader(data, UInt8MultiArrayBytes.TYPE)
     for _ in range(reader.count(12)):
         reader.string()
@@ -104,13 +105,13 @@ def decode_uint8_multi_array(data: Buffer) -> bytes:
 
 
 def decode_float64_multi_array(data: Buffer) -> LabelledArray:
-    """Return the labels and the numbers in their shape; one that announces no shape is a row."""
+    """Return the labels and the numbers in their shape; without a declared shape, one row."""
     reader = CdrReader(data, Float64MultiArrayBytes.TYPE)
     labels, shape = [], []
     for _ in range(reader.count(12)):
         labels.append(reader.string())
         shape.append(reader.integer('I'))
-        reader.integer('I')  # the stride repeats what the sizes say
+        reader.integer('I')  # the stride follows from the sizes
     offset = reader.integer('I')
     count = reader.count(8)
     values = reader.floats(count)[offset:]
@@ -123,7 +124,7 @@ def decode_float64_multi_array(data: Buffer) -> LabelledArray:
 
 
 def decode_marker_points(data: Buffer) -> MarkerPoints:
-    """Return a marker that is a list of points; its colors per point and texture are read over."""
+    """Return a marker that is a list of points; colours per point and texture are skipped."""
     reader = CdrReader(data, MarkerBytes.TYPE)
     found = _read_marker(reader)
     reader.finish()
@@ -131,9 +132,9 @@ def decode_marker_points(data: Buffer) -> MarkerPoints:
 
 
 def decode_marker_array(data: Buffer) -> list[MarkerPoints]:
-    """Return the markers of a MarkerArray, each as `decode_marker_points` does."""
+    """Return the markers of a MarkerArray, each like `decode_marker_points`."""
     reader = CdrReader(data, 'visualization_msgs/msg/MarkerArray')
-    # The smallest marker takes 140 bytes and more.
+    # The smallest marker takes at least 140 bytes.
     found = [_read_marker(reader) for _ in range(reader.count(140))]
     reader.finish()
     return found

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A diagnostic_msgs/DiagnosticArray: the health of named parts, once a second."""
+"""diagnostic_msgs/DiagnosticArray message: status of named components."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ OK, WARN, ERROR, STALE = range(4)
 
 
 class DiagnosticStatus(NamedTuple):
-    """The health of one part: level OK, WARN, ERROR or STALE, a sentence, and figures as text."""
+    """Status of one component: level OK, WARN, ERROR or STALE, a sentence, and values as text."""
 
     level: int
     name: str
@@ -36,7 +36,7 @@ class DiagnosticStatus(NamedTuple):
 
 
 class DiagnosticArrayBytes:
-    """A diagnostic_msgs/DiagnosticArray; small and different each time, so built when asked."""
+    """diagnostic_msgs/DiagnosticArray message; small and always different, so built on request."""
 
     TYPE: ClassVar[str] = 'diagnostic_msgs/msg/DiagnosticArray'
 

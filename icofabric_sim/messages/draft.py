@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A large message written where it will stay, so that at no time there is a second copy of it."""
+"""Large message written in place, so that there is never a second copy of it."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -21,22 +21,21 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-# Writes the numbers of a message; what it is given must not be kept.
+# Function that writes the numbers of a message; it must not keep the array.
 Fill = Callable[[NDArray[np.float64]], object]
 
 
 class Draft:
     """
-    The bytes of one message while they may still change, all zero at first.
+    Bytes of one message under construction, initially zero.
 
-    A BytesIO hands out the memory that it has written, as bytes, once nothing can write to it any
-    more; until then it hands out a copy.
+    A BytesIO returns its memory as bytes without a copy once nothing can write to it any more.
     """
 
     def __init__(self, size: int) -> None:
         self._file = io.BytesIO()
         self._file.seek(size - 1)
-        self._file.write(b'\0')  # and zeros before it, in one piece
+        self._file.write(b'\0')  # with zeros before it, in one block
 
     def put(self, start: int, data: bytes | memoryview) -> None:
         """Write `data` at byte `start`."""
@@ -45,7 +44,7 @@ class Draft:
 
     def fill(self, start: int, shape: tuple[int, ...], fill: Fill) -> None:
         """
-        Have float64 numbers of this shape written at byte `start`.
+        Let `fill` write float64 numbers of this shape at byte `start`.
 
         They are not aligned in memory: CDR counts from its fifth byte.
         """

@@ -11,28 +11,28 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Names of the frames of bodies, which are also their names as entities."""
+"""Frame names of bodies, which are also their names as entities."""
 
 import re
 
-# The axes of each body of a channel in turn.
+# Stands for the frame of each body of a channel in turn.
 ANY_BODY = 'icosahedron'
 _BODY = re.compile(rf'{ANY_BODY}_(0|[1-9][0-9]{{0,9}})')
-_LONGEST_SHOWN = 100
+_MAX_SHOWN_LENGTH = 100
 
 
 def body_frame(body: int) -> str:
-    """Name of the frame of a body."""
+    """Return the frame name of a body."""
     return f'{ANY_BODY}_{body}'
 
 
 def parse_body_frame(frame_id: str) -> int | None:
-    """The body of a frame, whether a scene has it or not; None for any other name."""
+    """Return the body number in a frame name, also of unknown bodies; None for other names."""
     match = _BODY.fullmatch(frame_id)
     return None if match is None else int(match[1])
 
 
 def shown_frame(frame_id: str) -> str:
-    """A frame as an error may hold it, whatever its length."""
-    cut = frame_id if len(frame_id) <= _LONGEST_SHOWN else f'{frame_id[:_LONGEST_SHOWN]}...'
+    """Return a frame name for an error message, shortened if long."""
+    cut = frame_id if len(frame_id) <= _MAX_SHOWN_LENGTH else f'{frame_id[:_MAX_SHOWN_LENGTH]}...'
     return repr(cut)

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Inputs as messages: the topic and frame of each target, and what a message puts on it.
+Input messages: the topic and frame of each target, and the decoded values.
 
     ~/wrench         WrenchStamped   the body of the frame icosahedron_K
     ~/loads/NAME     WrenchStamped   a load channel
     ~/drives/NAME    TwistStamped    a drive
-    ~/pull           PointStamped    where the body of the frame icosahedron_K is pulled to
+    ~/pull           PointStamped    target point of a drag of the body of frame icosahedron_K
 """
 
 import re
@@ -55,9 +55,7 @@ _CHANNEL, _DRIVE = re.compile(f'~/loads/{_NAME}'), re.compile(f'~/drives/{_NAME}
 
 
 class StampedPair(NamedTuple):
-    """
-    A WrenchStamped (force [N], torque [N m]) or TwistStamped (linear [m/s], angular [rad/s]).
-    """
+    """WrenchStamped (force [N], torque [N m]) or TwistStamped (linear [m/s], angular [rad/s])."""
 
     nanoseconds: int
     frame_id: str
@@ -66,7 +64,7 @@ class StampedPair(NamedTuple):
 
 
 class StampedPoint(NamedTuple):
-    """A PointStamped (point [m])."""
+    """PointStamped (point [m])."""
 
     nanoseconds: int
     frame_id: str
@@ -74,7 +72,7 @@ class StampedPoint(NamedTuple):
 
 
 class InputMessage(NamedTuple):
-    """What a message puts on a target."""
+    """Decoded input: target, value and stamp."""
 
     target: Target
     value: Value
@@ -83,7 +81,7 @@ class InputMessage(NamedTuple):
 
 
 def topic_of(target: Target) -> str:
-    """The topic on which a target is driven."""
+    """Return the input topic of a target."""
     if isinstance(target, PullTarget):
         return PULL
     if isinstance(target, BodyTarget):
@@ -93,7 +91,7 @@ def topic_of(target: Target) -> str:
 
 
 def input_topics(scene: 'Scene') -> dict[str, str]:
-    """Topics on which a scene takes inputs, with the type of their messages."""
+    """Return the input topics of a scene, with their message types."""
     topics = [
         _BODIES, PULL, *(topic_of(ChannelTarget(name)) for name in scene.loads),
         *(topic_of(DriveTarget(name)) for name in scene.drives)]
@@ -101,7 +99,7 @@ def input_topics(scene: 'Scene') -> dict[str, str]:
 
 
 def input_type(topic: str) -> str:
-    """Type of the messages of an input topic; '': it is none."""
+    """Return the message type of an input topic, '' for other topics."""
     if topic == _BODIES or _CHANNEL.fullmatch(topic):
         return WrenchStampedBytes.TYPE
     if topic == PULL:
@@ -110,7 +108,7 @@ def input_type(topic: str) -> str:
 
 
 def target_of(topic: str, frame_id: str) -> Target | None:
-    """The target of messages on a topic and in a frame; None where there is none."""
+    """Return the target of messages on a topic with a frame, or None."""
     if drive := _DRIVE.fullmatch(topic):
         return DriveTarget(drive[1])
     if channel := _CHANNEL.fullmatch(topic):
@@ -122,7 +120,7 @@ def target_of(topic: str, frame_id: str) -> Target | None:
 
 
 def decode_input(topic: str, data: Buffer) -> InputMessage:
-    """Read a message of an input topic; ValueError where it is malformed or names no body."""
+    """Decode a message of an input topic; raise ValueError if malformed or without a body."""
     kind = input_type(topic)
     value: Value
     if kind == PointStampedBytes.TYPE:
@@ -137,8 +135,8 @@ def decode_input(topic: str, data: Buffer) -> InputMessage:
     target = target_of(topic, frame_id)
     if target is None:
         raise ValueError(
-            f"its header.frame_id is {shown_frame(frame_id)}, and must be 'icosahedron_K' with "
-            'the number K of the body')
+            f"its header.frame_id is {shown_frame(frame_id)}; it must be 'icosahedron_K' with "
+            'body number K')
     return InputMessage(target, value, stamp, frame_id)
 
 

@@ -11,7 +11,9 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A visualization_msgs/Marker made of points: lines between bodies, or triangles of shells."""
+"""
+visualization_msgs/Marker message made of points: lines between bodies, or triangles of shells.
+"""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -27,14 +29,14 @@ from numpy.typing import NDArray
 
 
 class MarkerType(enum.IntEnum):
-    """Kinds of marker that are lists of points, by their number in visualization_msgs/Marker."""
+    """Marker types that are lists of points, by their numbers in visualization_msgs/Marker."""
 
     LINE_LIST = 5
     TRIANGLE_LIST = 11
 
 
 class MarkerAction(enum.IntEnum):
-    """What a viewer does with the marker, by its number in visualization_msgs/Marker."""
+    """Marker actions, by their numbers in visualization_msgs/Marker."""
 
     ADD = 0
     DELETE = 2
@@ -46,12 +48,12 @@ _POINTS_PER_ITEM = {MarkerType.LINE_LIST: 2, MarkerType.TRIANGLE_LIST: 3}
 
 class MarkerBytes:
     """
-    One marker with a fixed namespace and id, in the axes of its frame, shown until replaced.
+    Marker with a fixed namespace and id, in the axes of its frame, shown until replaced.
 
-    `point_count` sets how many points the message that is kept holds; `points` is a view of them.
-    Room is kept when the count falls and doubled when it outgrows the room; a view taken before
-    that is then no longer part of the message, and the points in it are not kept. `filled` makes
-    a message of its own each time.
+    `point_count` is the number of points in the stored message; `points` is a view of them. The
+    capacity is kept when the count decreases, and doubled when it is exceeded. Views taken before
+    such a change are not part of the message any more, and their points are lost. `filled` creates
+    a separate message each time.
     """
 
     TYPE: ClassVar[str] = 'visualization_msgs/msg/Marker'
@@ -62,10 +64,10 @@ class MarkerBytes:
         scale: Sequence[float] | None = None,
     ) -> None:
         """
-        Lay the message out; color: red, green, blue, alpha (0 to 1); scale [m].
+        Build the message; color: red, green, blue, alpha (0 to 1); scale [m].
 
-        Of the scale, a LINE_LIST uses x only, as the width of its lines (default 0.001 m); a
-        TRIANGLE_LIST multiplies its points with it (default 1).
+        A LINE_LIST uses only x of the scale, as the width of its lines (default 0.001 m). A
+        TRIANGLE_LIST multiplies its points by the scale (default 1).
         """
         self.marker_type = checks.member('marker_type', marker_type, MarkerType)
         marker_id = checks.count('marker_id', marker_id, -2**31, 2**31 - 1)
@@ -78,7 +80,7 @@ class MarkerBytes:
         layout.numbers('i', self.marker_type)
         self._action_offset = layout.size
         layout.numbers('i', MarkerAction.ADD)
-        layout.numbers('d', 0, 0, 0, 0, 0, 0, 1)  # pose: at the origin, unturned
+        layout.numbers('d', 0, 0, 0, 0, 0, 0, 1)  # pose: at the origin, not rotated
         self._scale_offset = layout.size
         layout.numbers('d', 0, 0, 0)
         self._color_offset = layout.size
@@ -93,10 +95,10 @@ class MarkerBytes:
         layout.align(8)
         self._points_offset = layout.size
 
-        # Only items of up to four bytes follow, and a point has a multiple of that: the rest of
-        # the message reads the same after any number of points.
+        # Only items of up to four bytes follow, and the size of a point is a multiple of four: the
+        # rest of the message is the same after any number of points.
         rest = CdrBuilder(offset=self._head_size)
-        rest.numbers('I', 0)  # colors: none of their own
+        rest.numbers('I', 0)  # colors: none for single points
         rest.string('')  # texture_resource
         rest.header('')  # texture: stamp, frame
         rest.string('')  # texture format
@@ -134,7 +136,7 @@ class MarkerBytes:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The points of the next message [m], (point_count, 3): a view into it."""
+        """Return the points of the next message [m], (point_count, 3), as a view."""
         return self._points[:self._count]
 
     @property
@@ -164,9 +166,9 @@ class MarkerBytes:
         self, nanoseconds: SupportsIndex, *, action: MarkerAction = MarkerAction.ADD,
     ) -> bytes:
         """
-        Return the message with this stamp [ns]; only ADD carries the points.
+        Return the message with this stamp [ns]; only ADD includes the points.
 
-        DELETE removes the marker of this namespace and id, DELETEALL every marker of the topic.
+        DELETE removes the marker of this namespace and id, DELETEALL all markers of the topic.
         """
         action = checks.member('action', action, MarkerAction)
         count = self._count if action == MarkerAction.ADD else 0
@@ -175,9 +177,9 @@ class MarkerBytes:
 
     def filled(self, nanoseconds: SupportsIndex, count: int, fill: Fill) -> bytes:
         """
-        Return a message with this stamp [ns] of `count` points, which `fill` writes (count, 3).
+        Return a message with this stamp [ns] of `count` points, written by `fill` (count, 3).
 
-        It is laid out once, where it stays; `points` and `point_count` are not touched.
+        The message is built in place; `points` and `point_count` are not changed.
         """
         count = self._checked('count', count)
         checks.function('fill', fill)
@@ -198,7 +200,7 @@ class MarkerBytes:
         return int(count)
 
     def _stamp(self, nanoseconds: SupportsIndex, action: MarkerAction, count: int) -> int:
-        """Complete what comes before the points; return where it ends."""
+        """Complete the part before the points; return its end."""
         struct.pack_into('<II', self._memory, 4, *split_nanoseconds(nanoseconds))
         struct.pack_into('<i', self._memory, self._action_offset, action)
         struct.pack_into('<I', self._memory, self._count_offset, count)

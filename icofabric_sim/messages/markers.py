@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What viewers draw of a fabric: connectors by their strain, and shells; few lists, stable ids.
+Markers of a fabric: connectors by strain class, and shells; few lists with stable ids.
 
-The lists of one state come one after the other, each laid out when it is asked for and straight
-into its message, so that a large fabric never needs room for more than one of them.
+The lists of one state are built one by one, on demand and directly into their messages, so that a
+large fabric never needs memory for more than one list.
 """
 
 from collections.abc import Iterator
@@ -33,15 +33,15 @@ Color = tuple[float, float, float, float]
 
 
 class StrainClass(NamedTuple):
-    """Connectors of one colour; bounds of the strain (l - D) / D above which it begins."""
+    """Connectors of one colour, from a lower bound of the strain (l - D) / D."""
 
     above: float
     name: str
     color: Color
 
 
-# Few lists instead of a colour for each point: 24 bytes for a point instead of 40. Blue is pushed
-# together, red is pulled.
+# A few lists instead of a colour for each point: 24 bytes per point instead of 40. Blue is
+# compressed, red is stretched.
 STRAIN_CLASSES = (
     StrainClass(-np.inf, 'compressed by more than 5 %', (0.13, 0.27, 0.80, 1.0)),
     StrainClass(-0.05, 'compressed by 0.5 % to 5 %', (0.40, 0.65, 0.95, 1.0)),
@@ -52,9 +52,9 @@ STRAIN_CLASSES = (
 _ANCHOR_COLOR = (0.20, 0.65, 0.30, 1.0)
 _BOUNDS = np.array([entry.above for entry in STRAIN_CLASSES[1:]])
 
-# Those that run into the shell they are attached to, whatever their strain; the last list.
+# Connectors that enter their own shell, whatever their strain; the last list.
 OBSTRUCTED = StrainClass(np.inf, 'in the shell it is attached to', (0.75, 0.10, 0.80, 1.0))
-_NO_CLASS = 255  # of broken connectors
+_NO_CLASS = 255  # class of broken connectors
 
 
 class ShellClass(NamedTuple):
@@ -66,22 +66,22 @@ class ShellClass(NamedTuple):
 
 SHELL_CLASSES = (
     ShellClass('free', (0.95, 0.88, 0.70, 1.0)),
-    ShellClass('held in place by a support', (0.42, 0.47, 0.55, 1.0)),
+    ShellClass('fixed by a support', (0.42, 0.47, 0.55, 1.0)),
 )
-# Shells are cut into runs of bodies, one list for each run and colour, so that a message stays
-# small: 1,440 bytes for each body. Of very many bodies the runs become longer, not more.
-_RUN, _MOST_RUNS = 20_000, 4
+# Shells are divided into groups of bodies, one list for each group and colour, to keep messages
+# small: 1,440 bytes for each body. With very many bodies the groups become larger, not more.
+_BODIES_PER_LIST, _MAX_LISTS = 20_000, 4
 
 
 def held_bodies(scene: Scene) -> np.ndarray:
-    """Whether a support holds the place of each body, (n,) bool."""
+    """Return whether a support fixes the position of each body, (n,) bool."""
     if scene.supports is None:
         return np.zeros(scene.body_count, dtype=bool)
     return np.asarray(scene.supports.translation.all(axis=1))
 
 
 def list_numbers(scene: Scene) -> set[int]:
-    """Ids of the lists in which the connectors and anchors of each state come, also empty ones."""
+    """Return the ids of the lists of connectors and anchors, including empty ones."""
     numbers = {len(STRAIN_CLASSES)} if scene.anchors else set()
     if scene.connector_count:
         numbers.update((*range(len(STRAIN_CLASSES)), len(STRAIN_CLASSES) + 1))
@@ -92,13 +92,12 @@ class ConnectorMarkers:
     """
     Line lists of the connectors; the id of each is the number of its strain class.
 
-    One more where there are anchors, in a colour of its own, with the next number; and one, with
-    the number after that, of connectors that run into the shell they are attached to. A connector
-    around a shell has a line for each of its straight parts.
+    Anchors form one more list with its own colour and the next id. Connectors that enter their own
+    shell form the last list. A connector wrapped over a shell has a line for each straight part.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Lay out what does not change."""
+        """Build the constant parts."""
         width = 0.08 * scene.shell.half_edge
         self._lists = [
             MarkerBytes(
@@ -113,10 +112,10 @@ class ConnectorMarkers:
 
     def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
-        One message for each class: its list, or, where no connector is in it, its removal.
+        Yield one message for each class: its list, or its removal if the class is empty.
 
-        It is repeated as long as the class is empty: then what is shown does not depend on what
-        was received before, by a viewer or by a bag.
+        Removals are repeated while a class is empty, so that the display does not depend on the
+        messages that a viewer or a bag received before.
         """
         ends = snapshot.anchor_ends[snapshot.anchor_intact].reshape(-1, 3)
         if len(ends):
@@ -131,7 +130,7 @@ class ConnectorMarkers:
         classify(
             snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts[:-1])
         wraps = snapshot.packed.model.wrapping is not None
-        # Those that lie around their shells have the colour of their strain.
+        # Connectors wrapped over shells keep the colour of their strain.
         obstructed = snapshot.lost if wraps else snapshot.obstructed
         if obstructed.any() or snapshot.broken_since is not None:
             classes[obstructed > 0] = len(STRAIN_CLASSES)
@@ -152,7 +151,7 @@ class ConnectorMarkers:
     def _bent_lists(
         self, snapshot: Snapshot, nanoseconds: int, classes: np.ndarray
     ) -> Iterator[bytes]:
-        """The same lists with all straight parts of connectors that lie around shells."""
+        """Yield the lists with all straight parts of wrapped connectors."""
         segments = snapshot.connector_segments
         of_class = classes[segments.of]
         for number, marker in enumerate(self._lists):
@@ -164,15 +163,15 @@ class ConnectorMarkers:
 
 
 class ShellMarkers:
-    """Triangle lists of the shells: their outer faces, seen from outside counter-clockwise."""
+    """Triangle lists of the shells: outer faces, counter-clockwise as seen from outside."""
 
     def __init__(self, scene: Scene) -> None:
-        """Lay out what does not change."""
+        """Build the constant parts."""
         self._corners = FACES.ravel()
         edges = scene.body_half_edges
         alike = edges == scene.shell.half_edge
         held = held_bodies(scene)
-        length = max(_RUN, -(-len(held) // _MOST_RUNS))
+        length = max(_BODIES_PER_LIST, -(-len(held) // _MAX_LISTS))
         self._lists: list[tuple[MarkerBytes, np.ndarray, np.ndarray]] = []
 
         def add(number: int, color: Color, bodies: np.ndarray, half_edge: float) -> None:
@@ -198,7 +197,7 @@ class ShellMarkers:
                     add(number, entry.color, bodies, half_edge)
 
     def messages(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
-        """One list for each run of bodies and colour."""
+        """Yield one list for each group of bodies and colour."""
         for marker, bodies, corners in self._lists:
             yield marker.filled(nanoseconds, len(self._corners) * len(bodies), partial(
                 fill_shells, bodies, snapshot.position, snapshot.orientation, corners,

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""When outputs are due: output k at round(k 1e9 / rate) nanoseconds, without drift."""
+"""Output times: output k is at round(k 1e9 / rate) nanoseconds, without drift."""
 
 from fractions import Fraction
 
@@ -19,19 +19,19 @@ NANOSECONDS = 10**9
 
 
 class Schedule:
-    """The grid of output times of one rate [Hz], in integer nanoseconds."""
+    """Output times of one rate [Hz] in integer nanoseconds."""
 
     def __init__(self, rate: float) -> None:
-        """Outputs at `rate` [Hz] of simulated time, the first at 0."""
+        """Schedule outputs at `rate` [Hz] of simulated time, the first at 0."""
         self.rate = rate
         self._period = Fraction(NANOSECONDS) / Fraction(rate)
 
     def time(self, k: int) -> int:
-        """Nanoseconds of output k."""
+        """Return the nanoseconds of output k."""
         return round(k * self._period)
 
     def after(self, now: int) -> int:
-        """Nanoseconds of the first output later than `now`."""
+        """Return the nanoseconds of the first output after `now`."""
         k = int(now / self._period)
         while self.time(k) > now:
             k -= 1
@@ -40,19 +40,17 @@ class Schedule:
         return self.time(k)
 
     def is_due(self, now: int) -> bool:
-        """Whether an output falls exactly on `now`."""
+        """Return whether an output is exactly at `now`."""
         return self.time(round(now / self._period)) == now
 
 
 def seconds(nanoseconds: int) -> float:
-    """
-    Seconds of integer nanoseconds, correctly rounded: the same float wherever it is computed.
-    """
+    """Return integer nanoseconds in seconds, correctly rounded and therefore reproducible."""
     return nanoseconds / NANOSECONDS
 
 
 def nanoseconds_not_before(time: float) -> int:
-    """Smallest integer nanoseconds whose seconds are not before `time` [s]."""
+    """Return the smallest integer nanoseconds whose seconds are not before `time` [s]."""
     result = int(time * NANOSECONDS)
     while result > 0 and seconds(result - 1) >= time:
         result -= 1

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Messages of numbers under a stamp: poses, wrenches, twists, and the clock."""
+"""Messages of stamped numbers: poses, wrenches, twists, and the clock."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 
 
 class _StampedNumbers:
-    """A header followed by float64 numbers; `count_written` puts their rows before them."""
+    """Header followed by float64 numbers, preceded by the row count if `count_written`."""
 
     def __init__(
         self, frame_id: str, rows: int, columns: int, *, count_written: bool,
         first: Sequence[float] = (0.0,),
     ) -> None:
-        """Lay out the head; each row of the message that is kept reads `first` at first."""
+        """Build the header; each row of the stored message is initially `first`."""
         layout = CdrBuilder()
         layout.header(frame_id)
         if count_written:
@@ -52,7 +52,7 @@ class _StampedNumbers:
 
     @cached_property
     def _message(self) -> NDArray[np.uint8]:
-        """The message that is kept, and copied each time; made when it is first needed."""
+        """Return the stored message, which is created on first use and copied for each output."""
         start = len(self._head)
         message = aligned_buffer(start + 8 * math.prod(self._shape))
         message[:start] = np.frombuffer(self._head, np.uint8)
@@ -71,9 +71,9 @@ class _StampedNumbers:
 
 class PoseArrayBytes(_StampedNumbers):
     """
-    A geometry_msgs/PoseArray of a fixed number of bodies.
+    geometry_msgs/PoseArray message of a fixed number of bodies.
 
-    `values` (n, 7) is a view into the message that is kept: position [m], orientation x, y, z, w.
+    `values` (n, 7) is a view into the stored message: position [m], orientation x, y, z, w.
     """
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/PoseArray'
@@ -89,9 +89,10 @@ class PoseArrayBytes(_StampedNumbers):
 
     def filled(self, nanoseconds: SupportsIndex, fill: Fill) -> bytes:
         """
-        Return a message with this stamp [ns] whose numbers, shaped as `values`, `fill` writes.
+        Return a message with this stamp [ns] whose numbers are written by `fill`.
 
-        It is laid out once, where it stays, and `values` is not touched.
+        The numbers are shaped like `values`. The message is built in place; `values` is not
+        changed.
         """
         checks.function('fill', fill)
         start = len(self._head)
@@ -103,7 +104,7 @@ class PoseArrayBytes(_StampedNumbers):
 
 
 class WrenchStampedBytes(_StampedNumbers):
-    """A geometry_msgs/WrenchStamped; `force` [N] and `torque` [N m] are views into the message."""
+    """geometry_msgs/WrenchStamped; `force` [N] and `torque` [N m] are views into the message."""
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/WrenchStamped'
 
@@ -115,7 +116,7 @@ class WrenchStampedBytes(_StampedNumbers):
 
 class TwistStampedBytes(_StampedNumbers):
     """
-    A geometry_msgs/TwistStamped; `linear` [m/s] and `angular` [rad/s] are views into the message.
+    geometry_msgs/TwistStamped; `linear` [m/s] and `angular` [rad/s] are views into the message.
     """
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/TwistStamped'
@@ -127,7 +128,7 @@ class TwistStampedBytes(_StampedNumbers):
 
 
 class PointStampedBytes(_StampedNumbers):
-    """A geometry_msgs/PointStamped; `point` (3,) [m] is a view into the message."""
+    """geometry_msgs/PointStamped; `point` (3,) [m] is a view into the message."""
 
     TYPE: ClassVar[str] = 'geometry_msgs/msg/PointStamped'
 
@@ -137,7 +138,7 @@ class PointStampedBytes(_StampedNumbers):
 
 
 class ClockBytes:
-    """A rosgraph_msgs/Clock."""
+    """rosgraph_msgs/Clock message."""
 
     TYPE: ClassVar[str] = 'rosgraph_msgs/msg/Clock'
 

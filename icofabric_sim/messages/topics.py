@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Messages of a running fabric: which topics there are, and their bytes from snapshots."""
+"""Topics of a running fabric, and their messages built from snapshots."""
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property, partial
@@ -52,11 +52,11 @@ __all__ = [
 
 
 class Topic(NamedTuple):
-    """A topic that the node publishes, and how."""
+    """Published topic with its type and QoS."""
 
     name: str  # private (~/) name, or absolute
     type: str
-    latched: bool  # transient local: late joiners get the last message
+    latched: bool  # transient local: late subscribers get the last message
     depth: int
     recorded: bool
 
@@ -64,32 +64,32 @@ class Topic(NamedTuple):
 POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
 CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
 STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
-# Spins of eq 18; those of `~/state` are in world axes.
+# Spins of eq 18; `~/state` has them in world axes.
 BODY_SPIN = Topic('~/angular_velocity_body', Float64MultiArrayBytes.TYPE, False, 10, False)
-# Large: 1,440 bytes for each body. They follow from the poses, so that no bag needs them.
+# Large: 1,440 bytes for each body. Not recorded, because they follow from the poses.
 ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
-# They follow from what a bag holds.
+# Not recorded, because they follow from other messages.
 MARKERS = Topic('~/markers', ActingMarkers.TYPE, False, 8, False)
 ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
-# What a test rig would measure; it follows from the motion.
+# Quantities that a test rig would measure; they follow from the motion.
 REACTIONS = Topic('~/reactions', Float64MultiArrayBytes.TYPE, False, 10, False)
 TENSIONS = Topic('~/tensions', Float64MultiArrayBytes.TYPE, False, 10, False)
 CONTACTS = Topic('~/contacts', Float64MultiArrayBytes.TYPE, False, 10, False)
-MEASURED = REACTIONS, TENSIONS, CONTACTS  # in a bag where record.measured asks for them
-# Numbers of the bodies in `~/poses` and `~/state`, where publish.* leaves some out.
+MEASURED = REACTIONS, TENSIONS, CONTACTS  # recorded with record.measured
+# Numbers of the bodies in `~/poses` and `~/state` if publish.* selects bodies.
 BODIES = Topic('~/bodies', Float64MultiArrayBytes.TYPE, True, 1, False)
-# Frames of the bodies of tf.group, for the tools of tf2.
+# Frames of the bodies of tf.group for tf2.
 TF = Topic('/tf', TransformsBytes.TYPE, False, 100, False)
-# What has broken so far, in the order in which it did.
+# Broken connectors so far, in the order of breakage.
 BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
 WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
 CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
-# What was done to the run beside its inputs (pause, steps, reset, ...), one JSON object each.
+# Operations on the run other than inputs (pause, steps, reset, ...), one JSON object each.
 EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
-# Checkpoints, so that a bag can be simulated again from there.
+# Checkpoints, from which a bag can be simulated again.
 CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
-# What a page draws of a run, at the pace of the wall clock however fast the run is.
+# Topics drawn by viewer pages, sent by the wall clock at any speed of the run.
 VIEWS = {
     topic: topic._replace(name=topic.name.replace('~/', '~/view/'), recorded=False)
     for topic in (POSES, CONNECTORS, MARKERS, ENERGY)}
@@ -97,7 +97,7 @@ TOPICS = (
     POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, BODY_SPIN, ENERGY, REACTIONS, TENSIONS,
     CONTACTS, TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS, *VIEWS.values())
 
-# Label and name in a snapshot of each number in `~/energy` [J].
+# Label in `~/energy` [J], and name in a snapshot.
 ENERGIES = {
     label: label.replace(' ', '_') for label in (
         'kinetic', 'connectors', 'gravity', 'contact', 'work in', 'dissipated', 'balance error',
@@ -108,11 +108,11 @@ class Outputs:
     """Message layouts of one scene, written once; the numbers change with every snapshot."""
 
     def __init__(self, scene: Scene) -> None:
-        """Lay out nothing large: every message is built where it stays, when it is wanted."""
+        """Create the layouts; large messages are built in place on request."""
         self.scene = scene
         self.frame_id = scene.parameters['frame_id']
         chosen = scene.published_bodies
-        # Of arrays with a row for each body: those that are published.
+        # Published rows of arrays with a row for each body.
         self._rows = slice(None) if chosen is None else chosen
         count = scene.body_count if chosen is None else len(chosen)
         self._poses = PoseArrayBytes(self.frame_id, count)
@@ -136,11 +136,11 @@ class Outputs:
         self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench],
         touching: Touching
     ) -> bytes:
-        """`~/markers`: the `acting` wrenches, supports, planes, and what is `touching`."""
+        """Return `~/markers`: `acting` wrenches, supports, planes, and `touching` contacts."""
         return self._acting.message(snapshot, nanoseconds, acting, touching)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
-        """`~/poses`: bodies in order, those of `publish.group`."""
+        """Return `~/poses`: bodies in order, those of `publish.group`."""
         return self._poses.filled(nanoseconds, partial(
             _write_columns, [snapshot.position[self._rows], snapshot.orientation[self._rows]]))
 
@@ -151,13 +151,15 @@ class Outputs:
         return TransformsBytes(self.frame_id, [f'icosahedron_{number}' for number in chosen])
 
     def tf(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
-        """`/tf`: frames of the bodies of `tf.group`."""
+        """Return `/tf`: frames of the bodies of `tf.group`."""
         chosen = self.scene.framed_bodies
         return self._frames.filled(
             nanoseconds, snapshot.position[chosen], snapshot.orientation[chosen])
 
     def bodies(self) -> bytes | None:
-        """`~/bodies`: (m,) numbers of the bodies in `~/poses`; None: all are there."""
+        """
+        Return `~/bodies`: (m,) numbers of the bodies in `~/poses`; None if all are published.
+        """
         chosen = self.scene.published_bodies
         if chosen is None:
             return None
@@ -166,7 +168,9 @@ class Outputs:
         return message.to_bytes()
 
     def state(self, snapshot: Snapshot) -> bytes:
-        """`~/state`: [n, 13] position, orientation x y z w, velocity, angular velocity (world)."""
+        """
+        Return `~/state`: [n, 13] position, orientation x y z w, velocity, angular velocity; world.
+        """
         return self._state.filled(partial(_write_columns, [
             snapshot.position[self._rows],
             snapshot.orientation[self._rows],
@@ -180,19 +184,21 @@ class Outputs:
             _write_columns, [snapshot.angular_velocity_body[self._rows]]))
 
     def energy(self, snapshot: Snapshot) -> bytes:
-        """`~/energy`: the energies [J] that its label names."""
+        """Return `~/energy`: the energies [J] named in its label."""
         self._energy.values[:] = [snapshot.energy[name] for name in ENERGIES.values()]
         return self._energy.to_bytes()
 
     def reactions(self, reactions: Reactions) -> bytes:
-        """`~/reactions`: [k, 9] force [N], torque [N m] about a point, that point [m], world."""
+        """
+        Return `~/reactions`: [k, 9] force [N], torque [N m] about a point, that point [m], world.
+        """
         message = Float64MultiArrayBytes(
             (', '.join(reactions.names), 'force torque point'), (len(reactions.names), 9))
         return message.filled(partial(
             _write_columns, [reactions.force, reactions.torque, reactions.point]))
 
     def tensions(self, tensions: np.ndarray) -> bytes:
-        """`~/tensions`: [m, 2] connector, and the force [N] along it, of those published."""
+        """Return `~/tensions`: [m, 2] connector and force [N] along it, of the published ones."""
         chosen = self.scene.published_connectors
         if chosen is None:
             chosen = np.arange(len(tensions))
@@ -202,10 +208,11 @@ class Outputs:
 
     def contacts(self, contacts: ContactForces) -> bytes:
         """
-        `~/contacts`: [m, 15] first, second body, point [m], force [N] on the first, overlap [m].
+        Return `~/contacts`: [m, 15] contacts in the world frame.
 
-        Then the torques [N m] on the first and on the second, each about its centre; world frame.
-        A second body of -1 - k is the plane k, whose names are the first label.
+        Columns: first body, second body, point [m], force [N] on the first, overlap [m], torques
+        [N m] on the first and on the second about their centres. A second body of -1 - k is plane
+        k, whose names are the first label.
         """
         message = Float64MultiArrayBytes(
             (f'planes: {", ".join(contacts.planes)}',
@@ -217,10 +224,10 @@ class Outputs:
 
     def broken(self, snapshot: Snapshot) -> bytes:
         """
-        `~/broken`: [m, 2] connector and time of breakage [s], in the order in which they broke.
+        Return `~/broken`: [m, 2] connector and time of breakage [s], in order of breakage.
 
-        Those of one time are in order of their numbers. A connector of -1 - k is the anchor k of
-        the scene.
+        Connectors broken at the same time are in order of their numbers. -1 - k stands for anchor
+        k.
         """
         gone = np.flatnonzero(~snapshot.intact)
         times = snapshot.break_time[gone]
@@ -236,25 +243,26 @@ class Outputs:
 
     def connectors(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
-        `~/connectors`: a line list for each strain class, or its removal where it is empty.
+        Yield `~/connectors`: a line list for each strain class, or its removal if it is empty.
 
-        Each is laid out when it is asked for.
+        Each message is built on demand.
         """
         return self._connectors.messages(snapshot, nanoseconds)
 
     def icosahedra(self, snapshot: Snapshot, nanoseconds: int) -> Iterator[bytes]:
         """
-        `~/icosahedra`: the shells, one triangle list for each colour, several for many bodies.
+        Yield `~/icosahedra`: triangle lists of the shells by colour, several for many bodies.
 
-        Each is laid out when it is asked for.
+        Each message is built on demand.
         """
         return self._shells.messages(snapshot, nanoseconds)
 
     def cleared(self, nanoseconds: int, topic: Topic = CONNECTORS) -> bytes:
         """
-        `~/connectors` or `~/icosahedra`: remove all markers of an earlier weave.
+        Return `~/connectors` or `~/icosahedra` that removes all markers of an earlier weave.
 
-        In the namespace of the topic: Foxglove removes those of one, RViz all.
+        The message uses the namespace of the topic: Foxglove removes the markers of a namespace,
+        RViz all.
         """
         namespace = topic.name.removeprefix('~/')
         marker = MarkerBytes(self.frame_id, namespace, 0, MarkerType.LINE_LIST)
@@ -262,9 +270,9 @@ class Outputs:
 
     def weave(self, parameters: Parameters) -> bytes:
         """
-        `~/weave`: the `parameters` in force, as a ROS parameter file, and the files they name.
+        Return `~/weave`: the `parameters` in force as a ROS parameter file, with named files.
 
-        They are those of the scene, but for rates and the like that may have changed since.
+        They equal those of the scene, except for output rates and the like that may have changed.
         """
         if self._described is None or self._described[0] is not parameters:
             text = append_files(dump_parameters(parameters.complete()), self.scene.files)
@@ -272,12 +280,12 @@ class Outputs:
         return self._described[1]
 
     def clock(self, nanoseconds: int) -> bytes:
-        """`/clock`."""
+        """Return `/clock`."""
         return self._clock.stamped(nanoseconds)
 
 
 def _write_columns(parts: list[np.ndarray], values: np.ndarray) -> None:
-    """Write arrays (n, k) side by side."""
+    """Write arrays (n, k) into adjacent columns."""
     column = 0
     for part in parts:
         values[:, column:column + part.shape[1]] = part

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Frames of bodies, as tf2 broadcasts them."""
+"""Frames of bodies for tf2."""
 
 from collections.abc import Sequence
 from typing import ClassVar, SupportsIndex
@@ -28,12 +28,12 @@ _NUMBERS = 7  # translation, rotation x y z w
 
 
 class TransformsBytes:
-    """A tf2_msgs/TFMessage of a fixed set of frames, all in one parent frame."""
+    """tf2_msgs/TFMessage of a fixed set of frames in one parent frame."""
 
     TYPE: ClassVar[str] = 'tf2_msgs/msg/TFMessage'
 
     def __init__(self, frame_id: str, children: Sequence[str]) -> None:
-        """Lay the message out once; `children` are the names of the frames."""
+        """Build the message; `children` are the names of the frames."""
         layout, stamps, numbers = CdrBuilder(), [], []
         layout.numbers('I', len(children))
         for child in children:
@@ -44,7 +44,7 @@ class TransformsBytes:
             layout.align(8)
             numbers.append(layout.size)
             layout.numbers('d', *[0.0] * (_NUMBERS - 1), 1.0)
-        # Whole numbers of both sizes, counted from the first byte of the content.
+        # Multiples of both sizes, counted from the first byte of the content.
         self._size = layout.size
         self._message = aligned_buffer(self._size + (HEADER_SIZE - self._size) % 8)
         self._message[:self._size] = np.frombuffer(bytes(layout.data), np.uint8)

@@ -22,7 +22,7 @@ import numpy as np
 # which shows depth and distorts little.
 _FIELD = math.radians(24.0)
 # What comes nearer to the eye than this part of the distance to the target is not drawn.
-_NEAR = 0.05
+_NEAR_RATIO = 0.05
 # Rounds in which target and distance are fitted to what is shown.
 _ROUNDS = 8
 
@@ -82,7 +82,7 @@ class Camera(NamedTuple):
     def project(self, points: np.ndarray, area: Area) -> np.ndarray:
         """Pixels (..., 2) of points (..., 3), rightwards and downwards."""
         seen = self.seen(points)
-        depth = np.maximum(self.distance - seen[..., 2], _NEAR * self.distance)
+        depth = np.maximum(self.distance - seen[..., 2], _NEAR_RATIO * self.distance)
         scale = self.focal(area) / depth
         return np.stack([
             area.left + 0.5 * area.width + scale * seen[..., 0],
@@ -94,7 +94,7 @@ class Camera(NamedTuple):
 
     def is_before(self, points: np.ndarray) -> np.ndarray:
         """Whether points (..., 3) are far enough before the eye to be drawn."""
-        return np.asarray(self.distance - self.seen(points)[..., 2] > _NEAR * self.distance)
+        return np.asarray(self.distance - self.seen(points)[..., 2] > _NEAR_RATIO * self.distance)
 
     def moved_to(self, target: np.ndarray) -> 'Camera':
         """The same camera looking at another point from the same side."""

@@ -52,7 +52,7 @@ _FEWEST_BINS, _MOST_BINS = 9, 80
 # The shortest record [poses] that has a spectrum.
 _LEAST_POSES = 8
 # Energies that stay below this part of the largest are left out.
-_SMALL = 1e-6
+_SMALL_RATIO = 1e-6
 
 
 class Series(NamedTuple):
@@ -226,7 +226,7 @@ def _energy(run: RecordedRun, size: tuple[float, float], start: float, end: floa
     figure, (upper, lower) = make_figure((size[0], 1.25 * size[1]), rows=2)
     upper.get_gridspec().set_height_ratios((3, 1))
     shown = {name: values for name, values in energies.items()
-             if np.abs(values).max() > _SMALL * largest}
+             if np.abs(values).max() > _SMALL_RATIO * largest}
     for style, (name, values) in zip(line_styles(len(shown)), shown.items()):
         draw_line(upper, times, values, style, name)
     upper.set_ylabel('energy [J]')

@@ -40,7 +40,7 @@ PAIR_COLORS = ('#0072b2', '#d55e00', '#009e73')
 _PAIR_DASHES = ('-', (0, (4, 1.2)), (0, (1.2, 1.0)))
 _CURVE_COLOR, _LEAST_COLOR, _LIMIT_COLOR = '0.15', '#0072b2', '#d55e00'
 # The longest connector that the curve shows, in units of w.
-_LONGEST = 6.0
+_MAX_LENGTH = 6.0
 # Angle [rad] of the connectors in the diagram, and the part of them that is drawn.
 _SHOWN_ANGLE, _SHOWN_PART = 0.25, 0.6
 # Where the viewer of the diagram stands [degrees], and the direction to there.
@@ -66,9 +66,9 @@ def length_figure(title: str) -> Any:
 
 
 def length_curve() -> tuple[np.ndarray, np.ndarray]:
-    """Connector angles [rad] and lengths in units of w, of which the last is `_LONGEST`."""
+    """Connector angles [rad] and lengths in units of w, of which the last is `_MAX_LENGTH`."""
     # From L = w / (sqrt(2) sin(pi/4 - theta)), eq 53.
-    last = LIMIT_ANGLE - math.asin(1.0 / (math.sqrt(2.0) * _LONGEST))
+    last = LIMIT_ANGLE - math.asin(1.0 / (math.sqrt(2.0) * _MAX_LENGTH))
     angles = np.linspace(MINIMUM_ANGLE, last, 400)
     woven = [geometry_from_angle(1.0, angle) for angle in angles.tolist()]
     return angles, np.array([one.connector_length / one.cube_width for one in woven])
@@ -96,7 +96,7 @@ def _draw_lengths(axes: Any, title: str) -> None:
         degrees = math.degrees(angle)
         axes.axvline(degrees, color=color, linestyle=dashes, linewidth=1.6)
         axes.annotate(
-            f'{label} {degrees:.4g}°', (degrees, 0.6 * _LONGEST), rotation=90, color=color,
+            f'{label} {degrees:.4g}°', (degrees, 0.6 * _MAX_LENGTH), rotation=90, color=color,
             xytext=(-4, 0), textcoords='offset points', ha='right', va='center')
     least = float(lengths[0])
     axes.annotate(
@@ -106,7 +106,7 @@ def _draw_lengths(axes: Any, title: str) -> None:
     axes.annotate(
         'L = w', (0.0, 1.0), xytext=(4, -16), textcoords='offset points', color=_CURVE_COLOR)
     axes.set_xlim(-30.0, 50.0)
-    axes.set_ylim(0.0, _LONGEST)
+    axes.set_ylim(0.0, _MAX_LENGTH)
     axes.set_xlabel(r'connector angle $\theta$ [degrees]')
     axes.set_ylabel('connector length L / w')
     axes.set_title(title)

@@ -12,5 +12,5 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-ROS 2 at the rim: nodes translate between the graph and the runner. Nothing else imports rclpy.
+ROS 2 nodes: translation between the ROS graph and the runner. No other package imports rclpy.
 """

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Between the executor's thread and others: work handed over, and answers that take a while."""
+"""Pending service requests, and work passed from other threads to the executor's thread."""
 
 from collections import deque
 from collections.abc import Callable, Generator
@@ -24,49 +24,50 @@ from rclpy.node import Node
 from rclpy.task import Future as Promise
 
 # Limit on pending requests.
-MOST = 100
+MAX_PENDING_REQUESTS = 100
 
 
 class Answers:
     """
-    Requests that wait for another thread, without holding up other callbacks of the node.
+    Pending service requests that do not block other callbacks of the node.
 
-    All methods but `hand_over` are for the executor's thread.
+    Call all methods except `hand_over` from the executor's thread.
     """
 
     def __init__(self, node: Node, take_first: Callable[[], None] = lambda: None) -> None:
         """
         Serve `node`.
 
-        Topics and services have no common order: `take_first` is called before anything begins,
-        and has what arrived before act before.
+        ROS does not order messages of topics against service requests. `take_first` is therefore
+        called before a request starts, so that inputs that arrived earlier act first.
         """
         self._context, self._take_first = node.context, take_first
         self._handed: deque[Callable[[], None]] = deque()
-        # It ends the executor's wait for work that other threads hand over.
+        # Wakes the executor when another thread hands over work.
         self._guard = node.create_guard_condition(self._run_handed)
         self._waiting: set[Promise] = set()
         self._ended = ''
 
     def __len__(self) -> int:
-        """Count the requests that wait."""
+        """Count the pending requests."""
         return len(self._waiting)
 
     def hand_over(self, work: Callable[[], None]) -> None:
-        """Have `work` done in the executor's thread, from any other."""
+        """Run `work` in the executor's thread; callable from any thread."""
         self._handed.append(work)
         if self._context.ok():
             self._guard.trigger()
 
     async def of(self, begin: 'Callable[[], Future[Any]]', *, at_once: bool = False) -> Any:
         """
-        Begin something and return its result, while other callbacks run.
+        Start an operation and return its result while other callbacks run.
 
-        RuntimeError, and nothing begun, where too many wait already; but not for what is done
-        `at_once`, and may end their waiting. RuntimeError too where the node ends before.
+        Raises RuntimeError, and starts nothing, if too many requests are pending. Operations that
+        run `at_once`, and may release pending ones, are exempt. Also raises RuntimeError if the
+        node ends first.
         """
-        if len(self._waiting) >= MOST and not at_once:
-            raise RuntimeError(f'not begun: {MOST} requests wait for their answer already')
+        if len(self._waiting) >= MAX_PENDING_REQUESTS and not at_once:
+            raise RuntimeError(f'not started: {MAX_PENDING_REQUESTS} requests are pending already')
         if self._ended:
             raise RuntimeError(self._ended)
         self._take_first()
@@ -84,8 +85,8 @@ class Answers:
         return future.result()
 
     async def within(self, future: 'Future[Any]', limit: float) -> bool:
-        """Whether the `future` is done within so long [s], while other callbacks run."""
-        if future.done() or self._ended or len(self._waiting) >= MOST:
+        """Return whether `future` completes within `limit` [s], while other callbacks run."""
+        if future.done() or self._ended or len(self._waiting) >= MAX_PENDING_REQUESTS:
             return future.done()
         promise = Promise()
 
@@ -105,12 +106,12 @@ class Answers:
         return future.done()
 
     async def turn(self) -> None:
-        """Let other callbacks run before what follows."""
+        """Let other callbacks run before the caller continues."""
         self.hand_over(lambda: None)
-        await _Turn()
+        await _YieldOnce()
 
     def end(self, reason: str) -> None:
-        """Answer all pending requests with the reason why no other answer will come."""
+        """Answer all pending requests with the reason why they will get no result."""
         self._ended = reason
         self._run_handed()
         for promise in [item for item in self._waiting if not item.done()]:
@@ -121,15 +122,15 @@ class Answers:
             self._handed.popleft()()
 
 
-class _Turn:
-    """Gives the executor's thread back once."""
+class _YieldOnce:
+    """Awaitable that yields the executor's thread once."""
 
     def __await__(self) -> Generator[None, None, None]:
         yield
 
 
 def begin_aside(work: Callable[[], Any]) -> 'Future[Any]':
-    """Begin `work` in a thread of its own; the result comes with the future."""
+    """Start `work` in a new thread and return the future of its result."""
     future: Future[Any] = Future()
 
     def run() -> None:

@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-The simulation node: a runner, which has a thread of its own, and its translation for the graph.
-"""
+"""The simulation node: a runner in its own thread, and its translation to the ROS graph."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -41,9 +39,9 @@ from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Presence, Server
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
-from icofabric_sim.ros.start import FAILED, importing, INTERRUPTED, READY, StopSignals
+from icofabric_sim.ros.start import FAILED, import_without_gc, INTERRUPTED, READY, StopSignals
 from icofabric_sim.ros.start_report import reporting_start
-from icofabric_sim.ros.verbs import Verbs
+from icofabric_sim.ros.verbs import StdServices
 from icofabric_sim.running.diagnostics import (
     HealthReport,
     NOT_TAKEN,
@@ -64,15 +62,17 @@ if TYPE_CHECKING:
     from icofabric_sim.simulation.devices.ranks import Ranks
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# How long the last answers may take, and the way of the last one to a busy client [s].
-_LAST_ANSWERS, _LAST_DELIVERY = 2.0, 0.5
-_HELD_UP, _LOOK = 5.0, 0.2
-# A report that is so late [s] is given in place of the run, looked for so often [s].
-_OVERDUE, _REPORT_CHECK = 1.4, 0.5
+# Time for pending answers after the run has ended, and for delivery of the last one to a busy
+# client [s].
+_LAST_ANSWERS_S, _LAST_DELIVERY_S = 2.0, 0.5
+_BLOCKED_S, _POLL_INTERVAL_S = 5.0, 0.2
+# A diagnostics report that is overdue by this time [s] is sent on behalf of the run; checked at
+# this interval [s].
+_OVERDUE_S, _REPORT_CHECK_S = 1.4, 0.5
 
 
 class FabricNode(AnsweringNode):
-    """Translates between the graph and a runner; no physics here."""
+    """Node that translates between the ROS graph and a runner; it contains no physics."""
 
     def __init__(
         self,
@@ -84,11 +84,11 @@ class FabricNode(AnsweringNode):
         ranks: 'Ranks | None' = None,
     ) -> None:
         """
-        Build the scene of the judged `parameters`; raises ValueError where that is not possible.
+        Build the scene of the validated `parameters`; raise ValueError if that is impossible.
 
-        With `simulation` go on from where it stands instead. `on_built` is called before anything
-        begins that must be ended in order, e.g. a bag. `presence` has joined the graph earlier.
-        `ranks` share the steps.
+        With `simulation`, continue from its state instead. `on_built` is called before anything
+        starts that needs an orderly end, e.g. a bag. `presence` is a node that joined the graph
+        earlier. `ranks` share the steps.
         """
         super().__init__(
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
@@ -99,7 +99,7 @@ class FabricNode(AnsweringNode):
         self._name_watch = NameWatch(self, None if presence is None else presence.begun)
         if simulation is None:
             if parameters['record.path']:
-                # Before a wait for the compiler.
+                # Before the constructor waits for the compiler.
                 require_new(Path(parameters['record.path']))
             self._name_watch.require_first()
             with reporting_start(self):
@@ -126,7 +126,7 @@ class FabricNode(AnsweringNode):
             report=self._diagnose,
             full_name=self.resolve_topic_name,
         )
-        # What a report calls is compiled here, and not first in the thread of the run.
+        # Compile the functions of a report here, not later in the run's thread.
         self._last_status = self.runner.status()
         self._clock_watch = ClockWatch(self) if parameters['publish_clock'] else None
         self._name_watch.begin()
@@ -139,19 +139,19 @@ class FabricNode(AnsweringNode):
         self._inputs = InputTopics(
             self, self.runner.inputs, simulation.scene,
             reliable=parameters['input_reliability'] == 'reliable')
-        self._verbs = Verbs(self, self.runner, self.answers)
+        self._verbs = StdServices(self, self.runner, self.answers)
         self._standard = offer_standard_services(self, self.runner, self.answers, self._quit)
         self._thread = threading.Thread(target=self._simulate, name='simulation', daemon=True)
         self.create_timer(
-            _REPORT_CHECK, self._stand_in, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            _REPORT_CHECK_S, self._report_overdue, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def start(self) -> None:
-        """Let simulated time run."""
+        """Start simulated time."""
         self._thread.start()
 
     def is_done(self) -> bool:
         """
-        Whether the run of a scene with a duration has come to its end, or a client wants the end.
+        Return whether the `duration` of the scene has passed, or a client has requested the end.
         """
         return self.stop_wanted or not self._thread.is_alive()
 
@@ -159,36 +159,36 @@ class FabricNode(AnsweringNode):
         self, closing: Callable[[], AbstractContextManager[None]] = nullcontext
     ) -> None:
         """
-        Stop the simulation and close the bag, within `closing`; may be called twice.
+        Stop the simulation and close the bag within `closing`; a second call has no effect.
 
-        Where the middleware does not let go of the run's thread, the bag is closed all the same.
+        The bag is closed even if a call of the middleware blocks the run's thread.
         """
         self.runner.stop()
-        while self._thread.is_alive() and not self._is_held_up():
-            self._thread.join(_LOOK)
+        while self._thread.is_alive() and not self._is_blocked():
+            self._thread.join(_POLL_INTERVAL_S)
         is_alive = self._thread.is_alive()
         if is_alive:
             self.get_logger().error(
-                f'publishing has not returned for {_HELD_UP:g} s: the run is ended as it stands')
+                f'publishing is blocked for {_BLOCKED_S:g} s: the run ends at its present time')
         self.answers.end('the node has ended')
         self.live.close()
-        # The present figures are those of the run's own thread.
+        # The current values belong to the run's thread.
         status = self._last_status if is_alive else self.runner.status()
         with closing():
             self.bag.close(summary=None if status is None else summarise_run(status))
 
-    def _is_held_up(self) -> bool:
-        """Whether the middleware has not let go of a thread that publishes for long."""
-        return time.monotonic() - self.live.busy_since > _HELD_UP
+    def _is_blocked(self) -> bool:
+        """Return whether a publish call has been blocked in the middleware for too long."""
+        return time.monotonic() - self.live.busy_since > _BLOCKED_S
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """Judge a change before rclpy sees it; both parameter services come through here."""
+        """Validate a change before rclpy applies it; both parameter services use this method."""
         if self._gate is None:
             return super().set_parameters_atomically(parameter_list)
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
 
     def _open_bag(self, parameters: Parameters, simulation: Simulation) -> BagSink:
-        require_library('rosbags', 'a record')
+        require_library('rosbags', 'recording')
         bag = BagSink(
             parameters['record.path'],
             simulation,
@@ -201,14 +201,14 @@ class FabricNode(AnsweringNode):
         )
         if bag.recorder is not None and not bag.recorder.survives_kill:
             self.get_logger().warning(
-                f'a bag in {parameters["record.storage"]} is whole only once it is closed: if '
-                'this process is killed, what was recorded can be lost; with record.storage: '
-                'mcap that is the last second at most'
+                f'a bag in {parameters["record.storage"]} is complete only after it is closed: if '
+                'this process is killed, the recording can be lost; with record.storage: '
+                'mcap at most the last second is lost'
             )
         return bag
 
     def _declare(self, parameters: Parameters) -> None:
-        """Have the node hold just these parameters of the scene: named ones come and go."""
+        """Declare exactly the parameters of the scene; undeclare named ones that are gone."""
         for name, value in parameters.items():
             if not self.has_parameter(name):
                 self.declare_parameter(
@@ -221,23 +221,21 @@ class FabricNode(AnsweringNode):
     def _changed(self, parameters: Parameters, scene: Scene | None) -> None:
         self._declare(parameters)
         self._faults.pop('rejected change', None)
-        # Whoever asked for the change waits for this, see parameter_service.py.
+        # The service that requested the change waits for this future, see parameter_service.py.
         self.build = Future()
         self.runner.change(parameters, scene, self.build)
 
     def _rebuilt(self, wanted: Parameters, reason: str) -> None:
-        self.answers.hand_over(lambda: self._follow(wanted, reason))
+        self.answers.hand_over(lambda: self._apply_outcome(wanted, reason))
 
-    def _follow(self, wanted: Parameters, reason: str) -> None:
-        """
-        Have the node say what is in force, after a change to `wanted` that worked or did not.
-        """
+    def _apply_outcome(self, wanted: Parameters, reason: str) -> None:
+        """Update the node after the change to `wanted` was built, or failed with `reason`."""
         self._inputs.set_scene(self.runner.simulation.scene)
         if not reason or self._gate is None:
             return
         self._faults['rejected change'] = f'the last change could not be built: {reason}'
         if self._gate.accepted is not wanted:
-            return  # a later change is on its way, and decides
+            return  # a later change is pending and decides
         self._gate.accepted = in_force = self.runner.parameters
         for name in wanted:
             if wanted[name] != in_force.get(name, wanted[name]):
@@ -247,7 +245,7 @@ class FabricNode(AnsweringNode):
     def _simulate(self) -> None:
         try:
             self.runner.run(until_finished=None)
-        except Exception as error:  # noqa: BLE001 - the node must say it, and close the bag
+        except Exception as error:  # the node reports the error and closes the bag
             reason = f'the simulation thread has ended: {error!r}'
             self.get_logger().fatal(reason)
             self.runner.state.failure = self.runner.failure or reason
@@ -258,15 +256,15 @@ class FabricNode(AnsweringNode):
 
     def _bag_failed(self, error: BagError) -> None:
         self._faults['recording'] = str(error)
-        self.get_logger().error(f'{error}; the simulation goes on without a bag')
+        self.get_logger().error(f'{error}; the simulation continues without recording')
 
-    def _stand_in(self) -> None:
+    def _report_overdue(self) -> None:
         """
-        Report for a run that does not get to it, e.g. because it compiles what it goes on with.
+        Publish diagnostics on behalf of a run that is busy, e.g. compiling kernels.
 
-        With its last figures: the present ones are its own while it runs.
+        The last reported values are used, because the current ones belong to the run's thread.
         """
-        status, late = self._last_status, time.monotonic() - self._reported_at > _OVERDUE
+        status, late = self._last_status, time.monotonic() - self._reported_at > _OVERDUE_S
         if late and status is not None and self._thread.is_alive():
             self.live.offer(DIAGNOSTICS, lambda: self._diagnose(status, held_up=True))
 
@@ -293,7 +291,7 @@ class FabricNode(AnsweringNode):
             'clock': '' if self._clock_watch is None else self._clock_watch.note,
             'name': self._name_watch.note}
         if held_up:
-            notes['held up'] = 'the run waits for its kernels: compiling, ' + compiling if (
+            notes['held up'] = 'the run is waiting for its kernels: compiling ' + compiling if (
                 compile_notice.is_compiling) else 'the run has not reported in time'
         return self._report.bytes(
             status, dict(self._faults), figures,
@@ -301,7 +299,7 @@ class FabricNode(AnsweringNode):
 
 
 def run_node(node: FabricNode, signals: StopSignals) -> int:
-    """Run a node until it is done or stopped; returns the exit status."""
+    """Run a node until its run is done or stopped; return the exit status."""
     simulation = node.runner.simulation
     count = simulation.status.rank_count
     _LOGGER.info(
@@ -310,39 +308,40 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
         f', {count} ranks share the steps' if count > 1 else '')
     if node.runner.paused and not node.runner.now and node.runner.parameters['publish_clock']:
         _LOGGER.info(
-            'paused at the start: /clock stays 0 until ~/pause, ~/step or ~/advance lets it run, '
+            'started paused: /clock stays at 0 until ~/pause, ~/step or ~/advance is called, '
             'and nodes that wait for a clock wait until then')
     server = Server(node)
-    # What was imported stays: a garbage collection over it would block the node.
+    # Freeze imported objects: a garbage collection over them would block the node.
     gc.freeze()
     node.start()
-    with importing():
-        # What the first recording needs; the poses need not wait for it.
+    with import_without_gc():
+        # Needed by the first recording; imported after the first poses, so that they are not
+        # delayed.
         import icofabric_sim.bag.recorder  # noqa: F401
     signals.save_before_force(node.bag.close)
     try:
         server.serve(lambda: signals.received or node.is_done())
     finally:
         is_waited_for = bool(node.answers)
-        node.close(signals.taking_its_time)
+        node.close(signals.without_limit)
     if is_waited_for:
-        # Pending requests are answered: no result will come.
-        deadline = time.monotonic() + _LAST_ANSWERS
+        # Pending requests get an answer: no result will come.
+        deadline = time.monotonic() + _LAST_ANSWERS_S
         server.serve(lambda: not node.answers or time.monotonic() > deadline)
-        # Nothing tells when an answer has arrived, and it goes with the process that sent it.
-        deadline = time.monotonic() + _LAST_DELIVERY
+        # Delivery of an answer cannot be observed, and the end of the process cancels it.
+        deadline = time.monotonic() + _LAST_DELIVERY_S
         server.serve(lambda: time.monotonic() > deadline)
     status = _exit_status(node, interrupted=signals.received)
     signals.ignore(status)
     node.destroy_node()
-    gc.freeze()  # the collection at the end of the process takes half a second otherwise
+    gc.freeze()  # a garbage collection at the end of the process takes half a second otherwise
     return status
 
 
 def _exit_status(node: FabricNode, *, interrupted: bool) -> int:
-    """Return the exit status of a node that is closed, after a last log line."""
+    """Log the last line and return the exit status of a closed node."""
     run, duration = node.runner, node.runner.parameters['duration']
-    record = '' if node.bag.path is None else f'; the record is {node.bag.path}'
+    record = '' if node.bag.path is None else f'; recorded to {node.bag.path}'
     if run.failure:
         return FAILED
     if run.finished:

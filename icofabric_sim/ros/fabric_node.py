@@ -12,19 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The executable of the simulation: `ros2 run icofabric_sim fabric_node --ros-args --params-file F`.
+Executable of the simulation: `ros2 run icofabric_sim fabric_node --ros-args --params-file F`.
 
-Everything that takes time to import is imported once signals are heard.
+Slow imports follow after the signal handlers are installed.
 """
 
 import sys
 from typing import TYPE_CHECKING
 
 from icofabric_sim.ros.start import (
-    arguments_of_its_own,
     check_domain,
     end_process,
-    importing,
+    import_without_gc,
+    non_ros_arguments,
     StopSignals,
 )
 from icofabric_sim.simulation.devices.launcher import (
@@ -39,17 +39,20 @@ if TYPE_CHECKING:
 
 _RANKS = '--ranks'
 _USAGE = """usage: fabric_node [--ranks] [--ros-args --params-file SCENE -p name:=value ...]
-ready scenes are in config/; docs/parameters.md lists all parameters
---ranks: the processes of MPI that were started together share the steps, the first one is the node
+example scenes are in config/; docs/parameters.md lists all parameters
+--ranks: the MPI processes that were started together share the steps; the first one is the node
 (mpiexec -n 4 fabric_node --ranks --ros-args ...); docs/howto/ranks.md"""
 
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `fabric_node`; without `argv` it ends the process.
+    Run `fabric_node`; end the process if `argv` is not given.
 
-    Exit status: 0 done, also by SIGINT or SIGTERM if the scene has no `duration`; 1 the simulation
-    failed, 2 bad input, 130 interrupted before it ran or before its `duration` had passed.
+    Exit status:
+        0 done, also by SIGINT or SIGTERM if the scene has no `duration`
+        1 the simulation failed
+        2 bad input
+        130 interrupted before the run, or before its `duration` had passed
     """
     if argv is None:
         end_process(main(sys.argv))
@@ -57,7 +60,7 @@ def main(argv: list[str] | None = None) -> int:
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'fabric_node of icofabric_sim {__version__}: icosahedral fabric\n{_USAGE}')
         return 0
-    if _RANKS not in arguments_of_its_own(argv[1:]):
+    if _RANKS not in non_ros_arguments(argv[1:]):
         return _answered(argv, signals, None)
     argv = [argument for argument in argv if argument != _RANKS]
     try:
@@ -71,8 +74,8 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _answered(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None') -> int:
-    """Run the node; what is wrong with its input is said in a line."""
-    with importing():
+    """Run the node; report invalid input in one line."""
+    with import_without_gc():
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -92,27 +95,27 @@ def _answered(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None')
 def _run(arguments: list[str], signals: StopSignals, ranks: 'Ranks | None') -> int:
     if ranks is None:
         require_alone()
-    # Before ROS starts, whose errors name no parameter.
-    own = arguments_of_its_own(arguments[1:])
+    # Before ROS starts, because its errors do not name the parameter.
+    own = non_ros_arguments(arguments[1:])
     if own:
         raise ValueError(f'{" ".join(own)!r} is not an argument of fabric_node\n{_USAGE}')
     check_domain()
-    with importing():
+    with import_without_gc():
         from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.ros.ros_parameters import make_start_parameters
 
     notices: list[str] = []
     parameters = make_start_parameters(check_ros_arguments(arguments[1:], notices=notices))
-    with importing():
+    with import_without_gc():
         from icofabric_sim.ros.process import Presence, start_ros
 
     start_ros(arguments, notices)
     presence = Presence()
-    with importing():
+    with import_without_gc():
         from icofabric_sim.ros.fabric import FabricNode, run_node
 
     return run_node(
-        FabricNode(parameters, on_built=signals.only_note, presence=presence, ranks=ranks),
+        FabricNode(parameters, on_built=signals.record_only, presence=presence, ranks=ranks),
         signals)
 
 

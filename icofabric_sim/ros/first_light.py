@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The main job of `make run`: a node, a push from this second process, a bag, a summary, a picture.
+The main job of `make run`: a node, a load from this second process, a bag, a summary, a picture.
 
-Every part is the real one: `fabric_node` runs in a process of its own, the push is a WrenchStamped
-sent over ROS 2, the summary and the picture are read back from the recorded bag.
+No part is simulated or shortened: `fabric_node` runs in its own process, the load is a
+WrenchStamped sent over ROS 2, and the summary and picture come from the recorded bag.
 """
 
 import argparse
@@ -40,21 +40,21 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool
 
 SCENE = 'hanging_slab'
-DURATION = 4.0  # [s] of simulated time
-PUSH_START, PUSH_END = 1.0, 1.5  # [s] of simulated time
-PUSH_FORCE = (0.0, 2.0, 0.0)  # [N], shared out over the free side
+DURATION_S = 4.0  # [s] of simulated time
+LOAD_START_S, LOAD_END_S = 1.0, 1.5  # [s] of simulated time
+LOAD_FORCE = (0.0, 2.0, 0.0)  # [N], shared out over the free side
 CHANNEL = '/icofabric/loads/tip'
 POSES = '/icofabric/poses'
-MOMENTS = 6
-# Time [s] in which nodes that run already are found; the own one takes longer to start.
-_LOOK_AROUND = 0.5
+FRAME_COUNT = 6
+# Time [s] for the discovery of running nodes; the started node takes longer.
+_DISCOVERY_S = 0.5
 
 
-class Pusher(Node):
-    """Sends the push in time, and watches the poses answer."""
+class LoadSender(Node):
+    """Node that sends the load in time and monitors the poses."""
 
     def __init__(self, tip: list[int]) -> None:
-        """Watch the bodies `tip`."""
+        """Monitor the bodies `tip`."""
         super().__init__('first_light')
         self._tip = tip
         self._publisher = self.create_publisher(WrenchStamped, CHANNEL, 10)
@@ -68,28 +68,28 @@ class Pusher(Node):
         self._next_report = 0.0
 
     def listeners(self) -> int:
-        """Count the subscribers of the push."""
+        """Count the subscribers of the load."""
         return int(self._publisher.get_subscription_count())
 
-    def seen_of_node(self) -> str:
-        """What of the node can be seen from here; '': nothing."""
-        return f'{POSES} is seen, but no pose has come' if self.count_publishers(POSES) else ''
+    def describe_discovery(self) -> str:
+        """Describe the part of the started node that is discovered; empty if none is."""
+        return f'{POSES} is found, but no pose has come' if self.count_publishers(POSES) else ''
 
     def find_others(self) -> str:
-        """What is wrong where another fabric is in the graph already; '': nothing."""
-        end = time.monotonic() + _LOOK_AROUND
+        """Return an error message if another fabric is in the graph already, otherwise ''."""
+        end = time.monotonic() + _DISCOVERY_S
         while time.monotonic() < end and not self.count_publishers(POSES):
             rclpy.spin_once(self, timeout_sec=0.05)
         if not self.count_publishers(POSES):
             return ''
         return (
-            f'another node publishes {POSES} already, and its poses would be taken for those of '
+            f'another node already publishes {POSES}, and its poses would be taken for those of '
             f'this run: end it, or set another ROS_DOMAIN_ID (now '
             f'{os.environ.get("ROS_DOMAIN_ID", "0")})')
 
-    def start_when_met(self) -> None:
+    def start_when_connected(self) -> None:
         """
-        Let simulated time run once both directions are connected: nothing of the run is missed.
+        Start simulated time once both directions are connected, so that no message is missed.
         """
         if self._resumed or self.first_seen is None or not self.listeners():
             return
@@ -98,8 +98,10 @@ class Pusher(Node):
             self._resumed = True
 
     def push(self) -> None:
-        """Send the force with the simulated time at which it begins, and its end the same way."""
-        for when, force in ((PUSH_START, PUSH_FORCE), (PUSH_END, (0.0, 0.0, 0.0))):
+        """
+        Send the force, stamped with the simulated time at which it starts, and later its end.
+        """
+        for when, force in ((LOAD_START_S, LOAD_FORCE), (LOAD_END_S, (0.0, 0.0, 0.0))):
             message = WrenchStamped()
             message.header.stamp.sec = int(when)
             message.header.stamp.nanosec = round((when - int(when)) * NANOSECONDS)
@@ -113,18 +115,18 @@ class Pusher(Node):
         if self.first_seen is None:
             self.first_seen = time.monotonic()
         now = poses.nanoseconds / NANOSECONDS
-        if not self.pushed and now >= PUSH_START - 0.5 and self.listeners():
+        if not self.pushed and now >= LOAD_START_S - 0.5 and self.listeners():
             self.push()
         if self._resumed and now >= self._next_report:
             self._next_report += 0.5
             x, y, z = poses.values[self._tip, :3].mean(axis=0) * 1e3
-            note = '  <- pushed' if PUSH_START <= now < PUSH_END else ''
+            note = '  <- pushed' if LOAD_START_S <= now < LOAD_END_S else ''
             print(f'  t = {now:4.1f} s   free side at x {x:7.1f}  y {y:7.1f}  z {z:7.1f} mm{note}',
                   flush=True)
 
 
 def main() -> int:
-    """Run the demonstration; returns the exit status."""
+    """Run the demonstration; return the exit status."""
     parser = argparse.ArgumentParser(prog='make run', description=__doc__.strip().splitlines()[0])
     parser.add_argument('--output', default='', help='folder for the bag and the picture')
     options = parser.parse_args()
@@ -135,23 +137,23 @@ def main() -> int:
     folder = Path(options.output) if options.output else _fresh_folder(Path('runs'), 'first_light')
     folder.mkdir(parents=True, exist_ok=True)
     bag, picture = folder / 'bag', folder / 'moments.png'
-    # A demonstration should meet no other robot on the network.
+    # A demonstration should not reach other robots on the network.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     scene_file = find_scene(SCENE)
-    print(f'1. fabric_node runs {scene_file} for {DURATION:g} s and records to {bag}')
-    print(f'2. this process sends {PUSH_FORCE[1]:g} N on {CHANNEL} from t = {PUSH_START:g} s to '
-          f'{PUSH_END:g} s\n', flush=True)
+    print(f'1. fabric_node runs {scene_file} for {DURATION_S:g} s and records to {bag}')
+    print(f'2. this process sends {LOAD_FORCE[1]:g} N on {CHANNEL} from t = {LOAD_START_S:g} s to '
+          f'{LOAD_END_S:g} s\n', flush=True)
     status = _run_node(scene_file, bag)
     if status != 0:
         return status
-    print('\n3. what the bag holds\n')
+    print('\n3. summary of the bag\n')
     summary = summarise_bag(bag)
     print('\n'.join('  ' + line for line in summary.lines()))
     print('\n4. drawing the picture from the bag', flush=True)
-    title = f'{SCENE}, pushed from {PUSH_START:g} s to {PUSH_END:g} s'
-    draw_sheet(bag, picture, moments=MOMENTS, title=title)
+    title = f'{SCENE}, pushed from {LOAD_START_S:g} s to {LOAD_END_S:g} s'
+    draw_sheet(bag, picture, moments=FRAME_COUNT, title=title)
     print(f'   {picture}\n')
-    print(_what_next(bag))
+    print(_next_steps(bag))
     return 0
 
 
@@ -160,25 +162,25 @@ def _run_node(scene_file: Path, bag: Path) -> int:
     tip = load_scene(scene_file).groups['tip'].tolist()
     return follow_node([
         sys.executable, '-m', 'icofabric_sim.ros.fabric_node', '--ros-args',
-        '--params-file', str(scene_file), '-p', f'duration:={DURATION}',
+        '--params-file', str(scene_file), '-p', f'duration:={DURATION_S}',
         '-p', f'record.path:={bag}', '-p', 'start_paused:=true'], tip)
 
 
 def follow_node(command: Sequence[str], tip: list[int]) -> int:
-    """Run a node to its end, and push its bodies `tip`; returns the exit status."""
+    """Run a node to its end and load its bodies `tip`; return the exit status."""
     with _context():
-        pusher, started = Pusher(tip), time.monotonic()
+        sender, started = LoadSender(tip), time.monotonic()
         with watched_node(command, READY) as node:
-            others = pusher.find_others()
+            others = sender.find_others()
             if others:
                 print(others, file=sys.stderr)
                 return 1
             while not node.has_ended:
-                rclpy.spin_once(pusher, timeout_sec=0.05)
-                pusher.start_when_met()
-                if pusher.first_seen is None:
+                rclpy.spin_once(sender, timeout_sec=0.05)
+                sender.start_when_connected()
+                if sender.first_seen is None:
                     try:
-                        node.judge(pusher.seen_of_node)
+                        node.judge(sender.describe_discovery)
                     except NodeStuck as reason:
                         print(reason, file=sys.stderr)
                         return 1
@@ -188,12 +190,12 @@ def follow_node(command: Sequence[str], tip: list[int]) -> int:
               + ('' if was_ready else ' before it was ready: its output above says why'),
               file=sys.stderr)
         return code if code > 0 else 1
-    if pusher.first_seen is None or not pusher.pushed:
-        print('the node ran, but its poses did not reach this process over ROS 2: is a firewall '
-              'in the way of the loopback interface?', file=sys.stderr)
+    if sender.first_seen is None or not sender.pushed:
+        print('the node ran, but no pose reached this process over ROS 2: does a firewall '
+              'block the loopback interface?', file=sys.stderr)
         return 1
-    print(f'\n   {pusher.pose_count} poses came over ROS 2, the first '
-          f'{pusher.first_seen - started:.1f} s after the start')
+    print(f'\n   {sender.pose_count} poses received over ROS 2, the first '
+          f'{sender.first_seen - started:.1f} s after the start')
     return 0
 
 
@@ -213,8 +215,8 @@ def _fresh_folder(parent: Path, name: str) -> Path:
     return parent / f'{name}_{number}'
 
 
-def _what_next(bag: Path) -> str:
-    return f"""What next
+def _next_steps(bag: Path) -> str:
+    return f"""Next steps
   .venv/bin/icofabric info {bag}
   .venv/bin/icofabric film {bag} {bag.parent / 'film.gif'}
   .venv/bin/icofabric plot {bag} energy

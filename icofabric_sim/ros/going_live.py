@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-From a replay to a simulation: the recorded run is rebuilt up to a moment, and goes on from there.
+Transition from a replay to a simulation: the recorded run is rebuilt up to a time and continues.
 """
 
 from collections.abc import Mapping
@@ -28,25 +28,23 @@ if TYPE_CHECKING:
     from icofabric_sim.ros.process import Presence
     from icofabric_sim.simulation.simulation import Simulation
 
-# Where it was recorded to, and whether it published the clock, does not matter now.
-_OWN = ('record.path', 'record.storage', 'publish_clock')
+# Parameters of the recorded node that do not apply to the new simulation.
+_RECORDED_NODE_PARAMETERS = ('record.path', 'record.storage', 'publish_clock')
 
 
 class GoingLive:
-    """One recorded run on its way to a running simulation."""
+    """Recorded run that is being rebuilt as a running simulation."""
 
     def __init__(self, path: Path, fabric: str, paused: bool) -> None:
-        """
-        Take the run of `fabric` in the bag `path`; `paused` says how the simulation will start.
-        """
+        """Prepare the run of `fabric` in the bag `path`; it will start paused if `paused`."""
         self._path, self._fabric, self._paused = path, fabric, paused
         self._simulation: 'Simulation | None' = None
         self._parameters: 'Parameters | None' = None
-        self.reached = 0  # [ns] of recorded time, while it is built
-        self.abandoned = False  # true ends the building
+        self.reached = 0  # [ns] recorded time reached by the rebuild
+        self.abandoned = False  # true cancels the rebuild
 
     def build(self, time: int) -> 'Future[None]':
-        """Simulate the recorded run again up to `time` [ns], in a thread of its own."""
+        """Simulate the recorded run again up to `time` [ns] in a new thread."""
         future: Future[None] = Future()
 
         def work() -> None:
@@ -61,7 +59,7 @@ class GoingLive:
         return future
 
     def _build(self, time: int) -> None:
-        # Imported here: it brings the compiler, and a replay has no need of it.
+        # Imported here because it loads the compiler, which a replay does not need.
         from icofabric_sim.running.replay.going_on import simulate_from
 
         self._simulation, self._parameters = simulate_from(
@@ -77,16 +75,17 @@ class GoingLive:
         presence: 'Presence',
     ) -> int:
         """
-        Run the simulation as the node that the replay was, until stopped; returns the exit status.
+        Run the simulation as the node that the replay was, until stopped; return the exit status.
 
-        It keeps the pace that the replay had, its `rate`. `presence` has stayed in the graph.
+        The simulation keeps the real-time factor of the replay (`rate`). `presence` has stayed in
+        the graph.
         """
         from icofabric_sim.ros.fabric import FabricNode, run_node
 
         assert self._simulation is not None and self._parameters is not None
         parameters = self._parameters.with_changes({
-            **{name: options[name] for name in _OWN},
-            'duration': 0.0,  # the recorded one may be over
+            **{name: options[name] for name in _RECORDED_NODE_PARAMETERS},
+            'duration': 0.0,  # the recorded duration may have passed
             'real_time_factor': rate,
             'start_paused': self._paused,
         })

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Subscriptions for inputs: each message goes to the run as it came."""
+"""Subscriptions for inputs; messages are passed to the run as serialised bytes."""
 
 from typing import Any
 
@@ -23,10 +23,10 @@ from icofabric_sim.scene.scene import Scene
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-# Deep enough for a burst while the node does something else.
+# Large enough for a burst while the node is busy.
 _DEPTH = 1000
-# So many more are taken out of the queue at once: one turn of the executor for each message would
-# be too slow for ten thousand a second.
+# Number of further messages taken from the queue in one callback: one executor cycle for each
+# message is too slow for 10,000 messages a second.
 _BURST = 200
 _CLASSES = {
     WrenchStampedBytes.TYPE: WrenchStamped, TwistStampedBytes.TYPE: TwistStamped,
@@ -35,7 +35,7 @@ _CLASSES = {
 
 class InputTopics:
     """
-    Subscriptions `~/wrench` and `~/pull`, and those that follow the scene.
+    Subscriptions `~/wrench` and `~/pull`, and those that depend on the scene.
 
     The latter are `~/loads/NAME` and `~/drives/NAME`.
     """
@@ -44,9 +44,9 @@ class InputTopics:
         self, node: Node, inputs: ReceivedInputs, scene: Scene, *, reliable: bool = True
     ) -> None:
         """
-        Subscribe for `node` and pass on to `inputs`.
+        Subscribe for `node` and pass messages to `inputs`.
 
-        A best effort subscription (not `reliable`) also hears best effort publishers.
+        A best effort subscription (not `reliable`) also receives from best effort publishers.
         """
         self._node, self._inputs = node, inputs
         self._quality = QoSProfile(
@@ -54,14 +54,16 @@ class InputTopics:
                 ReliabilityPolicy.BEST_EFFORT))
         if not reliable:
             node.get_logger().warning(
-                'wrenches and twists are received best effort (input_reliability): one that is '
-                'lost on the way is not sent again and not counted, and ~/advance does not wait '
-                'for those that were sent before it')
+                'wrenches and twists are received best effort (input_reliability): a lost '
+                'message is neither resent nor counted, and ~/advance does not wait '
+                'for messages that were sent before it')
         self._subscriptions: dict[str, Any] = {}
         self.set_scene(scene)
 
     def set_scene(self, scene: Scene) -> None:
-        """Follow a changed scene: channels and drives come and go."""
+        """
+        Update the subscriptions for a changed scene: channels and drives may appear or disappear.
+        """
         wanted = input_topics(scene)
         for topic in set(self._subscriptions) - set(wanted):
             self._node.destroy_subscription(self._subscriptions.pop(topic))
@@ -70,13 +72,13 @@ class InputTopics:
 
     def take_all(self) -> None:
         """
-        Pass on all that has arrived by now, on every topic; from the executor's thread.
+        Pass on all messages that have arrived on every topic; call from the executor's thread.
 
-        What a reliable publisher has got acknowledged before has arrived: the middleware confirms
-        a message once it is in the queue of the subscription.
+        A message that a reliable publisher got acknowledged has arrived: the middleware confirms a
+        message once it is in the queue of the subscription.
         """
         for topic, subscription in self._subscriptions.items():
-            # No more than the queue can hold: what comes meanwhile is no part of it.
+            # Limited to the queue depth: messages that arrive during the call are left for later.
             self._take(topic, subscription, _DEPTH)
 
     def _take(self, topic: str, subscription: Any, most: int) -> None:

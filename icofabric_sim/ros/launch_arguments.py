@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Arguments of the launch files: undeclared ones are refused, the others keep their types."""
+"""Arguments of the launch files: undeclared ones are rejected, declared ones keep their types."""
 
 from collections.abc import Iterable, Mapping, Sequence
 import difflib
@@ -33,9 +33,9 @@ def refuse_unknown_arguments(
     """
     Raise RuntimeError for a NAME:=VALUE on the command line that `launch_file` does not declare.
 
-    `ros2 launch` itself ignores these, so that a misspelt name leaves a default in its place. The
-    `command` (that of this process) is judged where it starts `launch_file` itself: what includes
-    it has arguments of its own.
+    `ros2 launch` ignores undeclared arguments, so a misspelt name would silently leave the
+    default. Only a `command` (that of this process) that starts `launch_file` directly is checked:
+    a launch file that includes it has its own arguments.
     """
     words = list(sys.argv if command is None else command)
     name = os.path.basename(launch_file)
@@ -49,8 +49,8 @@ def refuse_unknown_arguments(
             near = difflib.get_close_matches(given, names, 1)
             hint = f'did you mean {near[0]}? ' if near else ''
             raise RuntimeError(
-                f'{word}: {name} has no argument {given}; {hint}it takes {", ".join(names)}; '
-                '--show-args says what they mean')
+                f'{word}: {name} has no argument {given}; {hint}allowed: {", ".join(names)}; '
+                '--show-args describes them')
 
 
 def typed_value(argument: str, text: str, kind: type) -> Any:
@@ -69,10 +69,10 @@ def typed_value(argument: str, text: str, kind: type) -> Any:
 
 def write_parameters(namespace: str, values: Mapping[str, Any]) -> list[str]:
     """
-    Write a parameter file for the node `icofabric`, and return its path in a list.
+    Write a parameter file for the node `icofabric` and return its path in a list.
 
-    Files that launch itself writes have texts such as 1e3 and y without quotes, and ROS reads
-    these as numbers and truth values. Without `values` there is no file.
+    Parameter files written by launch itself contain texts such as 1e3 and y without quotes, which
+    ROS reads as numbers and booleans. Without `values` no file is written.
     """
     if not values:
         return []

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Publishers of the node as a sink of the runner."""
+"""ROS publishers as a sink of the runner."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -32,21 +32,23 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-# How long the last messages may take to be delivered [s].
-_LAST_WORDS = 0.3
-# Subscribers are asked to confirm messages about once for every full queue of the publisher, and
-# every three seconds. A healthy one does so before the next message, unless that follows within
-# this time [s]; so a moment comes at which everything is confirmed.
-_ANSWER = 0.01
-# Without such a moment for this long [s], in so many checks, a subscriber is stuck.
-_STUCK_AFTER, _STUCK_LOOKS = 5.0, 20
-# A check costs a tenth of a millisecond; it is left out below so many messages.
-_FEW = 10
+# Time for delivery of the last messages [s].
+_LAST_DELIVERY_S = 0.3
+# Subscribers confirm messages about once per full queue of the publisher, and at least every three
+# seconds. A healthy subscriber confirms before the next message, unless that follows within this
+# time [s]. So its backlog is empty at some check.
+_CONFIRMATION_S = 0.01
+# A subscriber is stuck if its backlog was never empty for this time [s] and this number of checks.
+_STUCK_AFTER_S, _STUCK_CHECKS = 5.0, 20
+# A check costs 0.1 ms; it is skipped while fewer messages than this are unconfirmed.
+_MIN_CHECKED_COUNT = 10
 
 
 def quality(topic: Topic) -> QoSProfile:
     """
-    Reliable for every topic: best effort loses large messages. Latched ones are transient local.
+    Return the QoS profile of a topic: always reliable, transient local if latched.
+
+    Best effort delivery loses large messages.
     """
     durability = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
     return QoSProfile(
@@ -55,29 +57,29 @@ def quality(topic: Topic) -> QoSProfile:
 
 
 def message_class(type_name: str) -> Any:
-    """Class of a message type such as `std_msgs/msg/String`."""
+    """Return the class of a message type such as `std_msgs/msg/String`."""
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)
 
 
 class _Outlet:
     """
-    A publisher, and how many messages it sent since all subscribers had confirmed all of them.
+    Publisher with the number of messages sent since all subscribers had confirmed all of them.
     """
 
     def __init__(self, publisher: Publisher, depth: int) -> None:
         self.publisher = publisher
-        self.depth = max(depth, _FEW)
-        self.unconfirmed, self.looks = 0, 0  # checks that found no such moment
+        self.depth = max(depth, _MIN_CHECKED_COUNT)
+        self.unconfirmed, self.failed_checks = 0, 0  # checks with unconfirmed messages, in a row
         self.waits_since, self.sent_at = 0.0, 0.0
 
 
 class LiveSink:
     """
-    Publishes bytes as they are; a topic without subscribers is not wanted.
+    Publishers of serialised messages; a topic without subscribers is not built.
 
-    Publishing never waits for a subscriber: the queue of a reliable publisher keeps its last
-    messages, and one that is full loses the oldest, which is counted.
+    Publishing never waits for a subscriber. The queue of a reliable publisher keeps the last
+    messages; a full queue drops the oldest one, which is counted.
     """
 
     def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
@@ -89,7 +91,7 @@ class LiveSink:
             )
             for topic in topics
         }
-        # Messages overwritten before every subscriber had them.
+        # Messages overwritten before every subscriber had received them.
         self.not_taken = 0
         self._context = node.context
         self._closed = False
@@ -97,26 +99,28 @@ class LiveSink:
 
     @property
     def is_bag(self) -> bool:
-        """Whether messages are kept."""
+        """Return whether the sink stores messages."""
         return False
 
     @property
     def busy_since(self) -> float:
-        """When a thread began a call of the middleware, by time.monotonic(); inf: none has."""
+        """Return when the current call of the middleware started (time.monotonic()), or inf."""
         return self._busy_since
 
     def wants(self, topic: Topic) -> bool:
-        """Whether there are subscribers; a latched message is kept for later ones."""
+        """Return whether a topic has subscribers or is latched for later ones."""
         with self._calling():
             return self._wants(topic)
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Publish."""
+        """Publish a message."""
         with self._calling():
             self._send(topic, data)
 
     def offer(self, topic: Topic, build: Callable[[], bytes]) -> None:
-        """Publish what `build` makes, if it is wanted and no other thread is about to publish."""
+        """
+        Publish the result of `build` if it has subscribers and no other thread is publishing.
+        """
         if not self._lock.acquire(blocking=False):
             return
         try:
@@ -138,31 +142,33 @@ class LiveSink:
         outlet = self._outlets.get(topic.name)
         if self._closed or outlet is None:
             return False
-        return topic.latched or bool(self._guarded(outlet.publisher.get_subscription_count))
+        return topic.latched or bool(self._guard(outlet.publisher.get_subscription_count))
 
     def _send(self, topic: Topic, data: bytes) -> None:
         if self._closed:
             return
         outlet = self._outlets[topic.name]
-        self._look(outlet)
-        self._guarded(lambda: outlet.publisher.publish(data))
+        self._count_displaced(outlet)
+        self._guard(lambda: outlet.publisher.publish(data))
         outlet.unconfirmed += 1
 
-    def _look(self, outlet: _Outlet) -> None:
-        """Count what the next message displaces while a subscriber is stuck."""
+    def _count_displaced(self, outlet: _Outlet) -> None:
+        """Count the message that the next one overwrites while a subscriber is stuck."""
         now = time.monotonic()
         passed, outlet.sent_at = now - outlet.sent_at, now
-        if outlet.unconfirmed >= outlet.depth and passed > _ANSWER:
-            if self._guarded(lambda: outlet.publisher.wait_for_all_acked(Duration())):
-                outlet.unconfirmed, outlet.looks = 0, 0
+        if outlet.unconfirmed >= outlet.depth and passed > _CONFIRMATION_S:
+            if self._guard(lambda: outlet.publisher.wait_for_all_acked(Duration())):
+                outlet.unconfirmed, outlet.failed_checks = 0, 0
             else:
-                outlet.looks += 1
-                outlet.waits_since = now if outlet.looks == 1 else outlet.waits_since
-        if outlet.looks > _STUCK_LOOKS and now - outlet.waits_since > _STUCK_AFTER:
+                outlet.failed_checks += 1
+                outlet.waits_since = now if outlet.failed_checks == 1 else outlet.waits_since
+        if outlet.failed_checks > _STUCK_CHECKS and now - outlet.waits_since > _STUCK_AFTER_S:
             self.not_taken += 1
 
-    def _guarded(self, call: Callable[[], Any]) -> Any:
-        """Result of `call`; None once an interrupt has ended the context under the simulation."""
+    def _guard(self, call: Callable[[], Any]) -> Any:
+        """
+        Return the result of `call`, or None after an interrupt has shut down the ROS context.
+        """
         try:
             return call()
         except rclpy_implementation.RCLError:
@@ -172,22 +178,22 @@ class LiveSink:
             return None
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """Inputs came from the graph and are not sent back."""
+        """Ignore inputs: they came from the graph."""
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
-        """Nothing to do here: subscribers see the jump in /clock."""
+        """Do nothing: subscribers see the jump in /clock."""
 
     def close(self) -> None:
-        """Publish no more, once listeners have what was sent: the context is about to end."""
-        deadline = time.monotonic() + _LAST_WORDS
-        # Not so where the middleware holds the run's thread.
-        free = self._lock.acquire(timeout=_LAST_WORDS)
+        """Stop publishing after subscribers have received the last messages."""
+        deadline = time.monotonic() + _LAST_DELIVERY_S
+        # Do not wait if the middleware blocks the run's thread.
+        free = self._lock.acquire(timeout=_LAST_DELIVERY_S)
         try:
             for outlet in self._outlets.values() if free else ():
                 rest = Duration(seconds=max(deadline - time.monotonic(), 0.0))
-                self._guarded(partial(outlet.publisher.wait_for_all_acked, rest))
+                self._guard(partial(outlet.publisher.wait_for_all_acked, rest))
             self._closed = True
         finally:
             if free:

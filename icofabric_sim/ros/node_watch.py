@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Starts a node in a process of its own and judges, while others wait for it, whether it gets on.
+Start of a node in a separate process, and detection of a node that does not become ready.
 
-What the node says is shown as it comes. A wait ends early only for a reason that is known: the
-process has ended, it neither says nor computes anything, it is ready but out of reach.
+The output of the node is shown as it arrives. A wait ends early only for a known reason: the
+process has ended, it neither prints nor computes, or it is ready but unreachable.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,22 +31,22 @@ from typing import IO
 
 from icofabric_sim.kernels.runtime.compile_notice import COMPILING, STILL_COMPILING
 
-# A node that neither says anything nor uses the processor for so long [s] is stuck.
-SILENCE = 60.0
-# One that is ready is found by others within a second or a few; on a busy machine later [s].
-DISCOVERY = 60.0
-# A wait is explained after so long [s], and again after each such time.
-REPORT = 10.0
-# Less of the processor [s] in SILENCE is what an idle process takes for its timers.
-_IDLE = 0.5
+# A node that neither prints nor uses the processor for this time [s] is stuck.
+MAX_SILENCE_S = 60.0
+# Discovery of a ready node takes a second or a few, and longer on a busy machine [s].
+DISCOVERY_S = 60.0
+# A wait is explained after this time [s], and again after each such interval.
+REPORT_INTERVAL_S = 10.0
+# An idle process uses less processor time [s] than this in MAX_SILENCE_S, for its timers.
+_IDLE_PROCESSOR_S = 0.5
 
 
 class NodeStuck(Exception):
-    """Waiting for a node has no prospect; the message says why."""
+    """Error raised when waiting for a node is pointless; the message gives the reason."""
 
 
 class NodeWatch:
-    """A running node, and what is known of how far it is."""
+    """Running node and its progress towards readiness."""
 
     def __init__(
         self, command: Sequence[str], ready: str, *, out: IO[str] | None = None,
@@ -54,9 +54,10 @@ class NodeWatch:
         processor: Callable[[int], float] | None = None,
     ) -> None:
         """
-        Start `command`; a line that holds `ready` says that its topics are there.
+        Start `command`; an output line that contains `ready` means that the topics exist.
 
-        `clock` [s] and `processor`, the time [s] that a process has used, are replaced by tests.
+        `clock` [s] and `processor`, the processor time [s] used by a process, are replaced in
+        tests.
         """
         self._ready_word, self._out = ready, sys.stderr if out is None else out
         self._clock, self._used = clock, processor_time if processor is None else processor
@@ -72,61 +73,61 @@ class NodeWatch:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process is gone."""
+        """Return whether the process has ended."""
         return self.process.poll() is not None
 
     @property
     def is_ready(self) -> bool:
-        """Whether the node has said that its topics are there."""
+        """Return whether the node has reported that its topics exist."""
         return self._ready_at is not None
 
     def wait(self) -> int:
-        """Wait for the end of the process and of what it says; returns its exit status."""
+        """Wait for the end of the process and of its output; return the exit status."""
         status = self.process.wait()
         self._reader.join()
         return status
 
     def judge(self, seen: Callable[[], str]) -> None:
         """
-        Show now and then what is waited for; raise NodeStuck where that is for nothing.
+        Report from time to time why the caller waits; raise NodeStuck if waiting is pointless.
 
-        `seen` says what of the node this process sees over ROS 2; '': nothing.
+        `seen` describes the part of the node that this process has discovered, '' for none.
         """
         now = self._clock()
         used = self._used(self.process.pid)
-        if used - self._work_seen >= _IDLE:
+        if used - self._work_seen >= _IDLE_PROCESSOR_S:
             self._work_seen, self._worked_at = used, now
         ready_at = self._ready_at
         if ready_at is not None:
-            if now - ready_at > DISCOVERY:
+            if now - ready_at > DISCOVERY_S:
                 raise NodeStuck(
                     f'fabric_node has been ready for {now - ready_at:.0f} s, but '
-                    f'{seen() or "this process does not see it over ROS 2"} (ROS_DOMAIN_ID '
+                    f'{seen() or "this process has not discovered it over ROS 2"} (ROS_DOMAIN_ID '
                     f'{os.environ.get("ROS_DOMAIN_ID", "0")}, '
-                    f'{os.environ.get("RMW_IMPLEMENTATION") or "the default middleware"}): is a '
-                    'firewall in the way of the loopback interface, or do the two use different '
+                    f'{os.environ.get("RMW_IMPLEMENTATION") or "the default middleware"}): does a '
+                    'firewall block the loopback interface, or do the two use different '
                     'middleware?')
-        elif now - max(self._said_at, self._worked_at) > SILENCE:
+        elif now - max(self._said_at, self._worked_at) > MAX_SILENCE_S:
             raise NodeStuck(
-                f'fabric_node runs, but for {now - self._said_at:.0f} s it has said nothing and '
+                f'fabric_node runs, but for {now - self._said_at:.0f} s it printed nothing and '
                 f'for {now - self._worked_at:.0f} s it has not used the processor: it is stuck'
                 + (f'; its last line: {self._last_line}' if self._last_line else ''))
-        if now - self._told_at >= REPORT:
+        if now - self._told_at >= REPORT_INTERVAL_S:
             self._told_at = now
-            print(f'   {now - self._started:.0f} s: {self._waited_for(now, seen)}',
+            print(f'   {now - self._started:.0f} s: {self._describe_wait(now, seen)}',
                   file=self._out, flush=True)
 
-    def _waited_for(self, now: float, seen: Callable[[], str]) -> str:
+    def _describe_wait(self, now: float, seen: Callable[[], str]) -> str:
         used = self._used(self.process.pid)
         if self._ready_at is not None:
-            what = seen() or 'it has not been found over ROS 2 yet'
+            what = seen() or 'it is not discovered over ROS 2 yet'
             return f'waiting for the first pose; fabric_node is ready, {what}'
-        effort = f'({used:.0f} s of the processor so far)'
-        if now - self._compiled_at < 2.0 * REPORT:
-            return f'waiting for fabric_node, which compiles its kernels {effort}'
-        if now - self._worked_at < REPORT:
-            return f'waiting for fabric_node, which is at work {effort}'
-        return f'waiting for fabric_node, which has said nothing for {now - self._said_at:.0f} s'
+        effort = f'({used:.0f} s of processor time so far)'
+        if now - self._compiled_at < 2.0 * REPORT_INTERVAL_S:
+            return f'waiting for fabric_node, which is compiling its kernels {effort}'
+        if now - self._worked_at < REPORT_INTERVAL_S:
+            return f'waiting for fabric_node, which is busy {effort}'
+        return f'waiting for fabric_node, silent for {now - self._said_at:.0f} s'
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -143,7 +144,7 @@ class NodeWatch:
 
 @contextmanager
 def watched_node(command: Sequence[str], ready: str) -> Iterator[NodeWatch]:
-    """A node that is asked to end where the wait for it does."""
+    """Run a node that is told to stop when the block ends."""
     node = NodeWatch(command, ready)
     try:
         yield node
@@ -154,9 +155,9 @@ def watched_node(command: Sequence[str], ready: str) -> Iterator[NodeWatch]:
 
 
 def processor_time(pid: int) -> float:
-    """Time [s] of the processor that a process has used; 0 where that cannot be known."""
+    """Return the processor time [s] used by a process; 0 if it cannot be read."""
     try:
-        # The name, in brackets, may hold anything.
+        # The process name, in brackets, may contain any character.
         fields = Path(f'/proc/{pid}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
     except (OSError, IndexError, ValueError):

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The standard parameter services, with an answer to every request, that hold up no other.
+Standard parameter services that answer every request without blocking others.
 
-A request is worked off in turns with all else that the node is asked for, and waits for the build
-of the changed fabric, so that a change that cannot be built is refused where it was asked for.
+Requests are processed in turns with all other callbacks of the node. The answer waits for the
+build of the changed fabric, so that a change that cannot be built is rejected in the response.
 """
 
 from concurrent.futures import Future
@@ -41,27 +41,29 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 from rclpy.qos import qos_profile_parameters
 
-# What one request can hold: all of them are judged together, which takes about a second then.
-MOST_AT_ONCE = 1000
-# How long an answer waits for the changed fabric [s]. What takes longer is on ~/events.
-BUILD_WAIT = 1.0
-# So long [s] parameters are judged before others have their turn.
-_TURN = 0.02
+# Largest number of parameters in one request; validating that many together takes about 1 s.
+MAX_PARAMETERS_PER_REQUEST = 1000
+# Time that an answer waits for the changed fabric [s]. Later results are published on ~/events.
+BUILD_WAIT_S = 1.0
+# Time for which parameters are validated before other callbacks run [s].
+_TURN_S = 0.02
 
 
 class GuardedParameterService(ParameterService):
-    """Refuses what rclpy's own service breaks off on, e.g. a type code that does not exist."""
+    """
+    Parameter services that reject requests on which rclpy's own would fail, e.g. unknown types.
+    """
 
     def __init__(self, node: Node, answers: Answers) -> None:
         """
         Serve the parameters of `node`, whose other requests wait in `answers`.
 
-        A node whose changes are built aside keeps in `build` what will hold the outcome of the
-        last one.
+        A node that builds changes in another thread stores the future of the last build in
+        `build`.
         """
         self._node_weak_ref = weakref.ref(node)
         self._answers = answers
-        # As rclpy's own, but that requests to set something let others pass.
+        # Like rclpy, except that requests to set parameters let other callbacks run.
         together, turns = node.default_callback_group, ReentrantCallbackGroup()
         for kind, callback, group in (
             (DescribeParameters, self._describe_parameters_callback, together),
@@ -78,7 +80,7 @@ class GuardedParameterService(ParameterService):
 
     async def _set_each(self, request: Any, response: Any) -> Any:
         messages = request.parameters
-        if len(messages) > MOST_AT_ONCE:
+        if len(messages) > MAX_PARAMETERS_PER_REQUEST:
             response.results = [_too_many(len(messages))] * len(messages)
             return response
         results, builds = [], []
@@ -87,29 +89,29 @@ class GuardedParameterService(ParameterService):
             result, build = self._set([message])
             results.append(result)
             builds.append(build)
-            if time.monotonic() - last_turn > _TURN:
+            if time.monotonic() - last_turn > _TURN_S:
                 await self._answers.turn()
                 last_turn = time.monotonic()
-        # A later one of them may make up for an earlier one: what counts is the last build.
-        reason = await self._outcome(next((one for one in reversed(builds) if one), None))
+        # A later parameter may correct an earlier one, so the last build decides.
+        reason = await self._build_failure(next((one for one in reversed(builds) if one), None))
         response.results = [
             _refusal(f'{message.name}: {reason}') if reason and build else result
             for message, result, build in zip(messages, results, builds, strict=True)]
         return response
 
     async def _set_together(self, request: Any, response: Any) -> Any:
-        if len(request.parameters) > MOST_AT_ONCE:
+        if len(request.parameters) > MAX_PARAMETERS_PER_REQUEST:
             response.result = _too_many(len(request.parameters))
             return response
         response.result, build = self._set(request.parameters)
-        reason = await self._outcome(build)
+        reason = await self._build_failure(build)
         if reason:
             names = ', '.join(message.name for message in request.parameters)
             response.result = _refusal(f'{names}: {reason}')
         return response
 
     def _set(self, messages: Any) -> 'tuple[SetParametersResult, Future[str] | None]':
-        """Judge one change; beside the result, what will hold the reason why it is taken back."""
+        """Validate one change; return the result and the future of the reason for its rollback."""
         wanted = []
         for message in messages:
             try:
@@ -124,9 +126,11 @@ class GuardedParameterService(ParameterService):
             names = ', '.join(parameter.name for parameter in wanted)
             return _refusal(f'{names}: {error}'), None
 
-    async def _outcome(self, build: 'Future[str] | None') -> str:
-        """Why a change could not be built, as far as that is known soon; '': it was, or may be."""
-        if build is None or not await self._answers.within(build, BUILD_WAIT):
+    async def _build_failure(self, build: 'Future[str] | None') -> str:
+        """
+        Return why a change could not be built, or '' if it was built or is still being built.
+        """
+        if build is None or not await self._answers.within(build, BUILD_WAIT_S):
             return ''
         return build.result()
 
@@ -138,4 +142,4 @@ def _refusal(reason: str) -> SetParametersResult:
 def _too_many(count: int) -> SetParametersResult:
     return _refusal(
         f'{count} parameters in one request are too many, and none was set: send at most '
-        f'{MOST_AT_ONCE}, and the rest in another one')
+        f'{MAX_PARAMETERS_PER_REQUEST}, and the rest in another one')

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A node as a process: its start, its signals, its log, and a spin that no request can end."""
+"""A node's process: ROS start, log, and a spin that survives any request."""
 
 from collections.abc import Callable, Iterable
 import logging
@@ -20,7 +20,7 @@ import re
 import time
 
 from icofabric_sim.ros.shared_memory import SharedMemory
-from icofabric_sim.ros.start import arguments_of_its_own, INTERRUPTED, StopSignals
+from icofabric_sim.ros.start import INTERRUPTED, non_ros_arguments, StopSignals
 from icofabric_sim.running.complaints import Complaints, shortened
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -32,7 +32,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 __all__ = [
-    'arguments_of_its_own',
+    'non_ros_arguments',
     'INTERRUPTED',
     'log_to_ros',
     'plain_reason',
@@ -43,19 +43,19 @@ __all__ = [
     'StopSignals',
 ]
 
-# How long a signal, or the end of the run, may wait to be seen [s].
-_SPIN_WAIT = 0.1
-# Where rcl reports an error from: of no use to a user.
-_RCL_PLACE = re.compile(r', at /[^,]*\.c:[0-9]+')
-# Asked for before the first node, which reads the request.
+# Longest delay before a signal, or the end of the run, is noticed [s].
+_SPIN_WAIT_S = 0.1
+# Source location in an error of rcl: of no use to a user.
+_RCL_SOURCE_LOCATION = re.compile(r', at /[^,]*\.c:[0-9]+')
+# Requested before the first node, which reads the profile.
 _shared_memory: SharedMemory | None = None
 
 
 def start_ros(arguments: list[str], notices: Iterable[str] = ()) -> None:
     """
-    Begin with ROS and its log, which gets the `notices` as warnings.
+    Start ROS and its log, and log the `notices` as warnings.
 
-    A command line that ROS does not take is a ValueError.
+    Raises ValueError for a command line that ROS rejects.
     """
     global _shared_memory
     _shared_memory = SharedMemory()
@@ -70,13 +70,13 @@ def start_ros(arguments: list[str], notices: Iterable[str] = ()) -> None:
 
 class Presence:
     """
-    This process in the graph before its node is there: others are found while modules are loaded.
+    Node that joins the graph early, so that discovery runs while modules are imported.
 
-    By a node that tools do not list, since its name begins with an underscore.
+    Its name begins with an underscore, so tools do not list it.
     """
 
     def __init__(self) -> None:
-        """Join the graph; `start_ros` was called."""
+        """Join the graph; `start_ros` must have been called."""
         self.begun = time.monotonic()
         self._node = Node(
             f'_icofabric_{os.getpid()}', use_global_arguments=False, enable_rosout=False,
@@ -84,28 +84,30 @@ class Presence:
             parameter_overrides=[Parameter('start_type_description_service', value=False)])
 
     def end(self) -> None:
-        """Leave it to the node; the participant in the graph is the same."""
+        """Leave the graph to the main node; both share one participant."""
         self._node.destroy_node()
 
 
 def plain_reason(error: BaseException) -> str:
-    """What an error of rcl says to a user."""
+    """Return an error of rcl in words for a user."""
     if type(error).__name__ == 'UnknownROSArgsError':
         return f'unknown ROS arguments: {error}'
-    return shortened(' '.join(_RCL_PLACE.sub('', str(error)).split()))
+    return shortened(' '.join(_RCL_SOURCE_LOCATION.sub('', str(error)).split()))
 
 
 class RosLogHandler(logging.Handler):
-    """Lines of the ROS-free part go to a node's log, with their place in the source."""
+    """
+    Handler that forwards the log of ROS-free code to a node's log, with its place in the source.
+    """
 
     def __init__(self, logger: RcutilsLogger) -> None:
-        """Hand on to `logger`."""
+        """Forward to `logger`."""
         super().__init__()
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        # Below the methods of the logger, which look for that place by themselves: the first call
-        # of one goes through the files of all modules, a tenth of a node's start.
+        # Bypass the methods of the logger, which search for that place: the first call of one
+        # reads the files of all modules, a tenth of a node's start.
         severity = LoggingSeverity.INFO
         if record.levelno >= logging.ERROR:
             severity = LoggingSeverity.ERROR
@@ -118,7 +120,7 @@ class RosLogHandler(logging.Handler):
 
 
 def log_to_ros(logger: RcutilsLogger | None = None) -> None:
-    """Send the log of the ROS-free part to ROS, under the name of a node once there is one."""
+    """Send the log of ROS-free code to ROS, under the name of a node once there is one."""
     log = logging.getLogger('icofabric_sim')
     for handler in [item for item in log.handlers if isinstance(item, RosLogHandler)]:
         log.removeHandler(handler)
@@ -128,10 +130,10 @@ def log_to_ros(logger: RcutilsLogger | None = None) -> None:
 
 
 class Server:
-    """Serves the graph for one node; what a client sends cannot end it."""
+    """Executor of one node that continues after errors in requests."""
 
     def __init__(self, node: Node) -> None:
-        """Make ready to serve `node`."""
+        """Prepare to serve `node`."""
         if _shared_memory is not None:
             _shared_memory.close()
         self._executor = SingleThreadedExecutor()
@@ -139,10 +141,10 @@ class Server:
         self._complaints = Complaints(node.get_logger().error)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
-        """Go on until the context ends or `is_over`."""
+        """Serve until the context ends or `is_over` returns True."""
         while rclpy.ok() and not is_over():
             try:
-                self._executor.spin_once(timeout_sec=_SPIN_WAIT)
+                self._executor.spin_once(timeout_sec=_SPIN_WAIT_S)
             except (KeyboardInterrupt, ExternalShutdownException):
                 return
             except Exception as error:  # noqa: BLE001 - e.g. a text that is not UTF-8
@@ -152,5 +154,5 @@ class Server:
 
 
 def spin(node: Node, is_over: Callable[[], bool]) -> None:
-    """Serve the graph for `node` until the context ends or `is_over`."""
+    """Serve the graph for `node` until the context ends or `is_over` returns True."""
     Server(node).serve(is_over)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The replay node: a player, which has a thread of its own, and its translation for the graph."""
+"""The replay node: a player in its own thread, and its translation to the ROS graph."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -33,7 +33,7 @@ from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Presence, Server
-from icofabric_sim.ros.ros_parameters import as_meant, is_foreign
+from icofabric_sim.ros.ros_parameters import is_foreign, restore_type
 from icofabric_sim.ros.start import StopSignals
 from icofabric_sim.running.replay.player import Player, ReplayStatus
 from icofabric_sim.running.replay.replay_parameters import (
@@ -52,17 +52,19 @@ from rclpy.parameter import Parameter
 from rclpy.validate_topic_name import validate_topic_name
 from std_srvs.srv import SetBool, Trigger
 
-# How long the end may wait for a bag that is slow to read, and for the last answers [s].
-_PATIENCE, _LAST_ANSWERS = 0.5, 2.0
+# Time that the end may wait for a bag that is slow to read, and for pending answers [s].
+_STOP_WAIT_S, _LAST_ANSWERS_S = 0.5, 2.0
 
 
 class ReplayNode(AnsweringNode):
-    """Translates between the graph and a player, which has a thread of its own."""
+    """Node that translates between the ROS graph and a player, which has its own thread."""
 
     _player: Player | None = None
 
     def __init__(self, options: Mapping[str, Any], source: ReplaySource) -> None:
-        """Play `source` with the judged `options`; raises ValueError where these do not fit it."""
+        """
+        Play `source` with the validated `options`; raise ValueError if they do not fit the bag.
+        """
         begin = begin_of(options, source.start, source.end)
         super().__init__('icofabric', start_parameter_services=False)
         self.source = source
@@ -90,8 +92,8 @@ class ReplayNode(AnsweringNode):
         self.answers = Answers(self)
         self._parameter_service = GuardedParameterService(self, self.answers)
         self.going_live: GoingLive | None = None
-        self.gives_way = False  # to the simulation that is ready
-        # While a request waits for its answer, others are heard.
+        self.hands_over = False  # to the simulation once that is ready
+        # Other callbacks run while a request waits for its answer.
         group = ReentrantCallbackGroup()
         self.create_service(SetBool, '~/pause', self._pause, callback_group=group)
         self.create_service(Trigger, '~/reset', self._reset, callback_group=group)
@@ -103,27 +105,27 @@ class ReplayNode(AnsweringNode):
         self._thread = threading.Thread(target=self._play, name='replay', daemon=True)
 
     def start(self) -> None:
-        """Begin to play."""
+        """Start to play."""
         self._thread.start()
 
     def is_over(self) -> bool:
-        """Whether the replay has come to its end, or gives way to a simulation."""
-        return self.gives_way or not self._thread.is_alive()
+        """Return whether the replay has ended or hands over to a simulation."""
+        return self.hands_over or not self._thread.is_alive()
 
     def close(self) -> None:
-        """Stop playing and let go of the bag; may be called twice."""
+        """Stop playing and close the bag; a second call has no effect."""
         self.player.stop()
         if self.going_live is not None:
             self.going_live.abandoned = True
         if self._thread.is_alive():
-            self._thread.join(_PATIENCE)
+            self._thread.join(_STOP_WAIT_S)
         self.answers.end('the replay has ended')
         self._live.close()
         if not self._thread.is_alive():
             self.source.close()
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Judge a change before rclpy sees it; both parameter services come through here."""
+        """Validate a change before rclpy applies it; both parameter services use this method."""
         if self._player is None:
             return super().set_parameters_atomically(parameter_list)
         try:
@@ -144,11 +146,11 @@ class ReplayNode(AnsweringNode):
         name = parameter.name
         value = parameter.value
         if name in OPTIONS:
-            value = as_meant(value, OPTIONS[name].default)
+            value = restore_type(value, OPTIONS[name].default)
         value = judge_option(name, value)
         if not OPTIONS[name].live:
             raise ReplayParameterError(
-                f'{name} is fixed once the node runs; start it with the other value')
+                f'{name} cannot be changed while the node runs; restart the node to change it')
         if name == 'seek':
             judge_seek(value, self.source.start, self.source.end)
         return value
@@ -173,7 +175,7 @@ class ReplayNode(AnsweringNode):
 
     def _leave_out_unknown(self) -> None:
         for name, topic in list(self.source.topics.items()):
-            reason = _why_not(topic)
+            reason = _publishing_error(topic)
             if reason:
                 self.source.leave_out(name)
                 self.get_logger().warning(f'{name} is not played: {reason}')
@@ -188,10 +190,10 @@ class ReplayNode(AnsweringNode):
     def _play(self) -> None:
         try:
             self.player.run()
-        except Exception as error:  # noqa: BLE001 - the node must say it
+        except Exception as error:  # the node must report the error
             self.player.failure = f'the replay has ended: {error!r}'
             self.get_logger().fatal(self.player.failure)
-        self.answers.hand_over(lambda: None)  # so that its end is seen at once
+        self.answers.hand_over(lambda: None)  # wakes the executor to notice the end
 
     async def _pause(
         self, request: SetBool.Request, response: SetBool.Response
@@ -203,35 +205,35 @@ class ReplayNode(AnsweringNode):
     async def _reset(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        return await self._answer(self.player.reset, response, 'back at the start')
+        return await self._answer(self.player.reset, response, 'reset to the start')
 
     async def _step(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        return await self._answer(self.player.step, response, 'one frame on')
+        return await self._answer(self.player.step, response, 'stepped by one frame')
 
     async def _seek(self, request: Any, response: Any) -> Any:
         time = request.time.sec * NANOSECONDS + request.time.nanosec
         try:
             await self.answers.of(lambda: self.player.seek(time))
             response.success = True
-        except Exception as error:  # noqa: BLE001 - whatever it is, the node goes on
-            self.get_logger().error(str(error))  # the service has no room for a reason
+        except Exception as error:  # the node continues after any error
+            self.get_logger().error(str(error))  # the response has no field for a reason
             response.success = False
         return response
 
     async def _continue(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Simulate from the present recorded moment on, once the run is rebuilt up to there."""
+        """Rebuild the run up to the present recorded time, and continue with a simulation."""
         if self.going_live is not None:
-            response.success, response.message = False, 'the simulation is being built already'
+            response.success, response.message = False, 'the simulation is already being built'
             return response
         path = str(self.get_parameter('record.path').value)
         if path and os.path.lexists(absolute_path(path)):
             response.success = False
             response.message = (
-                f'record.path: {path} exists and is never overwritten; start again with another')
+                f'record.path: {path} exists and is never overwritten; restart with another path')
             return response
         was_paused = self.player.paused
         self.going_live = going = GoingLive(self.source.path, self.source.fabric, was_paused)
@@ -242,10 +244,10 @@ class ReplayNode(AnsweringNode):
             self.going_live = None
             if not was_paused:
                 self.player.set_paused(False)
-            response.success, response.message = False, f'this run cannot go on: {error}'
+            response.success, response.message = False, f'this run cannot be continued: {error}'
         else:
-            self.gives_way = response.success = True
-            response.message = f'goes on as a simulation, t = {seconds(time):.9f} s'
+            self.hands_over = response.success = True
+            response.message = f'continues as a simulation, t = {seconds(time):.9f} s'
         return response
 
     async def _answer(
@@ -260,20 +262,20 @@ class ReplayNode(AnsweringNode):
         return response
 
 
-def _why_not(topic: Topic) -> str:
-    """Why a recorded topic cannot be published; '': it can."""
+def _publishing_error(topic: Topic) -> str:
+    """Return why a recorded topic cannot be published; '' if it can."""
     try:
         validate_topic_name(topic.name)
         message_class(topic.type)
     except InvalidTopicNameException as error:
         return f'not a topic name: {error}'
     except (ImportError, AttributeError, ValueError):
-        return f'its type {topic.type} is not installed here'
+        return f'its type {topic.type} is not installed'
     return ''
 
 
 def _seek_class() -> Any:
-    """The standard service type to seek; None where it is not installed."""
+    """Return the standard service type for seeking, or None if it is not installed."""
     try:
         return import_module('rosbag2_interfaces.srv').Seek
     except ImportError:
@@ -282,34 +284,34 @@ def _seek_class() -> Any:
 
 def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignals) -> int:
     """
-    Run a replay until it is over or stopped, and what it goes on as; returns the exit status.
+    Run a replay, and the simulation that may continue it, to the end; return the exit status.
     """
-    _introduce(node)
+    _log_bag_contents(node)
     server = Server(node)
-    gc.freeze()  # a garbage collection over what was imported would block the node
+    gc.freeze()  # a garbage collection over imported objects would block the node
     node.start()
     try:
         server.serve(lambda: signals.received or node.is_over())
     finally:
         node.close()
-    # Pending requests are answered: no result will come.
-    deadline = time.monotonic() + _LAST_ANSWERS
+    # Pending requests get an answer: no result will come.
+    deadline = time.monotonic() + _LAST_ANSWERS_S
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
-    ends = signals.received or not node.gives_way or node.going_live is None
+    ends = signals.received or not node.hands_over or node.going_live is None
     status = 1 if node.player.failure else 0
     if ends:
         signals.ignore(status)
-    # With its last node the participant would leave the graph, and the subscribers would take
-    # seconds to find the next one.
+    # Without this node the participant would leave the graph, and the subscribers would need
+    # seconds to discover the next one.
     presence = None if ends else Presence()
     node.destroy_node()
-    gc.freeze()  # there is one more at the end of the process
+    gc.freeze()  # the end of the process runs one more garbage collection
     if presence is None or node.going_live is None:
         return status
     return node.going_live.run(options, node.player.rate, signals, presence)
 
 
-def _introduce(node: ReplayNode) -> None:
+def _log_bag_contents(node: ReplayNode) -> None:
     source, logger = node.source, node.get_logger()
     logger.info(
         f'playing {source.path}: {len(source.topics)} topics of {source.fabric}, '
@@ -319,9 +321,9 @@ def _introduce(node: ReplayNode) -> None:
     others = [name for name in source.fabrics if name != source.fabric]
     if others:
         logger.warning(
-            f'this bag holds {len(others)} more: {", ".join(others)}; the parameter fabric names '
+            f'this bag holds {len(others)} more: {", ".join(others)}; parameter fabric selects '
             'the one to play')
     elif source.left_out:
         logger.info(
-            f'not played, being no topics of {source.fabric}: {", ".join(source.left_out)}; '
-            '`ros2 bag play` plays all')
+            f'not played, because not topics of {source.fabric}: {", ".join(source.left_out)}; '
+            '`ros2 bag play` plays all topics')

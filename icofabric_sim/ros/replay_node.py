@@ -12,34 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The executable that plays a recorded run: `ros2 run icofabric_sim replay_node BAG`.
+Executable that plays a recorded run: `ros2 run icofabric_sim replay_node BAG`.
 
-Everything that takes time to import is imported once signals are heard.
+Slow imports follow after the signal handlers are installed.
 """
 
 from pathlib import Path
 import sys
 
 from icofabric_sim.ros.start import (
-    arguments_of_its_own,
     check_domain,
     end_process,
-    importing,
+    import_without_gc,
+    non_ros_arguments,
     StopSignals,
 )
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: replay_node BAG [--ros-args -p name:=value ...]
-docs/replay.md says what it can do; its parameters:
+docs/replay.md describes the node; parameters:
 """
 
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `replay_node`; without `argv` it ends the process.
+    Run `replay_node`; end the process if `argv` is not given.
 
-    Exit status: 0 done, also by SIGINT or SIGTERM; 1 the bag is damaged or unfinished, or the
-    simulation that it went on as failed; 2 bad input; 130 interrupted before it played.
+    Exit status:
+        0 done, also by SIGINT or SIGTERM
+        1 the bag is damaged or unfinished, or the simulation that continued the replay failed
+        2 bad input
+        130 interrupted before playback
     """
     if argv is None:
         end_process(main(sys.argv))
@@ -47,7 +50,7 @@ def main(argv: list[str] | None = None) -> int:
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
-    with importing():
+    with import_without_gc():
         from icofabric_sim.terminal import FileSaysNo, InputError
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -70,14 +73,14 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(arguments: list[str], signals: StopSignals) -> int:
-    # Before ROS starts, whose errors name no parameter.
-    own = arguments_of_its_own(arguments[1:])
+    # Before ROS starts, because its errors do not name the parameter.
+    own = non_ros_arguments(arguments[1:])
     if len(own) > 1 or own and own[0].startswith('-'):
         raise ValueError(
-            f'{" ".join(own)!r}: one bag is all that replay_node takes beside --ros-args; '
+            f'{" ".join(own)!r}: replay_node takes one bag, and options after --ros-args; '
             'replay_node --help shows its parameters')
     check_domain()
-    with importing():
+    with import_without_gc():
         from icofabric_sim.commands.bags import bag_errors
         from icofabric_sim.parameters.file import check_ros_arguments
         from icofabric_sim.running.replay.replay_parameters import begin_of, judge_options
@@ -91,13 +94,13 @@ def _run(arguments: list[str], signals: StopSignals) -> int:
     with bag_errors(path):
         source = ReplaySource(path, fabric=options['fabric'], inputs=options['inputs'])
     begin_of(options, source.start, source.end)
-    with importing():
+    with import_without_gc():
         from icofabric_sim.ros.process import start_ros
         from icofabric_sim.ros.replay import ReplayNode, run_replay
 
     start_ros(arguments, notices)
     node = ReplayNode(options, source)
-    signals.only_note()
+    signals.record_only()
     return run_replay(node, options, signals)
 
 

@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-Parameters of the scene as parameters of a node: descriptors, judgement of changes, clear refusals.
-"""
+"""Scene parameters as parameters of a node: descriptors, validation of changes, rejections."""
 
 from array import array
 from collections.abc import Callable, Iterable, Mapping
@@ -42,30 +40,30 @@ from rcl_interfaces.msg import (
 from rclpy.parameter import Parameter
 import yaml
 
-# Names that ROS itself puts on every node: they are its own business.
+# Parameters that ROS itself declares on every node; the scene ignores them.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
-_FOREIGN = 'qos_overrides.'
-_FRAMES = 'tf2_msgs'
-# A scene of this many bodies is built within some ten milliseconds.
-_QUICK_BODIES = 20_000
-# A change is judged with all that was set before, within about half a second. A scene that is set
-# piece by piece may grow to so many parameters, and so much text in them; a file may hold more.
-LONGEST_NAME, LONGEST_TEXT = 1000, 16_384  # characters, of all values of a change together
-MOST_GIVEN, MOST_TEXT = 2000, 65_536
-_HUGE = 1.7976931348623157e308
+_QOS_PREFIX = 'qos_overrides.'
+_TF_PACKAGE = 'tf2_msgs'
+# A scene of this many bodies is built within about ten milliseconds.
+_MAX_QUICK_BODIES = 20_000
+# A change is validated together with all earlier ones, within about 0.5 s. Changes at run time may
+# extend a scene to this many parameters and this much text; a file may hold more.
+MAX_NAME_LENGTH, MAX_TEXT_LENGTH = 1000, 16_384  # characters, of all values of a change together
+MAX_GIVEN_COUNT, MAX_TOTAL_TEXT = 2000, 65_536
+_MAX_FLOAT = 1.7976931348623157e308
 
 
 def is_foreign(name: str) -> bool:
-    """Whether a parameter belongs to ROS and not to the scene."""
-    return name in ROS_NAMES or name.startswith(_FOREIGN)
+    """Return whether a parameter belongs to ROS and not to the scene."""
+    return name in ROS_NAMES or name.startswith(_QOS_PREFIX)
 
 
 def describe(name: str, entry: Specification) -> ParameterDescriptor:
-    """Descriptor of one parameter: what it is, its unit and its range."""
+    """Return the descriptor of a parameter: meaning, unit and range."""
     descriptor = ParameterDescriptor(
         name=name,
         read_only=entry.change is Change.FIXED,
-        # rclpy would not delete others; the gate judges the type of all of them.
+        # rclpy would not delete parameters of a fixed type; the gate checks every type.
         dynamic_typing=name.split('.')[0] in FAMILIES,
     )
     unit = f' [{entry.unit}]' if entry.unit else ''
@@ -84,7 +82,7 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
             descriptor.floating_point_range = [
                 FloatingPointRange(
                     from_value=float(entry.minimum),
-                    to_value=float(entry.maximum or _HUGE),
+                    to_value=float(entry.maximum or _MAX_FLOAT),
                     step=0.0,
                 )
             ]
@@ -98,23 +96,25 @@ def describe(name: str, entry: Specification) -> ParameterDescriptor:
 
 
 def make_start_parameters(overrides: Mapping[str, Any]) -> Parameters:
-    """Parameters of the node at its start, judged; raises ParameterError or ValueError."""
+    """
+    Return the validated parameters of a node at its start; raise ParameterError or ValueError.
+    """
     own = {name: value for name, value in overrides.items() if not is_foreign(name)}
     parameters = make_parameters(own)
-    if parameters['tf.group'] and find_spec(_FRAMES) is None:
+    if parameters['tf.group'] and find_spec(_TF_PACKAGE) is None:
         raise ParameterError(
             'tf.group', f'tf.group {parameters["tf.group"]!r}: frames are messages of the package '
-            f"{_FRAMES}, which is not installed here; it comes with ROS 2, '' does without")
+            f"{_TF_PACKAGE}, which is not installed; it comes with ROS 2, '' disables frames")
     check_parameters(parameters)
     return parameters
 
 
 class ParameterGate:
     """
-    Judges changes that come through the parameter services before rclpy sees them.
+    Validator of changes from the parameter services, called before rclpy applies them.
 
-    rclpy's own refusals name too little, and an exception in a callback of its parameter services
-    ends the executor; so nothing gets that far.
+    The rejections of rclpy do not say enough, and an exception in a callback of its parameter
+    services ends the executor. Invalid changes therefore never reach rclpy.
     """
 
     def __init__(
@@ -127,9 +127,9 @@ class ParameterGate:
         """
         Start from `parameters`; `on_change` is called with every accepted set.
 
-        It also gets the scene of the set where judging it has built one. `limit` returns the
-        stability limit [s] of the step of the running fabric, `held` what the node holds of the
-        parameters that are ROS's own.
+        The callback also receives the scene if validation has built one. `limit` returns the
+        stability limit [s] of the running fabric, `held` the values of parameters that ROS
+        declares.
         """
         self.accepted = parameters
         self._on_change = on_change
@@ -138,13 +138,11 @@ class ParameterGate:
     def set_atomically(
         self, wanted: Iterable[Parameter], store: Callable[[list[Parameter]], SetParametersResult]
     ) -> SetParametersResult:
-        """
-        Judge `wanted` as one change; where it is good, `store` it in the node and pass it on.
-        """
+        """Validate `wanted` as one change; if valid, `store` it in the node and pass it on."""
         wanted = list(wanted)
         try:
             changed, scene, stored = self._judge(wanted)
-        except Exception as error:  # noqa: BLE001 - no request may end the executor
+        except Exception as error:  # no request may end the executor
             return _refusal(wanted, str(error) or type(error).__name__)
         result = store(stored)
         if not result.successful:
@@ -163,9 +161,9 @@ class ParameterGate:
             name = parameter.name
             if not name:
                 raise ParameterError(name, 'a parameter without a name cannot be set')
-            if len(name) > LONGEST_NAME:
+            if len(name) > MAX_NAME_LENGTH:
                 raise ParameterError(
-                    name, f'{name} has {len(name)} characters; a name has at most {LONGEST_NAME}')
+                    name, f'{name} has {len(name)} characters; at most {MAX_NAME_LENGTH}')
             if is_foreign(name):
                 if parameter.value != self._held(name):
                     stored.append(parameter)
@@ -179,16 +177,16 @@ class ParameterGate:
                 given.pop(name, None)
                 stored.append(parameter)
             else:
-                # A later value of the same request rules.
+                # A later value of the same request takes precedence.
                 held = None if name in earlier else self.accepted.get(name)
                 if isinstance(held, str) and str(parameter.value) == held:
                     continue  # also a text of digits, which tools send as a number
-                # The words of contact.mode are truth values in YAML.
+                # The values of contact.mode are booleans in YAML.
                 default = name == 'contact.mode' or find_specification(name).default
-                value = validate_value(name, as_meant(parameter.value, default))
-                if held is not None and _same(value, held):
-                    continue  # e.g. of a dump that is loaded again; also where it is fixed
-                if not _same(value, self.accepted.get(name)):
+                value = validate_value(name, restore_type(parameter.value, default))
+                if held is not None and _are_equal(value, held):
+                    continue  # e.g. from loading a parameter dump; also for fixed parameters
+                if not _are_equal(value, self.accepted.get(name)):
                     require_changeable([name])
                 given[name] = value
                 stored.append(Parameter(name, value=value))
@@ -196,29 +194,29 @@ class ParameterGate:
             earlier.add(name)
         if not touched:
             return None, None, stored
-        self._require_little(wanted, given)
+        self._check_size(wanted, given)
         changed = make_parameters(given)
         return changed, self._checked_scene(changed), stored
 
-    def _require_little(self, wanted: list[Parameter], given: Mapping[str, Any]) -> None:
-        """Refuse what would take long to judge, now or with each later change."""
+    def _check_size(self, wanted: list[Parameter], given: Mapping[str, Any]) -> None:
+        """Reject a change that would take long to validate, now or with each later change."""
         name, length = wanted[0].name, _text_length(parameter.value for parameter in wanted)
-        if length > LONGEST_TEXT:
+        if length > MAX_TEXT_LENGTH:
             raise ParameterError(
-                name, f'{name} can be set to a text of at most {LONGEST_TEXT} characters while '
+                name, f'{name} can be set to a text of at most {MAX_TEXT_LENGTH} characters while '
                 f'the node runs, got {length} ({shown(wanted[0].value)}); a file may hold more')
         for have, before, most, what in (
-            (len(given), len(self.accepted.explicit), MOST_GIVEN, 'parameters'),
-            (_text_length(given.values()), _text_length(self.accepted.values()), MOST_TEXT,
+            (len(given), len(self.accepted.explicit), MAX_GIVEN_COUNT, 'parameters'),
+            (_text_length(given.values()), _text_length(self.accepted.values()), MAX_TOTAL_TEXT,
              'characters of text'),
         ):
             if have > max(before, most):
                 raise ParameterError(
-                    name, f'{name}: the scene would have {have} {what}, and {most} can be set '
+                    name, f'{name}: the scene would have {have} {what}; at most {most} can be set '
                     'while the node runs; a file may hold more')
 
     def _checked_scene(self, changed: Parameters) -> Scene | None:
-        """Refuse what building would refuse; returns the scene where it is built in a moment."""
+        """Reject a scene that cannot be built; return the scene if building it is quick."""
         check_parameters(changed)
         names = changed_names(self.accepted, changed)
         step = changed['solver.step']
@@ -226,34 +224,34 @@ class ParameterGate:
             raise ParameterError(
                 'solver.step',
                 f'solver.step {step!r} s is beyond the stability limit {self._limit():.6g} s of '
-                'the running fabric; choose a smaller one, or 0 to have it chosen',
+                'the running fabric; choose a smaller step, or 0 for the automatic one',
             )
-        if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _QUICK_BODIES:
+        if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _MAX_QUICK_BODIES:
             return None
         return Scene.from_parameters(changed)
 
 
-def as_meant(value: Any, default: Any) -> Any:
+def restore_type(value: Any, default: Any) -> Any:
     """
-    Return the `value` that a parameter file gives where a tool has sent a text in its place.
+    Return the `value` that a parameter file gives where a tool has sent a text instead.
 
-    `ros2 param load` and `set` read YAML 1.1, to which 1e-06 and 1.5E3 are texts, and write a list
-    that has such an item as one text. `default` has the type that is meant. What YAML 1.1 reads as
-    a number was quoted, and stays a text.
+    `ros2 param load` and `set` read YAML 1.1, in which 1e-06 and 1.5E3 are texts, and they send a
+    list with such an item as one text. `default` has the intended type. A text that YAML 1.1 reads
+    as a number was quoted, and stays a text.
     """
     if isinstance(value, array):
         value = list(value)
     if not isinstance(default, list):
-        return _resolved(value, type(default))
+        return _parse_text(value, type(default))
     kind = type(default[0])
     if isinstance(value, str) and value[:1] == '[' and value[-1:] == ']':
-        items = [_resolved(item, kind, any_text=True) for item in value[1:-1].split(',')]
+        items = [_parse_text(item, kind, any_text=True) for item in value[1:-1].split(',')]
         return value if any(isinstance(item, str) for item in items) else items
-    return [_resolved(item, kind) for item in value] if isinstance(value, list) else value
+    return [_parse_text(item, kind) for item in value] if isinstance(value, list) else value
 
 
-def _resolved(value: Any, kind: type, *, any_text: bool = False) -> Any:
-    """Return what ROS reads from the text `value` in a file, if it is of the `kind`."""
+def _parse_text(value: Any, kind: type, *, any_text: bool = False) -> Any:
+    """Return the value that ROS reads from `text` in a file, if it has the type `kind`."""
     if not isinstance(value, str) or kind is str:
         return value
     found = resolve_scalar(value.strip(' \'"'))
@@ -262,8 +260,8 @@ def _resolved(value: Any, kind: type, *, any_text: bool = False) -> Any:
     return found if any_text or isinstance(yaml.safe_load(value), str) else value
 
 
-def _same(one: Any, other: Any) -> bool:
-    """Whether two judged values are one: zeros of both signs are two."""
+def _are_equal(one: Any, other: Any) -> bool:
+    """Return whether two validated values are equal, also in the sign of zero."""
     return repr(one) == repr(other)
 
 
@@ -272,7 +270,7 @@ def _text_length(values: Iterable[Any]) -> int:
 
 
 def _refusal(wanted: list[Parameter], reason: str) -> SetParametersResult:
-    """Refusal that names what was sent, though the reason may lie with another parameter."""
+    """Return a rejection that names the parameter sent, even if another one is the reason."""
     names = [parameter.name for parameter in wanted]
     if not any(name and name in reason for name in names):
         reason = f'{", ".join(names)}: {reason}'

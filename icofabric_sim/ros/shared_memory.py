@@ -12,30 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Room in shared memory for what a node publishes.
+Size of the shared-memory segment for published messages.
 
-Fast DDS hands messages to processes on the same machine through a segment of 512 kB, unless a
-profile says otherwise. The poses and markers of a thousand bodies fill it, and what a subscriber
-that was killed or stopped had not read keeps its place for a while: healthy subscribers then
-heard nothing at all for up to 12 s. With a larger segment the longest gap was 0.1 s
-(docs/reliability.md).
+Fast DDS passes messages to processes on the same machine through a segment of 512 kB, unless a
+profile sets another size. The poses and markers of a thousand bodies fill it, and unread messages
+of a killed or stopped subscriber stay in it for a while. Healthy subscribers then received nothing
+for up to 12 s. With a larger segment the longest gap was 0.1 s (docs/reliability.md).
 """
 
 import os
 from pathlib import Path
 import tempfile
 
-# Where users have set these, nothing is changed.
-_OWN_SETTINGS = (
+# Nothing is changed if the user has set one of these.
+_USER_VARIABLES = (
     'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
     'FASTDDS_BUILTIN_TRANSPORTS')
-_OWN_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
+_USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 _FOLDER = '/dev/shm'
-# Pages that are never written to take no memory.
-_SEGMENT = 2**25  # bytes
-# Where shared memory is scarce (a container may have 64 MB), only this part of what is left.
-_PART = 8
-_DEFAULT_SEGMENT = 2**19
+# Unused pages take no memory.
+_SEGMENT_BYTES = 2**25  # bytes
+# If shared memory is scarce (a container may have 64 MB), use only this fraction of the free
+# space, as a divisor.
+_FREE_SPACE_DIVISOR = 8
+_DEFAULT_SEGMENT_BYTES = 2**19
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -64,41 +64,41 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 
 
 class SharedMemory:
-    """A larger segment for the participants of this process, wherever that is possible."""
+    """Larger shared-memory segment for the participants of this process, where possible."""
 
     def __init__(self) -> None:
         """
-        Ask Fast DDS for it; before the first node of the process is created.
+        Write a Fast DDS profile; call before the first node of the process is created.
 
-        `size` [bytes] is 0 where users have settings of their own, or there is no room.
+        `size` [bytes] is 0 if the user has a profile or space is insufficient.
         """
         self._profile: Path | None = None
         self.size = 0
-        if any(name in os.environ for name in _OWN_SETTINGS) or any(
-                map(os.path.exists, _OWN_FILES)):
+        if any(name in os.environ for name in _USER_VARIABLES) or any(
+                map(os.path.exists, _USER_FILES)):
             return
-        size = min(_SEGMENT, _free() // _PART)
-        if size <= _DEFAULT_SEGMENT:
+        size = min(_SEGMENT_BYTES, _free_bytes() // _FREE_SPACE_DIVISOR)
+        if size <= _DEFAULT_SEGMENT_BYTES:
             return
         try:
             descriptor, name = tempfile.mkstemp('.xml', 'icofabric_')
             with open(descriptor, 'w') as file:
                 file.write(_PROFILE.format(size=size))
         except OSError:
-            # Nowhere to write a file: what is usual has to do.
+            # No writable folder: use the default segment.
             return
         self._profile, self.size = Path(name), size
-        os.environ[_OWN_SETTINGS[0]] = name
+        os.environ[_USER_VARIABLES[0]] = name
 
     def close(self) -> None:
-        """Remove the file, which has been read once there is a node."""
+        """Remove the profile file; the first node has read it."""
         if self._profile is not None:
             self._profile.unlink(missing_ok=True)
-            os.environ.pop(_OWN_SETTINGS[0], None)
+            os.environ.pop(_USER_VARIABLES[0], None)
             self._profile = None
 
 
-def _free() -> int:
+def _free_bytes() -> int:
     try:
         figures = os.statvfs(_FOLDER)
     except OSError:

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What the services of `simulation_interfaces` mean for a fabric.
+Handlers of the services of `simulation_interfaces`.
 
-Requests and responses are used by the names of their fields only, so this module needs neither
-that package nor its type support: `messages` stands for `simulation_interfaces.msg`.
+Requests and responses are accessed by field names only, so this module needs neither that package
+nor its type support. `messages` stands for `simulation_interfaces.msg`.
 """
 
 from collections.abc import Callable
@@ -34,7 +34,8 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
 
-# Features that come with a service or action; what a release of the package lacks is left out.
+# Features with the service or action that provides them; those missing in the installed release
+# are left out.
 FEATURES = {
     'GetEntities': ('ENTITY_TAGS', 'ENTITY_CATEGORIES', 'ENTITY_BOUNDS_BOX'),
     'GetEntityBounds': ('ENTITY_BOUNDS',),
@@ -49,15 +50,15 @@ FEATURES = {
     'SimulateSteps': ('STEP_SIMULATION_MULTIPLE', 'STEP_SIMULATION_ACTION'),
 }
 _CUSTOM = (
-    f'icofabric_sim: entities are the bodies, {body_frame(0)} and on; their tags are the groups '
-    'of the scene. Time is reset together with the state only. Accelerations are not given (NaN) '
-    'and cannot be set. A step is one of the solver.')
-# Objects of this many states take about a second to build and to send.
-MOST_STATES = 10_000
+    f'icofabric_sim: entities are the bodies {body_frame(0)}, ...; their tags are the groups '
+    'of the scene. Time is reset only together with the state. Accelerations are NaN '
+    'and cannot be set. A step is one solver step.')
+# Objects of this many states take about 1 s to build and to send.
+MAX_STATES = 10_000
 
 
-class Refused(Exception):
-    """A request that is answered with a result code other than OK."""
+class RequestError(Exception):
+    """Request that is answered with a result code other than OK."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -68,7 +69,7 @@ class Refused(Exception):
 
 
 class View(NamedTuple):
-    """The fabric at one moment."""
+    """State of the fabric at one time."""
 
     time: int  # [ns]
     scene: Scene
@@ -76,7 +77,7 @@ class View(NamedTuple):
 
 
 class StandardHandlers:
-    """One coroutine for each service, by its name in the package; all in the executor's thread."""
+    """One coroutine for each service, named as in the package; run in the executor's thread."""
 
     def __init__(
         self, messages: Any, runner: Runner, answers: Answers, stop: Callable[[], None]
@@ -85,16 +86,16 @@ class StandardHandlers:
         self._messages, self._result = messages, messages.Result
         self._runner, self._answers, self._stop = runner, answers, stop
         self._frame_id = runner.parameters['frame_id']
-        # Where a client has stopped the simulation, and nothing happened since.
+        # Set when a client has stopped the simulation; valid until something else happens.
         self._stopped_at: tuple[int, int] | None = None
         self.offered: set[str] = set()
 
     async def handle(self, name: str, request: Any, response: Any) -> Any:
-        """Answer a request of the service `name`, whatever it holds."""
+        """Answer any request of the service `name`."""
         code, text = self._result.RESULT_OK, ''
         try:
             text = await getattr(self, name)(request, response) or ''
-        except Refused as error:
+        except RequestError as error:
             code, text = error.code, str(error)
         except KeyError as error:
             code, text = self._result.RESULT_NOT_FOUND, str(error.args[0])
@@ -104,10 +105,10 @@ class StandardHandlers:
             response.result.result, response.result.error_message = code, text
         return response
 
-    # The simulator.
+    # Simulator services.
 
     async def GetSimulatorFeatures(self, request: Any, response: Any) -> None:
-        """Return the features that are offered."""
+        """Return the offered features."""
         kind = self._messages.SimulatorFeatures
         names = {feature for name in self.offered for feature in FEATURES.get(name, ())}
         response.features.features = sorted(
@@ -115,25 +116,25 @@ class StandardHandlers:
         response.features.custom_info = _CUSTOM
 
     async def GetSimulationState(self, request: Any, response: Any) -> str:
-        """Return whether time runs; a run that has ended is stopped."""
+        """Return whether time runs; a finished run is reported as stopped."""
         response.state.state = self._state()
-        return self._why_ended()
+        return self._end_reason()
 
     async def SetSimulationState(self, request: Any, response: Any) -> None:
-        """Pause, go on, stop (pause and reset, time included) or quit."""
+        """Pause, resume, stop (pause and reset, time included) or quit."""
         kind, target = self._messages.SimulationState, request.state.state
         if target == kind.STATE_QUITTING:
             self._stop()
             return
         if target not in (kind.STATE_STOPPED, kind.STATE_PLAYING, kind.STATE_PAUSED):
-            raise Refused(
+            raise RequestError(
                 self._result.RESULT_FEATURE_UNSUPPORTED,
-                f'state {target} cannot be reached: a fabric is stopped, runs or ends')
+                f'state {target} is not supported: only stopped, playing, paused and quitting are')
         if target == self._state():
-            raise Refused(response.ALREADY_IN_TARGET_STATE, 'it is in this state already')
+            raise RequestError(response.ALREADY_IN_TARGET_STATE, 'already in this state')
         if target == kind.STATE_PLAYING:
-            if self._why_ended():
-                raise Refused(response.STATE_TRANSITION_ERROR, self._why_ended())
+            if self._end_reason():
+                raise RequestError(response.STATE_TRANSITION_ERROR, self._end_reason())
             await self._answers.of(lambda: self._runner.set_paused(False), at_once=True)
             return
         await self._answers.of(lambda: self._runner.set_paused(True), at_once=True)
@@ -141,61 +142,61 @@ class StandardHandlers:
         if target == kind.STATE_STOPPED:
             await self._answers.of(
                 lambda: self._runner.reset(time_reset=True), at_once=True)
-            self._stopped_at = self._place()
+            self._stopped_at = self._progress()
 
     async def ResetSimulation(self, request: Any, response: Any) -> None:
-        """Back to the initial state, and to time 0 where the scope has time in it."""
+        """Reset to the initial state, and to time 0 if the scope includes time."""
         scope = request.scope or request.SCOPE_ALL
         if not scope & request.SCOPE_STATE:
-            raise Refused(
+            raise RequestError(
                 self._result.RESULT_FEATURE_UNSUPPORTED,
-                'time is reset together with the state only, and nothing is ever spawned')
+                'time is reset only together with the state, and spawning is not supported')
         with_time = bool(scope & request.SCOPE_TIME)
         await self._answers.of(
             lambda: self._runner.reset(time_reset=with_time), at_once=True)
 
     async def StepSimulation(self, request: Any, response: Any) -> None:
-        """Take solver steps while paused; answers once they are taken."""
+        """Take solver steps while paused; answer once they are taken."""
         await self.SimulateSteps(StepRequest(request.steps), response)
 
     async def SimulateSteps(self, request: StepRequest, response: Any) -> None:
-        """The same for a request that can be watched meanwhile."""
+        """Take solver steps for a request that reports progress."""
         if not request.count >= 1:
             raise ValueError(f'steps must be at least 1, got {request.count}')
         await self._answers.of(lambda: self._runner.take_steps(request))
 
     def end_steps(self) -> None:
-        """Take no more steps: it is paused, and stays so."""
+        """Stop taking steps; the simulation stays paused."""
         self._runner.set_paused(True)
 
-    # Entities.
+    # Entity services.
 
     async def GetEntities(self, request: Any, response: Any) -> None:
-        """Names of the bodies that fulfil the filters."""
+        """Return the names of the bodies that match the filters."""
         view = await self._view()
         response.entities = [
-            body_frame(body) for body in await self._selected(request.filters, view)]
+            body_frame(body) for body in await self._select(request.filters, view)]
 
     async def GetEntitiesStates(self, request: Any, response: Any) -> None:
-        """Names and states of the bodies that fulfil the filters."""
+        """Return the names and states of the bodies that match the filters."""
         view = await self._view()
-        bodies = await self._selected(request.filters, view)
-        if len(bodies) > MOST_STATES:
-            raise Refused(
+        bodies = await self._select(request.filters, view)
+        if len(bodies) > MAX_STATES:
+            raise RequestError(
                 self._result.RESULT_OPERATION_FAILED,
-                f'{len(bodies)} states are too many for one answer ({MOST_STATES} at most): '
-                'filter them, or listen to ~/state')
+                f'{len(bodies)} states are too many for one answer ({MAX_STATES} at most): '
+                'filter them, or subscribe to ~/state')
         response.entities = [body_frame(body) for body in bodies]
         response.states = await self._answers.of(lambda: begin_aside(
             lambda: [self._fill(self._messages.EntityState(), view, body) for body in bodies]))
 
     async def GetEntityState(self, request: Any, response: Any) -> None:
-        """Pose and velocities of one body."""
+        """Return the pose and velocities of one body."""
         view = await self._view()
         self._fill(response.state, view, Entities(view.scene).number(request.entity))
 
     async def SetEntityState(self, request: Any, response: Any) -> None:
-        """Put a body elsewhere, or in other motion; what a support holds stays at rest."""
+        """Set the pose and velocities of a body; supported freedoms stay at rest."""
         view, state = await self._view(), request.state
         entities = Entities(view.scene)
         body = entities.number(request.entity)
@@ -204,16 +205,16 @@ class StandardHandlers:
                 f'header.frame_id is {state.header.frame_id!r}, and must be empty or '
                 f'{self._frame_id!r}')
         if request.set_acceleration:
-            raise Refused(
+            raise RequestError(
                 self._result.RESULT_FEATURE_UNSUPPORTED,
-                'accelerations follow from forces: send a wrench instead')
+                'accelerations cannot be set: send a wrench instead')
         parts: dict[str, list[float]] = {}
         if request.set_pose:
             pose = state.pose
             parts |= {'position': _numbers(pose.position, 'xyz'),
                       'orientation': _numbers(pose.orientation, 'xyzw')}
             if not abs(np.linalg.norm(parts['orientation']) - 1.0) <= 1e-3:
-                raise Refused(
+                raise RequestError(
                     getattr(response, 'INVALID_POSE', self._result.RESULT_OPERATION_FAILED),
                     f'orientation {parts["orientation"]} is not a unit quaternion')
         if request.set_twist:
@@ -222,13 +223,13 @@ class StandardHandlers:
                       'angular_velocity': _numbers(twist.angular, 'xyz')}
             if entities.held[body] and any(
                     parts['linear_velocity'] + parts['angular_velocity']):
-                raise ValueError(f'{request.entity} is held by a support, and cannot move')
+                raise ValueError(f'{request.entity} is fixed by a support and cannot move')
         checked = checked_parts(parts)
         if checked:
             await self._answers.of(lambda: self._runner.set_body_state(body, checked))
 
     async def GetEntityInfo(self, request: Any, response: Any) -> None:
-        """What an entity is: a shell, held or free, and its groups."""
+        """Describe an entity: shell, supported or free, and its groups."""
         view, kind = await self._view(), self._messages.EntityCategory
         entities, info = Entities(view.scene), response.info
         body = entities.number(request.entity)
@@ -240,11 +241,11 @@ class StandardHandlers:
         info.description = (
             f'icosahedral shell {body} of {view.scene.body_count}: edge '
             f'{2.0 * view.scene.body_half_edges[body]:g} m, '
-            f'mass {mass:g} kg{", held by a support" if held else ""}')
+            f'mass {mass:g} kg{", fixed by a support" if held else ""}')
         info.tags = entities.tags(body)
 
     async def GetEntityBounds(self, request: Any, response: Any) -> None:
-        """The box around a shell, in its own axes."""
+        """Return the bounding box of a shell in its body frame."""
         view = await self._view()
         body = Entities(view.scene).number(request.entity)
         corners = vertices(float(view.scene.body_half_edges[body]))
@@ -253,23 +254,23 @@ class StandardHandlers:
             Vector3(x=float(x), y=float(y), z=float(z))
             for x, y, z in (corners.max(axis=0), corners.min(axis=0))]
 
-    # What they share.
+    # Shared helpers.
 
     def _state(self) -> int:
         kind: Any = self._messages.SimulationState
         if self._stopped_at is not None and self._runner.paused and (
-                self._stopped_at == self._place()):
+                self._stopped_at == self._progress()):
             return int(kind.STATE_STOPPED)
-        stands = self._runner.paused or self._why_ended()
+        stands = self._runner.paused or self._end_reason()
         return int(kind.STATE_PAUSED if stands else kind.STATE_PLAYING)
 
-    def _place(self) -> tuple[int, int]:
+    def _progress(self) -> tuple[int, int]:
         return self._runner.now, self._runner.simulation.status.step_count
 
-    def _why_ended(self) -> str:
+    def _end_reason(self) -> str:
         if self._runner.failure:
-            return f'the simulation has stopped, reset it first: {self._runner.failure}'
-        return 'its duration is over' if self._runner.finished else ''
+            return f'the simulation has stopped; reset it first: {self._runner.failure}'
+        return 'its duration has passed' if self._runner.finished else ''
 
     async def _view(self) -> View:
         runner = self._runner
@@ -277,7 +278,7 @@ class StandardHandlers:
             lambda: View(runner.now, runner.simulation.scene, runner.simulation.snapshot())))
         return view
 
-    async def _selected(self, filters: Any, view: View) -> list[int]:
+    async def _select(self, filters: Any, view: View) -> list[int]:
         query = self._query(filters)
         bodies: list[int] = await self._answers.of(lambda: begin_aside(
             partial(Entities(view.scene).select, query, view.snapshot.position)))
@@ -291,23 +292,23 @@ class StandardHandlers:
         if wanted:
             fitting = [category for category in ours if category in wanted]
             if not fitting:
-                raise Refused(
+                raise RequestError(
                     self._result.RESULT_NOT_FOUND,
-                    'entities here are dynamic objects, or static ones where supports hold them')
+                    'entities are dynamic objects, or static objects if supports fix them')
             held = None if len(fitting) == 2 else fitting == ours[1:]
         region: Sphere | Box | None = None
         points = [np.array(_numbers(point, 'xyz')) for point in filters.bounds.points]
         shape = filters.bounds.type
         if shape in (bounds.TYPE_SPHERE, bounds.TYPE_BOX):
             if len(points) != 2 or not np.isfinite(points).all():
-                raise ValueError('bounds must have two finite points')
+                raise ValueError('bounds need two finite points')
             region = Sphere(points[0], float(points[1][0]))
             if shape == bounds.TYPE_BOX:
                 region = Box(np.minimum(*points), np.maximum(*points))
         elif shape != bounds.TYPE_EMPTY:
-            raise Refused(
+            raise RequestError(
                 self._result.RESULT_FEATURE_UNSUPPORTED,
-                f'bounds of type {shape} are not supported: spheres and boxes are')
+                f'bounds of type {shape} are not supported; use a sphere or a box')
         tags = filters.tags
         return Query(
             filters.filter, held, tuple(tags.tags),

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The services and the action of `simulation_interfaces`, where that package is installed.
+The services and the action of `simulation_interfaces`, if that package is installed.
 
 Source: ros-simulation/simulation_interfaces 1.5 to 2.1. Names are private to the node, so that
 several fabrics fit into one graph: `~/get_entities` for GetEntities, and so on.
@@ -38,19 +38,19 @@ SERVICES = (
     'StepSimulation', 'GetEntities', 'GetEntitiesStates', 'GetEntityState', 'SetEntityState',
     'GetEntityInfo', 'GetEntityBounds')
 ACTION = 'SimulateSteps'
-# Wall time between two feedbacks of the action [s].
-_FEEDBACK_INTERVAL = 0.05
+# Wall time between feedback messages of the action [s].
+_FEEDBACK_INTERVAL_S = 0.05
 
 
 def topic_name(type_name: str) -> str:
-    """Private name of the service of a type: `~/get_entities` for GetEntities."""
+    """Return the private service name of a type: `~/get_entities` for GetEntities."""
     return '~/' + re.sub(r'(?<!^)(?=[A-Z])', '_', type_name).lower()
 
 
 def offer_standard_services(
     node: Node, runner: Runner, answers: Answers, stop: Callable[[], None]
 ) -> StandardHandlers | None:
-    """Offer what the installed release of the package defines; None where there is none."""
+    """Offer the services of the installed release of the package; return None if it is missing."""
     try:
         messages, services = (import_module(f'{PACKAGE}.{part}') for part in ('msg', 'srv'))
     except ImportError:
@@ -73,7 +73,7 @@ def offer_standard_services(
 
 
 class StepsAction:
-    """The action SimulateSteps: steps with feedback, which can be cancelled."""
+    """The action SimulateSteps: solver steps with feedback and cancellation."""
 
     def __init__(
         self, node: Node, handlers: StandardHandlers, kind: Any, group: ReentrantCallbackGroup
@@ -87,7 +87,7 @@ class StepsAction:
             cancel_callback=lambda goal: CancelResponse.ACCEPT, callback_group=group)
 
     async def execute(self, goal: Any) -> Any:
-        """Take the steps of a goal; its result says how that ended."""
+        """Take the steps of a goal; return its result."""
         request, result = StepRequest(goal.request.steps), self._kind.Result()
         feedback = self._kind.Feedback()
 
@@ -99,7 +99,7 @@ class StepsAction:
                 self._handlers.end_steps()
 
         timer = self._node.create_timer(
-            _FEEDBACK_INTERVAL, watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            _FEEDBACK_INTERVAL_S, watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         try:
             await self._handlers.handle(ACTION, request, result)
             watch()

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The start of a node's process: its signals and its command line.
+Start of a node's process: signals and command line.
 
-Imports next to nothing, so that a signal is heard from the start.
+This module imports little, so that signals are handled from the start.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,50 +33,50 @@ from typing import NoReturn
 from icofabric_sim.libraries import install_command
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
-# Said by a node once its topics are there; others wait for it (node_watch.py).
+# Printed by a node once its topics exist; other processes wait for it (node_watch.py).
 READY = 'ready: '
 # The ports of a domain begin at 7400 + 250 times its number.
-_LARGEST_DOMAIN = 232
-# Packages of ROS beside those of messages.
-_ROS = ('ament_index_python', 'rclpy', 'rpyutils', 'simulation_interfaces', 'std_srvs')
-_STOPPING = (signal.SIGINT, signal.SIGTERM)
-# What follows the end of the bag, or is tried before the end by force, takes at most so long [s].
-_REST = 5.0
-_STOPPING_NUMBERS = {int(number) for number in _STOPPING}
+_MAX_DOMAIN_ID = 232
+# ROS packages other than message packages.
+_ROS_PACKAGES = ('ament_index_python', 'rclpy', 'rpyutils', 'simulation_interfaces', 'std_srvs')
+_STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Time for the work after the bag is closed, and for the attempt to save before a forced end [s].
+_FINAL_WORK_S = 5.0
+_STOP_SIGNAL_NUMBERS = {int(number) for number in _STOP_SIGNALS}
 
 
 class StopSignals:
     """
-    SIGINT and SIGTERM end the node in order, once.
+    Handlers of SIGINT and SIGTERM for one orderly end of the node.
 
-    rclpy's own handlers end the context under a node that still has things to say, and a second
-    Ctrl-C (a launch sends one after the user's) would end the process with its bag still open.
+    rclpy's handlers shut down the context while the node still has to publish. A second Ctrl-C (a
+    launch sends one after the user's) would end the process before its bag is closed.
     """
 
     def __init__(self, *, ends_process: bool = False) -> None:
         """
-        Take the signals over, ignored ones too: a shell has its background jobs ignore SIGINT.
+        Install the handlers, also for ignored signals: a shell lets background jobs ignore SIGINT.
 
         `ends_process`: the process ends with the node, also by force.
         """
         self.received = False
         self._ends_at_once, self._ends_process = True, ends_process
-        self._limit: _EndLimit | None = None
-        for number in _STOPPING:
+        self._limit: _ShutdownWatchdog | None = None
+        for number in _STOP_SIGNALS:
             signal.signal(number, self._receive)
 
-    def only_note(self, limit: float = 20.0) -> None:
+    def record_only(self, limit: float = 20.0) -> None:
         """
-        From now on a signal is only noted in `received`: there is something to end in order.
+        Only record signals in `received` from now on, because an orderly end is needed.
 
-        That may take so long [s], see `_EndLimit`.
+        That end may take `limit` [s], see `_ShutdownWatchdog`.
         """
         self._ends_at_once = False
-        self._limit = _EndLimit(limit)
+        self._limit = _ShutdownWatchdog(limit)
 
     @contextmanager
-    def taking_its_time(self) -> Iterator[None]:
-        """What is ended here takes as long as it takes (a bag is closed); the rest is short."""
+    def without_limit(self) -> Iterator[None]:
+        """Lift the time limit while a bag is being closed; then limit the rest of the end."""
         if self._limit is None:
             yield
             return
@@ -84,46 +84,46 @@ class StopSignals:
         try:
             yield
         finally:
-            self._limit.begin(_REST)
+            self._limit.begin(_FINAL_WORK_S)
             self._limit.is_lifted = False
 
     def save_before_force(self, save: Callable[[], None]) -> None:
-        """Have `save` tried, in another thread, before the process is ended by force."""
+        """Call `save` in another thread before the process is ended by force."""
         if self._limit is not None:
             self._limit.save = save
 
     def ignore(self, status: int | None = None) -> None:
         """
-        From now on a signal does nothing: the process ends anyway, with its own exit status.
+        Ignore signals from now on: the process ends with its own exit status.
 
-        With a `status`, all that is left is up to the middleware; where that takes too long, the
-        process ends with it.
+        With a `status`, only the middleware is left to end. If that takes too long, the process is
+        ended with this status.
         """
-        for number in _STOPPING:
+        for number in _STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         if status is None:
             return
         if self._limit is None and self._ends_process:
-            # It failed before there was anything to end in order.
-            self._limit = _EndLimit(_REST)
+            # It failed before there was anything to close.
+            self._limit = _ShutdownWatchdog(_FINAL_WORK_S)
         if self._limit is not None:
             self._limit.status = status
-            self._limit.begin(_REST)
+            self._limit.begin(_FINAL_WORK_S)
 
     def _receive(self, number: int, frame: FrameType | None) -> None:
         self.received = True
         if self._ends_at_once:
-            # An exception would not do: in the middle of an import or a compilation it ends up as
-            # an error of any kind, or is ignored in a finaliser.
+            # An exception is no alternative: during an import or a compilation it becomes an
+            # unrelated error, or is ignored in a finaliser.
             os._exit(INTERRUPTED)
 
 
-class _EndLimit:
+class _ShutdownWatchdog:
     """
-    Ends the process by force where its end takes too long, and says where its threads stand.
+    Watchdog that ends the process by force after a time limit and prints its thread stacks.
 
-    A call of the middleware can stand still, e.g. over what a subscriber that was killed has held.
-    A thread of its own hears of a signal where the main thread cannot.
+    A call of the middleware can block, e.g. because of data that a killed subscriber had locked. A
+    separate thread receives a signal even if the main thread is blocked.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -136,39 +136,40 @@ class _EndLimit:
         threading.Thread(target=self._watch, name='end', daemon=True).start()
 
     def begin(self, seconds: float) -> None:
-        """The end may take so long [s] from now on."""
+        """Limit the end to `seconds` [s] from now on."""
         self._deadline = time.monotonic() + min(seconds, self._seconds)
 
     def _watch(self) -> None:
         heard = False
         while self.is_lifted or time.monotonic() < self._deadline:
             if select.select([self._awake], [], [], 0.5)[0]:
-                stopping = not _STOPPING_NUMBERS.isdisjoint(os.read(self._awake, 64))
+                stopping = not _STOP_SIGNAL_NUMBERS.isdisjoint(os.read(self._awake, 64))
                 if stopping and not heard:
                     heard = True
-                    # What is over meanwhile has set a limit of its own.
+                    # A phase that has ended meanwhile has set its own limit.
                     if self._deadline == float('inf'):
                         self.begin(self._seconds)
-        print('the end took too long: ended by force; its threads stood at',
+        print('shutdown took too long: process ended by force; stacks of its threads:',
               file=sys.stderr, flush=True)
         faulthandler.dump_traceback()
-        # Whatever holds the others may hold this up too.
+        # Saving may block for the same reason as the other threads.
         saving = threading.Thread(target=self.save, name='save', daemon=True)
         saving.start()
-        saving.join(_REST)
+        saving.join(_FINAL_WORK_S)
         os._exit(self.status)
 
 
 def end_process(status: int) -> NoReturn:
     """
-    End a process whose work is done and whose files are closed, without the destructors of C++.
+    End a process whose files are closed, without running C++ destructors.
 
-    Threads of the middleware and of the compiler's libraries outlive what these take away: while
-    kernels are compiled an end can be a segmentation fault, with all work done.
+    Threads of the middleware and of the compiler's libraries outlive the objects that destructors
+    delete. While kernels are compiled, such an end can be a segmentation fault after all work is
+    done.
     """
     rclpy = sys.modules.get('rclpy')
     if rclpy is not None:
-        # Others in the graph hear of the end, and shared memory is given back.
+        # Announces the end to the graph, and releases shared memory.
         gc.collect()
         rclpy.utilities.get_default_context().destroy()
     for stream in (sys.stdout, sys.stderr):
@@ -178,22 +179,22 @@ def end_process(status: int) -> NoReturn:
 
 
 @contextmanager
-def importing() -> Iterator[None]:
+def import_without_gc() -> Iterator[None]:
     """
-    Import without garbage collection: all of it stays, and that took a tenth of the start.
+    Import without garbage collection, which took a tenth of the start.
 
-    It is left out of later collections too, which would hold up a running node. Where a package of
-    ROS is missing, that is said in one line, and the process ends with status 2.
+    Imported objects are also excluded from later collections, which would delay a running node. If
+    a ROS package is missing, one line says so and the process ends with status 2.
     """
     gc.disable()
     try:
         yield
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
-        if missing in _ROS or missing.endswith('_msgs'):
+        if missing in _ROS_PACKAGES or missing.endswith('_msgs'):
             said = (
-                f'nodes need ROS 2, and its package {missing} is not installed: source a ROS 2 '
-                f'Jazzy installation, or have its wheels: {install_command("rclpy")}')
+                f'nodes need ROS 2, but the package {missing} is not installed: source a ROS 2 '
+                f'Jazzy installation, or install its wheels: {install_command("rclpy")}')
         elif missing != 'icofabric_sim':
             said = f'{missing} is not installed: {install_command(missing)}'
         else:
@@ -206,16 +207,18 @@ def importing() -> Iterator[None]:
 
 
 def check_domain() -> None:
-    """Refuse a ROS_DOMAIN_ID whose ports do not exist; else the middleware fails at length."""
+    """Reject a ROS_DOMAIN_ID without valid ports, on which the middleware fails unclearly."""
     text = os.environ.get('ROS_DOMAIN_ID', '')
-    if text.strip().isdecimal() and int(text) > _LARGEST_DOMAIN:
+    if text.strip().isdecimal() and int(text) > _MAX_DOMAIN_ID:
         raise ValueError(
-            f'ROS_DOMAIN_ID is {text[:20]}, and a domain is a number from 0 to {_LARGEST_DOMAIN}; '
-            'set another one')
+            f'ROS_DOMAIN_ID is {text[:20]}, but must be a number from 0 to {_MAX_DOMAIN_ID}; '
+            'set it to one of these')
 
 
-def arguments_of_its_own(arguments: list[str]) -> list[str]:
-    """Arguments outside of `--ros-args ... --`, without renamings in the old form."""
+def non_ros_arguments(arguments: list[str]) -> list[str]:
+    """
+    Return the arguments outside of `--ros-args ... --`, without remapping rules in the old form.
+    """
     own, for_ros = [], False
     for argument in arguments:
         if argument == '--ros-args':

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""/diagnostics of a node that is still being built, e.g. while its kernels are compiled."""
+"""Diagnostics of a node that is still being built, e.g. while its kernels are compiled."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ _INTERVAL_S = 1.0
 
 @contextmanager
 def reporting_start(node: Node) -> Iterator[None]:
-    """Report for `node` once a second, by another thread, until the block ends."""
+    """Report for `node` once a second from another thread until the block ends."""
     publisher = node.create_publisher(
         message_class(DIAGNOSTICS.type), DIAGNOSTICS.name, quality(DIAGNOSTICS))
     report, over = HealthReport(node.get_fully_qualified_name()), threading.Event()

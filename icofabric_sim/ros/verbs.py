@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Services of the fabric in std_srvs: pause, reset, step, advance, loads, record, checkpoints."""
+"""std_srvs services of a fabric: pause, reset, step, advance, loads, record, checkpoints."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -29,18 +29,20 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-# Makes a sentence of the result of what was asked for.
-Words = Callable[[Any], str]
+# Function that formats the result of an operation as a sentence.
+Formatter = Callable[[Any], str]
 
 
-class Verbs:
-    """Answers once it is done, with `success: true`, or with the reason why it is not."""
+class StdServices:
+    """
+    Services that answer after completion, with `success: true` or the reason for the failure.
+    """
 
     def __init__(self, node: Node, runner: Runner, answers: Answers) -> None:
-        """Offer the services of `node`; `runner` does what they ask for."""
+        """Offer the services of `node`, executed by `runner`."""
         self._runner, self._answers = runner, answers
         self._being_saved: set[Path] = set()
-        # One that waits for its answer must not keep others of the node waiting.
+        # A request that waits for its answer must not block others.
         group = ReentrantCallbackGroup()
         for kind, name, callback in (
             (SetBool, '~/pause', self._pause),
@@ -60,13 +62,13 @@ class Verbs:
     ) -> SetBool.Response:
         word = 'paused' if request.data else 'running'
         return await self._answer(
-            response, lambda: self._runner.set_paused(request.data), _at(word), at_once=True)
+            response, lambda: self._runner.set_paused(request.data), _timed(word), at_once=True)
 
     async def _reset(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         return await self._answer(
-            response, self._runner.reset, _at('back at the initial state'), at_once=True)
+            response, self._runner.reset, _timed('reset to the initial state'), at_once=True)
 
     async def _step(
         self, request: Trigger.Request, response: Trigger.Response
@@ -74,18 +76,18 @@ class Verbs:
         steps = StepRequest()
         return await self._answer(
             response, lambda: self._runner.take_steps(steps),
-            lambda time: _at(f'{counted(steps.count, "solver step")} taken')(time))
+            lambda time: _timed(f'{counted(steps.count, "solver step")} taken')(time))
 
     async def _advance(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        return await self._answer(response, self._runner.advance, _at('advanced'))
+        return await self._answer(response, self._runner.advance, _timed('advanced'))
 
     async def _clear_loads(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         return await self._answer(
-            response, self._runner.clear_loads, _at('no wrench acts'), at_once=True)
+            response, self._runner.clear_loads, _timed('all wrenches cleared'), at_once=True)
 
     async def _solve_equilibrium(
         self, request: Trigger.Request, response: Trigger.Response
@@ -114,7 +116,7 @@ class Verbs:
             future.add_done_callback(lambda _: self._being_saved.difference_update(chosen))
             return future
 
-        return await self._answer(response, begin, lambda path: f'saved as {path}')
+        return await self._answer(response, begin, lambda path: f'saved to {path}')
 
     async def _restore(
         self, request: Trigger.Request, response: Trigger.Response
@@ -127,13 +129,13 @@ class Verbs:
 
         return await self._answer(
             response, lambda: self._runner.restore_checkpoint(choose),
-            lambda time: f'goes on from {chosen[0]}, t = {seconds(time):.9f} s')
+            lambda time: f'restored from {chosen[0]}, t = {seconds(time):.9f} s')
 
     async def _answer(
         self,
         response: Any,
         begin: 'Callable[[], Future[Any]]',
-        words: Words,
+        words: Formatter,
         *,
         at_once: bool = False,
     ) -> Any:
@@ -147,5 +149,5 @@ class Verbs:
         return response
 
 
-def _at(word: str) -> Words:
+def _timed(word: str) -> Formatter:
     return lambda time: f'{word}, t = {seconds(time):.9f} s'

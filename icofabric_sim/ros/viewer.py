@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The viewer beside a fabric: topics come in as bytes, services and `~/pull` go out."""
+"""The viewer node: it receives topics as bytes, and calls services and publishes `~/pull`."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -41,26 +41,27 @@ from std_srvs.srv import SetBool, Trigger
 VIEWER = 'icofabric_viewer'  # name of the node
 DEFAULTS: dict[str, Any] = {
     'fabric': '/icofabric', 'host': '127.0.0.1', 'port': 8080, 'rate': 60.0, 'read_only': False}
-_FLAGS = ('pause', 'record')
-_TRIGGERS = ('step', 'advance', 'reset', 'clear_loads', 'continue')
-# For so long a fabric or a replay is looked for, to know which of the two it is [s].
-_SEARCH = 3.0
-_CHECK = 1.0
-# A change of parameters is answered within seconds; the node may have gone meanwhile [s].
-_PATIENCE = 30.0
-# What the service of parameters answers where it is not there.
-_ABSENT = '{0} is not there: is the fabric {1} running in this ROS domain?'
+_FLAG_SERVICES = ('pause', 'record')
+_TRIGGER_SERVICES = ('step', 'advance', 'reset', 'clear_loads', 'continue')
+# Time to search for a fabric or a replay, to find out which of the two it is [s].
+_SEARCH_S = 3.0
+_CHECK_INTERVAL_S = 1.0
+# A change of parameters is answered within seconds; the node may have ended meanwhile [s].
+_ANSWER_WAIT_S = 30.0
+# Answer if the parameter service is missing.
+_MISSING_SERVICE = '{0} is not available: is the fabric {1} running in this ROS domain?'
 
 
-class GraphHands:
-    """Does it to a node, by its services; the callbacks of a page call it from any thread."""
+class NodeActions:
+    """Control of a fabric node by its services; a page calls the methods from any thread."""
 
     def __init__(self, node: Node, fabric: str) -> None:
-        """Make the clients of `node` for the node named `fabric`."""
+        """Create the clients of `node` for the node named `fabric`."""
         self.is_replay, self._fabric = False, fabric
         self._clients = {
-            name: node.create_client(SetBool if name in _FLAGS else Trigger, f'{fabric}/{name}')
-            for name in (*_FLAGS, *_TRIGGERS)}
+            name: node.create_client(
+                SetBool if name in _FLAG_SERVICES else Trigger, f'{fabric}/{name}')
+            for name in (*_FLAG_SERVICES, *_TRIGGER_SERVICES)}
         self._parameters = node.create_client(
             SetParametersAtomically, f'{fabric}/set_parameters_atomically')
         self._pulls = node.create_publisher(
@@ -68,9 +69,9 @@ class GraphHands:
 
     def finds_replay(self) -> bool | None:
         """
-        Return whether a replay answers; None where nothing does.
+        Return whether a replay answers, or None if no node answers.
 
-        Names of services say nothing: they are on the graph as soon as a client asks for them.
+        Service names are no evidence: they are in the graph as soon as a client exists.
         """
         if self._clients['advance'].service_is_ready():
             return False
@@ -84,12 +85,12 @@ class GraphHands:
 
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
         """Call the service of that name."""
-        request = SetBool.Request(data=bool(on)) if name in _FLAGS else Trigger.Request()
+        request = SetBool.Request(data=bool(on)) if name in _FLAG_SERVICES else Trigger.Request()
         return self._call(self._clients[name], f'~/{name}', request, lambda answer: (
             answer.success, answer.message))
 
     def change(self, name: str, value: Any) -> 'Future[str]':
-        """Set a parameter, by the service that judges all of a request as one change."""
+        """Set a parameter, through the service that validates a request as one change."""
         request = SetParametersAtomically.Request(parameters=[
             Parameter(each, value=given).to_parameter_msg()
             for each, given in with_kind(name, value).items()])
@@ -100,17 +101,17 @@ class GraphHands:
         self, client: Any, what: str, request: Any, read: Callable[[Any], tuple[bool, str]]
     ) -> 'Future[str]':
         if not client.service_is_ready():
-            raise ValueError(_ABSENT.format(what, self._fabric))
+            raise ValueError(_MISSING_SERVICE.format(what, self._fabric))
         answer: Future[str] = Future()
 
         def done(found: Any) -> None:
             if found.cancelled():
                 answer.set_exception(TimeoutError(
-                    f'{what} of {self._fabric} has not answered for {_PATIENCE:g} s'))
+                    f'{what} of {self._fabric} has not answered for {_ANSWER_WAIT_S:g} s'))
                 return
             try:
                 good, words = read(found.result())
-            except Exception as error:  # noqa: BLE001 - the page shows it
+            except Exception as error:  # the page shows the error
                 answer.set_exception(error)
                 return
             if good:
@@ -120,9 +121,9 @@ class GraphHands:
 
         pending = client.call_async(request)
         pending.add_done_callback(done)
-        # `~/advance` may take as long as it likes.
+        # `~/advance` may take any time.
         if client is self._parameters:
-            timer = threading.Timer(_PATIENCE, pending.cancel)
+            timer = threading.Timer(_ANSWER_WAIT_S, pending.cancel)
             timer.daemon = True
             pending.add_done_callback(lambda found: timer.cancel())
             timer.start()
@@ -130,10 +131,10 @@ class GraphHands:
 
 
 class ViewerNode(Node):
-    """Listens to one fabric, or to its replay, and serves a page."""
+    """Node that receives from one fabric, or its replay, and serves a page."""
 
     def __init__(self) -> None:
-        """Read the parameters; ValueError names one that makes no sense."""
+        """Read the parameters; raise ValueError with the name of an invalid one."""
         require_viser()
         super().__init__(VIEWER)
         options = {}
@@ -158,24 +159,24 @@ class ViewerNode(Node):
         self._sink = SightSink(self.sight)
         self._heard: dict[str, tuple[str, Subscription]] = {}
         self._listen_to_all()
-        self.hands = GraphHands(self, self.fabric)
+        self.actions = NodeActions(self, self.fabric)
         self.page: Page | None = None
 
     def serve(self) -> None:
-        """Open the page, or anew where a replay has become a simulation or the reverse."""
+        """Open the page; reopen it when a replay has become a simulation or the reverse."""
         self._listen_to_all()
         is_replay = self.is_replay()
-        if self.page is not None and is_replay in (None, self.hands.is_replay):
+        if self.page is not None and is_replay in (None, self.actions.is_replay):
             return
         port, token = self._options['port'], ''
         if self.page is not None:
             port, token = self.page.port, self.page.token
             self.page.close()
-        self.hands.is_replay = bool(is_replay)
+        self.actions.is_replay = bool(is_replay)
         self.page = Page(
-            self.sight, None if self._options['read_only'] else self.hands,
+            self.sight, None if self._options['read_only'] else self.actions,
             host=self._options['host'], port=port, rate=self._options['rate'], token=token)
-        what = f'a replay of {self.fabric}' if self.hands.is_replay else self.fabric
+        what = f'a replay of {self.fabric}' if self.actions.is_replay else self.fabric
         self.get_logger().info(f'{what} is shown at {self.page.address}')
 
     def close(self) -> None:
@@ -184,11 +185,11 @@ class ViewerNode(Node):
             self.page.close()
 
     def is_replay(self) -> bool | None:
-        """Whether the node that is looked at replays; None: it is not there."""
-        return self.hands.finds_replay()
+        """Return whether the node is a replay, or None if it is not found."""
+        return self.actions.finds_replay()
 
     def _listen_to_all(self) -> None:
-        """Listen to what a run has for pages, where there is one, else to all that it sends."""
+        """Subscribe to the viewer topics of a run if they exist, otherwise to all its topics."""
         for topic in TOPICS:
             view = VIEWS.get(topic, topic).name.replace('~', self.fabric, 1)
             name = topic.name.replace('~', self.fabric, 1)
@@ -208,8 +209,8 @@ class ViewerNode(Node):
             message_class(topic.type), name, receive, quality(topic), raw=True)
 
 
-class _Waiting:
-    """Whether a signal has come, or a time [s] has passed."""
+class _StopOrTimeout:
+    """Predicate that is true after a signal or after `duration` [s]."""
 
     def __init__(self, signals: StopSignals, duration: float) -> None:
         self._signals, self._until = signals, time.monotonic() + duration
@@ -219,13 +220,13 @@ class _Waiting:
 
 
 def run_viewer(node: ViewerNode, signals: StopSignals) -> int:
-    """Serve until stopped; returns the exit status."""
-    server, searching = Server(node), _Waiting(signals, _SEARCH)
+    """Serve until stopped; return the exit status."""
+    server, searching = Server(node), _StopOrTimeout(signals, _SEARCH_S)
     server.serve(lambda: node.is_replay() is not None or searching())
     try:
         while not signals.received:
             node.serve()
-            server.serve(_Waiting(signals, _CHECK))
+            server.serve(_StopOrTimeout(signals, _CHECK_INTERVAL_S))
     finally:
         node.close()
     return 0

@@ -12,32 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The executable of the viewer: `ros2 run icofabric_sim viewer_node` beside a fabric or a replay.
+Executable of the viewer: `ros2 run icofabric_sim viewer_node` beside a fabric or a replay.
 
-Everything that takes time to import is imported once signals are heard.
+Slow imports follow after the signal handlers are installed.
 """
 
 import sys
 
 from icofabric_sim.ros.start import (
-    arguments_of_its_own,
     check_domain,
     end_process,
-    importing,
+    import_without_gc,
+    non_ros_arguments,
     StopSignals,
 )
 from icofabric_sim.version import __version__
 
 _USAGE = """usage: viewer_node [--ros-args -p fabric:=/icofabric -p port:=8080 ...]
-docs/viewer.md says what it can do and who may open its page"""
+docs/viewer.md describes the page and who may open it"""
 
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Entry point of `viewer_node`; without `argv` it ends the process.
+    Run `viewer_node`; end the process if `argv` is not given.
 
-    Exit status: 0 done, also by SIGINT or SIGTERM; 2 bad input, or the extra is not installed;
-    130 interrupted before the page was there.
+    Exit status:
+        0 done, also by SIGINT or SIGTERM
+        2 bad input, or the extra is not installed
+        130 interrupted before the page was open
     """
     if argv is None:
         end_process(main(sys.argv))
@@ -45,16 +47,16 @@ def main(argv: list[str] | None = None) -> int:
     if set(argv[1:]) & {'-h', '--help', '--version'}:
         print(f'viewer_node of icofabric_sim {__version__}: a fabric in a browser\n{_USAGE}')
         return 0
-    with importing():
+    with import_without_gc():
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
-        own = arguments_of_its_own(argv[1:])
+        own = non_ros_arguments(argv[1:])
         if own:
             raise ValueError(f'{" ".join(own)!r} is not an argument of viewer_node\n{_USAGE}')
         check_domain()
-        with importing():
+        with import_without_gc():
             from icofabric_sim.parameters.file import check_ros_arguments
             from icofabric_sim.ros.process import start_ros
             from icofabric_sim.ros.viewer import run_viewer, VIEWER, ViewerNode
@@ -62,7 +64,7 @@ def main(argv: list[str] | None = None) -> int:
         check_ros_arguments(argv[1:], node_name=VIEWER, notices=notices)
         start_ros(argv, notices)
         node = ViewerNode()
-        signals.only_note()
+        signals.record_only()
         return run_viewer(node, signals)
     except (ValueError, rclpy_implementation.RCLError) as error:
         from icofabric_sim.ros.process import plain_reason

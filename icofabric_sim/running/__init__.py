@@ -11,4 +11,4 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A simulation beside a clock: inputs, outputs, changes, recording."""
+"""Simulation in time: inputs, outputs, changes, recording."""

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Outputs of a run: what is due, what is wanted, built once and sent to every sink."""
+"""Outputs of a run: messages that are due and requested, built once and sent to every sink."""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
@@ -41,9 +41,9 @@ MOVING = (
     topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
     topics.BODY_SPIN, topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF,
     topics.BROKEN)
-# What is measured by kernels that steps may lack.
+# Measured by kernels that a running simulation may lack.
 _MEASURED = topics.REACTIONS, topics.CONTACTS
-# Breaks stay with their listeners.
+# Breakage messages are latched.
 _REPEATED = tuple(topic for topic in MOVING if topic is not topics.BROKEN)
 _RATES = {
     topics.CLOCK: 'clock_rate',
@@ -63,75 +63,77 @@ _RATES = {
 
 
 def schedules(parameters: Parameters) -> dict[Topic, Schedule]:
-    """When the outputs of a run are due; breaks only where there are new ones."""
+    """Return the schedules of the outputs of a run; breakages are sent only when they happen."""
     return {
         topic: Schedule(parameters[name]) for topic, name in _RATES.items()
         if topic is not topics.CLOCK or parameters['publish_clock']}
 
 
 class Sink(Protocol):
-    """Where messages go: live publishers, or a bag."""
+    """Receiver of messages: live publishers, or a bag."""
 
     def wants(self, topic: Topic) -> bool:
-        """Whether anything would come of a message on `topic` now."""
+        """Return whether a message on `topic` would be used now."""
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Take a message of simulated time `nanoseconds`."""
+        """Accept a message of simulated time `nanoseconds`."""
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """Take an input at the time it acts."""
+        """Accept an input at the time it acts."""
 
     @property
     def is_bag(self) -> bool:
-        """Whether messages are kept; repeated ones for late joiners are then left out."""
+        """
+        Return whether the sink stores messages; repeats for late subscribers are then omitted.
+        """
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
         """
-        Called when the simulated time has jumped: to 0, or to a checkpoint; a bag ends here.
+        Handle a jump of simulated time to 0, or to a checkpoint; a bag ends here.
 
-        `simulation` goes on from there with the `parameters` in force, `ended` is how the run
-        stood before the jump.
+        `simulation` continues from there with the `parameters` in force; `ended` is the status
+        before the jump.
         """
 
 
 @runtime_checkable
 class Recorder(Sink, Protocol):
-    """A sink that keeps messages, and can be begun and ended."""
+    """Sink that stores messages and can be started and stopped."""
 
     def switch(
         self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
     ) -> str:
         """
-        Begin to record, or end it; returns the path of the record, or a sentence.
+        Start or stop recording; return the path of the bag, or a sentence.
 
-        `parameters` are those in force, `status` is how the run stands.
+        `parameters` are those in force, `status` is the present status of the run.
         """
 
 
 class Broadcast:
-    """Topics of one run; nothing is built that no sink takes."""
+    """Topics of one run; messages are built only if a sink accepts them."""
 
     def __init__(
         self, sinks: list[Sink], simulation: Simulation, report: Callable[[], bytes] | None = None
     ) -> None:
-        """Send to `sinks`; `report` lays out /diagnostics."""
+        """Send to `sinks`; `report` formats /diagnostics."""
         self.sinks = sinks
         self._report = report
         self._last_report = 0.0
         self._views = Views()
-        # Topics of the present time that each sink is still to get, see `settle`.
+        # Topics of the present time still to be sent to each sink, see `settle`.
         self._owed: dict[int, tuple[Sink, set[Topic]]] = {}
         self.set_scene(simulation)
 
     def set_scene(self, simulation: Simulation, outputs: Outputs | None = None) -> None:
-        """Take the messages of another scene: its `outputs`, where they are laid out already."""
-        # First, for a scene that they cannot be laid out for.
+        """Switch to another scene; use its message layouts `outputs` if they exist already."""
+        # First, because it fails for a scene without valid layouts.
         self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
         self._owed.clear()
-        # While the kernels that measure are made ready, and until they are used.
+        # Pending until the measuring kernels are loaded and used.
         self._cells: LoadCellKernels | None = None
         self._can_break = simulation.scene.can_break
         self._has_frames = simulation.scene.framed_bodies is not None
@@ -139,7 +141,7 @@ class Broadcast:
         self.set_rates(simulation.scene.parameters)
 
     def set_rates(self, parameters: Parameters) -> None:
-        """Take other rates."""
+        """Set new rates."""
         self._parameters = parameters
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
@@ -147,7 +149,7 @@ class Broadcast:
             and (topic is not topics.TF or self._has_frames)}
 
     def next_times(self, now: int) -> list[int]:
-        """Times [ns] after `now` at which something wanted is due."""
+        """Return the times [ns] after `now` at which requested outputs are due."""
         return [
             schedule.after(now)
             for topic, schedule in self._schedules.items()
@@ -159,10 +161,10 @@ class Broadcast:
         only: Sequence[Sink] | None = None,
     ) -> None:
         """
-        Send the scene and its present state to all sinks, or `only` some.
+        Send the scene and its present state to all sinks, or only to `only`.
 
-        `cleared` removes the markers of an earlier scene. A record gets a checkpoint first, unless
-        what it holds is the `whole` run: then its scene says how it begins.
+        `cleared` removes the markers of an earlier scene. A bag gets a checkpoint first, unless it
+        contains the `whole` run, whose scene defines the start.
         """
         self.describe_scene(now, only)
         if not whole:
@@ -177,10 +179,9 @@ class Broadcast:
 
     def describe_scene(self, now: int, only: Sequence[Sink] | None = None) -> None:
         """
-        Send what the scene was built from, and then what is in force where that differs.
+        Send the parameters of the scene, and then those in force if they differ.
 
-        A run can only be repeated from the first: even the duration has a part in the choice of
-        the method.
+        Only the former reproduce a run: even the duration affects the choice of the method.
         """
         built = self.simulation.scene.parameters
         self._describe(now, built, only)
@@ -195,7 +196,7 @@ class Broadcast:
         self._describe(now, self._parameters, None)
 
     def event(self, now: int, event: str, **facts: Any) -> None:
-        """Send what was done to the run beside its inputs, with the facts that belong to it."""
+        """Send an event of the run other than an input, with its data."""
         receivers = self._receivers(topics.EVENTS)
         if receivers:
             text = json.dumps(
@@ -206,7 +207,7 @@ class Broadcast:
         self, now: int, only: Sequence[Sink] | None = None, *, taken: 'Checkpoint | None' = None
     ) -> None:
         """
-        Record a checkpoint, or the one that was `taken` now; it is too large to be published.
+        Record a new checkpoint, or the given one `taken` now; it is too large to be published.
         """
         receivers = [
             sink for sink in self._receivers(topics.CHECKPOINT, only) if sink.is_bag]
@@ -216,16 +217,16 @@ class Broadcast:
             self._send(topics.CHECKPOINT, now, [data], receivers)
 
     def recorders(self) -> list[Recorder]:
-        """The sinks that can be begun and ended."""
+        """Return the sinks that can be started and stopped."""
         return [sink for sink in self.sinks if isinstance(sink, Recorder)]
 
     def time_jumped(self, ended: Status) -> None:
-        """Restart the sinks: simulated time has jumped, and the run was `ended` before."""
+        """Restart the sinks after a jump of simulated time; `ended` is the status before."""
         for sink in self.sinks:
             sink.time_jumped_back(self.simulation, self._parameters, ended)
 
     def due(self, now: int) -> None:
-        """Send what is due exactly `now`, and to pages what they have waited for."""
+        """Send outputs that are due exactly `now`, and pending updates to viewer pages."""
         self.owe(now)
         self.settle(now)
         self._show(now, self._views.due(), None)
@@ -234,9 +235,9 @@ class Broadcast:
         self, now: int, chosen: Sequence[Topic] = MOVING, *, only: Sequence[Sink] | None = None
     ) -> None:
         """
-        Send the messages of the present time that a sink takes: all of them, or none yet.
+        Send all messages of the present time that a sink accepts, or none yet.
 
-        It is owed them while kernels that measure are made ready; simulated time waits for them.
+        The messages are deferred while measuring kernels are being prepared; simulated time waits.
         """
         self._owe(chosen, self.sinks if only is None else only)
         self.settle(now)
@@ -244,7 +245,9 @@ class Broadcast:
             self._show(now, topics.VIEWS.items(), only)
 
     def repeat(self, now: int) -> None:
-        """Send the present once more to live sinks; to one that is owed outputs, the clock."""
+        """
+        Repeat the present state to live sinks, or only the clock to sinks with deferred outputs.
+        """
         live = [sink for sink in self.sinks if not sink.is_bag]
         shown = [sink for sink in live if id(sink) not in self._owed]
         wanted = {
@@ -257,7 +260,7 @@ class Broadcast:
         self._show(now, topics.VIEWS.items(), None)
 
     def owe(self, now: int) -> None:
-        """Owe all sinks what is due exactly `now`."""
+        """Register the outputs due exactly `now` for all sinks."""
         self._owe([topic for topic, due in self._schedules.items() if due.is_due(now)], self.sinks)
 
     def _owe(self, chosen: Sequence[Topic], sinks: Sequence[Sink]) -> None:
@@ -271,21 +274,21 @@ class Broadcast:
 
     @property
     def owes(self) -> bool:
-        """Whether outputs of the present time are still to be sent: time must not go on."""
+        """Return whether outputs of the present time are deferred, so that time must wait."""
         return bool(self._owed)
 
     def waits_for(self) -> float:
-        """Wall time [s] for which kernels that measure are being made ready; 0: they are not."""
+        """Return the wall time [s] since measuring kernels are being prepared, otherwise 0."""
         cells = self._cells
         return 0.0 if cells is None or cells.are_ready else cells.seconds
 
     def settle(self, now: int) -> None:
-        """Send what is owed, the clock first, to each sink for which all of it is ready."""
+        """Send deferred outputs, the clock first, to each sink whose outputs are all ready."""
         if not self._owed:
             return
         owed = list(self._owed.values())
         try:
-            # Whatever may fail, or be awaited, comes before the first message.
+            # Operations that may fail or wait come before the first message.
             if any(wanted - {topics.CLOCK} for _, wanted in owed):
                 self.simulation.snapshot()
             measured = self._measure([
@@ -305,7 +308,7 @@ class Broadcast:
     def _show(
         self, now: int, chosen: Iterable[tuple[Topic, Topic]], only: Sequence[Sink] | None
     ) -> None:
-        """Send the present to pages: pairs of a topic, and what it is called there."""
+        """Send the present state to viewer pages: pairs of a topic and its view topic."""
         for topic, view in chosen:
             receivers = self._receivers(view, only)
             if receivers:
@@ -315,9 +318,9 @@ class Broadcast:
 
     def _measure(self, chosen: list[Topic]) -> dict[Topic, list[bytes]] | None:
         """
-        Build what is measured in the present state; None: the kernels for it are not ready.
+        Build the measured outputs of the present state, or return None if kernels are missing.
 
-        For a live run a thread makes them ready. What that leaves out is compiled here.
+        For a live run a thread prepares the kernels; remaining ones are compiled here.
         """
         cells = self._cells
         if not chosen:
@@ -334,20 +337,21 @@ class Broadcast:
         return measured
 
     def _is_news_of_breaks(self) -> bool:
-        """Whether more has broken than was sent; the message stays, so nothing is sent twice."""
+        """Return whether connectors have broken since the last breakage message."""
         told, self._breaks_told = self._breaks_told, self.simulation.status.broken_count
         return told != self._breaks_told
 
     @property
     def reports_to_any(self) -> bool:
-        """Whether a sink takes /diagnostics."""
+        """Return whether a sink accepts /diagnostics."""
         return bool(self._receivers(topics.DIAGNOSTICS))
 
     def report(self, now: int, *, at_once: bool = False) -> None:
         """
-        Send /diagnostics once a second of wall time.
+        Send /diagnostics once per second of wall time.
 
-        The report is made without receivers too: its maker keeps the figures for a run that hangs.
+        The report is built even without receivers, because its values are reused if the run
+        blocks.
         """
         if self._report is None or not (
             at_once or wall.monotonic() - self._last_report >= _REPORT_INTERVAL
@@ -360,7 +364,7 @@ class Broadcast:
             self._send(topics.DIAGNOSTICS, now, [report], receivers)
 
     def input(self, topic: str, type_name: str, now: int, data: bytes) -> None:
-        """Pass an input on at the time it acts."""
+        """Forward an input at the time it acts."""
         for sink in self.sinks:
             sink.send_input(topic, type_name, now, data)
 
@@ -394,7 +398,7 @@ class Broadcast:
             return self._outputs.icosahedra(snapshot, now)
         if topic is topics.CONNECTORS:
             return self._outputs.connectors(snapshot, now)
-        raise ValueError(f'nothing builds {topic.name}')
+        raise ValueError(f'no builder for {topic.name}')
 
     def _describe(
         self, now: int, parameters: Parameters, only: Sequence[Sink] | None
@@ -414,9 +418,9 @@ class Broadcast:
         for data in messages:
             for sink in receivers:
                 sink.send(topic, now, data)
-            del data  # the next one may be as large
+            del data  # the next message may be equally large
 
 
 def _plain(value: Any) -> Any:
-    """Numbers that JSON lacks, as those it has."""
+    """Replace numbers that JSON lacks."""
     return np.asarray(value).tolist()

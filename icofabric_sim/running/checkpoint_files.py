@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Where a running fabric keeps its checkpoints: `checkpoint.path`, or beside its bag.
+Location of a run's checkpoints: `checkpoint.path`, or beside the bag.
 
-The path is a folder, in which checkpoints are numbered and none is overwritten, or a file whose
-name ends with .checkpoint, which always holds the last one.
+The path is a folder with numbered checkpoints, of which none is overwritten, or a file with the
+suffix .checkpoint, which always holds the last one.
 """
 
 from collections.abc import Collection
@@ -30,9 +30,9 @@ _NUMBERED = re.compile(r'([0-9]{1,9})\.checkpoint')
 
 def path_to_save(parameters: Parameters, being_saved: Collection[Path] = ()) -> Path:
     """
-    Return the file that the next checkpoint goes to; its folder is made.
+    Return the file for the next checkpoint, and create its folder.
 
-    None of those `being_saved`, which may not be there yet.
+    Files in `being_saved`, which may not exist yet, are avoided.
     """
     place = _place(parameters)
     folder = place.parent if place.suffix == SUFFIX else place
@@ -40,7 +40,7 @@ def path_to_save(parameters: Parameters, being_saved: Collection[Path] = ()) -> 
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(
-            f'checkpoint.path: the folder {folder} cannot be made ({error.strerror}); choose '
+            f'checkpoint.path: the folder {folder} cannot be created ({error.strerror}); choose '
             'another one') from error
     if place.suffix == SUFFIX:
         return place
@@ -51,15 +51,15 @@ def path_to_save(parameters: Parameters, being_saved: Collection[Path] = ()) -> 
 
 
 def path_to_restore(parameters: Parameters) -> Path:
-    """Return the file of the last checkpoint; ValueError where there is none."""
+    """Return the file of the last checkpoint; raise ValueError if there is none."""
     place = _place(parameters)
     if place.suffix == SUFFIX:
         if not place.is_file():
-            raise ValueError(f'there is no checkpoint {place}: ~/save_checkpoint makes it')
+            raise ValueError(f'no checkpoint {place}: call ~/save_checkpoint first')
         return place
     numbers = _numbers(place)
     if not numbers:
-        raise ValueError(f'there is no checkpoint in {place}: ~/save_checkpoint makes one')
+        raise ValueError(f'no checkpoint in {place}: call ~/save_checkpoint first')
     return place / f'{max(numbers)}{SUFFIX}'
 
 
@@ -72,7 +72,7 @@ def _place(parameters: Parameters) -> Path:
         return bag.with_name(f'{bag.name}_checkpoints')
     raise ValueError(
         'checkpoint.path is empty: set it to a folder, or to a file '
-        f'whose name ends with {SUFFIX}; without it they lie beside the bag of record.path')
+        f'whose name ends with {SUFFIX}; by default checkpoints are beside the bag of record.path')
 
 
 def _numbers(folder: Path) -> list[int]:

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Commands from any thread, done between two steps in the order in which they came."""
+"""Commands from any thread, executed in order between two steps."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -33,16 +33,16 @@ class _Command(NamedTuple):
 
 
 class CommandQueue:
-    """Commands that wait for the thread of the run; `post` and `wake` are for any thread."""
+    """Commands for the run's thread; `post` and `wake` are thread-safe."""
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Create an empty queue."""
         self._commands: SimpleQueue[_Command] = SimpleQueue()
         self._wake = threading.Event()
-        self.lag = 0.0  # longest time [s] that a command has waited, until it is set back
+        self.lag = 0.0  # longest waiting time of a command [s] since it was last reset
 
     def post(self, act: Callable[[], Any]) -> 'Future[Any]':
-        """Have a command done between two steps; its result comes with the future."""
+        """Execute a command between two steps; return the future of its result."""
         answer: Future[Any] = Future()
         self._commands.put(_Command(act, answer, wall.monotonic()))
         self._wake.set()
@@ -53,21 +53,21 @@ class CommandQueue:
         self._wake.set()
 
     def begin_turn(self) -> None:
-        """Forget what has woken the run; whatever comes from now on wakes it again."""
+        """Clear the wake-up flag; later commands wake the run again."""
         self._wake.clear()
 
     def wait(self, longest: float) -> None:
-        """Wait until something comes, or for so long [s]."""
+        """Wait for a command for at most `longest` [s]."""
         self._wake.wait(longest)
 
     def do_all(
         self, on_failure: Callable[[SimulationError], None], on_interrupt: Callable[[], None]
     ) -> None:
         """
-        Do the commands that are there now; later ones wait, so that no sender can stop time.
+        Execute the commands that are queued now; later ones wait, so that time continues.
 
-        `on_failure` is called where the simulation fails in one, `on_interrupt` where it is broken
-        off.
+        `on_failure` is called if the simulation fails in a command, `on_interrupt` if a command is
+        interrupted.
         """
         for _ in range(self._commands.qsize()):
             command = self._commands.get_nowait()
@@ -80,8 +80,8 @@ class CommandQueue:
             except Interrupted as stop:
                 on_interrupt()
                 command.answer.set_exception(RuntimeError(
-                    'simulated time waits for kernels: ask again'
+                    'simulated time is waiting for kernels: try again'
                     if isinstance(stop, KernelsAwaited) else 'the run has ended'))
-            except Exception as error:  # noqa: BLE001 - the caller gets it, the run goes on
+            except Exception as error:  # passed to the caller; the run continues
                 _LOGGER.error('%s', error)
                 command.answer.set_exception(error)

@@ -11,47 +11,47 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Complaints about what others send: each kind is heard at once, and a flood of it rarely."""
+"""Rate-limited warnings about invalid inputs: each kind is logged at once, repeats rarely."""
 
 from collections.abc import Callable
 import time
 
-# Wall time between two lines of one kind [s]: at first, and at most.
+# Wall time between two lines of one kind [s]: initial and largest value.
 FIRST_INTERVAL, LONGEST_INTERVAL = 1.0, 60.0
-LONGEST_LINE = 1000  # characters
-# A line that stands for more than this many makes the next one wait twice as long.
-_FEW = 10
-# Kinds that are counted separately: a limit, so that invented ones cannot fill the memory.
-_MOST_KINDS = 1000
+MAX_LINE_LENGTH = 1000  # characters
+# A line that summarises more than this number doubles the next interval.
+_DOUBLING_COUNT = 10
+# Number of kinds counted separately, limited so that invented kinds cannot fill the memory.
+_MAX_KINDS = 1000
 
 
 def shortened(text: str) -> str:
-    """A line for a log or an answer, which quotes a received text, without its middle if long."""
-    if len(text) <= LONGEST_LINE:
+    """Return a line for a log or an answer; the middle of a long quoted text is omitted."""
+    if len(text) <= MAX_LINE_LENGTH:
         return text
-    half = LONGEST_LINE // 2
+    half = MAX_LINE_LENGTH // 2
     return f'{text[:half]} [...{len(text) - 2 * half} characters...] {text[-half:]}'
 
 
 class _Kind:
-    """What was said of one kind, and what was not."""
+    """Counts of logged and suppressed warnings of one kind."""
 
     def __init__(self, now: float) -> None:
         self.next_time, self.interval, self.unsaid = now, FIRST_INTERVAL, 0
 
 
 class Complaints:
-    """Lines for a log; not for use by several threads at once."""
+    """Rate-limited log lines; not thread-safe."""
 
     def __init__(self, say: Callable[[str], object]) -> None:
-        """`say` writes a line."""
+        """Write lines with `say`."""
         self._say = say
         self._kinds: dict[str, _Kind] = {}
 
     def add(self, kind: str, text: str) -> None:
-        """Complain with `text`, unless its `kind` was heard of lately; then it is counted only."""
+        """Log `text`, or only count it if its `kind` was logged recently."""
         now = time.monotonic()
-        if kind not in self._kinds and len(self._kinds) >= _MOST_KINDS:
+        if kind not in self._kinds and len(self._kinds) >= _MAX_KINDS:
             self._kinds.clear()
         entry = self._kinds.setdefault(kind, _Kind(now))
         if now < entry.next_time:
@@ -59,6 +59,6 @@ class Complaints:
             return
         unsaid, entry.unsaid = entry.unsaid, 0
         entry.interval = min(
-            2.0 * entry.interval, LONGEST_INTERVAL) if unsaid > _FEW else FIRST_INTERVAL
+            2.0 * entry.interval, LONGEST_INTERVAL) if unsaid > _DOUBLING_COUNT else FIRST_INTERVAL
         entry.next_time = now + entry.interval
-        self._say(f'{text} ({unsaid} more like it before)' if unsaid else text)
+        self._say(f'{text} ({unsaid} similar ones before)' if unsaid else text)

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The two rotation formulations side by side: quaternions (10 N) against direction cosines (15 N).
+Comparison of the rotation formulations: quaternions (10 N) and direction cosines (15 N).
 
-Both take the same steps, so that they differ by rounding alone, as much as the fabric lets it
-grow. How much that is comes from a third run, with quaternions too, whose start is disturbed.
+Both take the same steps, so that they differ only by round-off, which the motion amplifies. A
+third run with quaternions and a disturbed start measures the amplification.
 """
 
 from collections.abc import Callable
@@ -28,16 +28,16 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np
 
-# Disturbance of the third run, relative to a and in rad: far above rounding, far below 1.
+# Disturbance of the third run, relative to a and in rad: far above round-off, far below 1.
 DISTURBANCE = 2.0**-36
-# Beyond this difference the growth is no longer linear, and the third run says nothing more.
-LARGEST_DISTURBED = 1e-2
-# Units in the last place by which one evaluation of the forces may round a coordinate: each body
-# adds up the pulls of up to 12 connectors.
+# Above this difference the growth is not linear, and the third run is no longer a measure.
+MAX_DISTURBED = 1e-2
+# Units in the last place by which one force evaluation may round a coordinate: each body sums the
+# forces of up to 12 connectors.
 ROUNDINGS_PER_EVALUATION = 16.0
-# Evaluations of the forces between two comparisons: some of the fastest periods.
-_EVALUATIONS_BETWEEN = 64
-_LARGEST_COUNT = 4000
+# Force evaluations between two comparisons: some of the fastest periods.
+_EVALUATIONS_PER_COMPARISON = 64
+_MAX_COMPARISONS = 4000
 
 
 class Comparison(NamedTuple):
@@ -45,26 +45,26 @@ class Comparison(NamedTuple):
 
     time: float  # [s]
     steps: int
-    position: float  # largest difference of a centre, over a
+    position: float  # largest difference of centres, over a
     angle: float  # largest angle between two orientations [rad]
     growth: float  # of the disturbance since the start
-    bound: float  # what rounding can explain, for both
+    bound: float  # largest difference explained by round-off in both
 
     @property
     def agrees(self) -> bool:
-        """Whether rounding explains the differences."""
+        """Return whether round-off explains the differences."""
         return max(self.position, self.angle) <= self.bound
 
 
 class CrossCheck(NamedTuple):
-    """The comparisons that could be made, and why they ended early ('': they did not)."""
+    """Comparisons, and the reason why they ended early, '' if they did not."""
 
     rows: list[Comparison]
     ended: str
 
     @property
     def agrees(self) -> bool:
-        """Whether there were comparisons, and rounding explains all differences."""
+        """Return whether there were comparisons, all explained by round-off."""
         return bool(self.rows) and all(row.agrees for row in self.rows)
 
 
@@ -72,13 +72,13 @@ def cross_check(
         scene: Scene, duration: float, *,
         progress: Callable[[float], None] = lambda time: None) -> CrossCheck:
     """
-    Integrate `scene` for `duration` [s] in both formulations and compare all along.
+    Integrate `scene` for `duration` [s] in both formulations and compare.
 
     The bound: an evaluation rounds each coordinate by at most ROUNDINGS_PER_EVALUATION units in
-    the last place, eps X / a for positions as large as X, eps for orientations. What was added at
-    any time has grown by now by at most the largest growth that the third run showed so far. The
-    roundings of n evaluations in each of two runs add up as sqrt(2 n), unless they conspire
-    (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
+    the last place, eps X / a for positions as large as X, eps for orientations. Until now, errors
+    added at any time have grown by at most the largest growth of the third run so far. The
+    round-off of n evaluations in each of two runs adds up as sqrt(2 n) if the single errors are
+    independent (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
     """
     quaternions = compile_scene(scene, rotation='quaternion')
     cosines = compile_scene(scene, rotation='direction_cosines')
@@ -88,8 +88,8 @@ def cross_check(
     rounding = ROUNDINGS_PER_EVALUATION * np.finfo(float).eps
     end = round(duration * NANOSECONDS)
     stages = facts_of(quaternions.status.method_name).stages
-    between = max(_EVALUATIONS_BETWEEN // stages, 1) * quaternions.status.step
-    count = min(math.ceil(duration / between), _LARGEST_COUNT)
+    between = max(_EVALUATIONS_PER_COMPARISON // stages, 1) * quaternions.status.step
+    count = min(math.ceil(duration / between), _MAX_COMPARISONS)
     rows: list[Comparison] = []
     growth = size = 0.0
     for number in range(1, count + 1):
@@ -99,14 +99,14 @@ def cross_check(
             progress(time)
         steps = {run.status.step_count for run in (quaternions, cosines, disturbed)}
         if len(steps) > 1:
-            return CrossCheck(rows, f'from about t = {time:.6g} s on rounding decided about the '
-                              'length of the steps, which then differ')
+            return CrossCheck(rows, f'from about t = {time:.6g} s on, round-off affected the '
+                              'step sizes, which then differ')
         position, angle = _differences(quaternions, cosines, half_edge)
         apart = max(_differences(quaternions, disturbed, half_edge))
         growth = max(growth, apart / DISTURBANCE)
-        if not apart <= LARGEST_DISTURBED:
+        if not apart <= MAX_DISTURBED:
             return CrossCheck(rows, f'at t = {time:.6g} s a disturbance of {DISTURBANCE:.1e} has '
-                              f'grown to {apart:.1e}: from there on the motion cannot be foreseen '
+                              f'grown to {apart:.1e}: from there on the motion is unpredictable '
                               'in this precision, and no two computations agree')
         size = max(size, float(np.abs(quaternions.snapshot().position).max()) / half_edge, 1.0)
         evaluations = stages * quaternions.status.step_count
@@ -117,7 +117,7 @@ def cross_check(
 
 
 def _disturb(simulation: Simulation) -> None:
-    """Displace and turn every body at random, each by about DISTURBANCE."""
+    """Displace and rotate every body at random, each by about DISTURBANCE."""
     snapshot = simulation.snapshot()
     generator = np.random.RandomState(2)
     shape = snapshot.position.shape
@@ -126,7 +126,7 @@ def _disturb(simulation: Simulation) -> None:
     half = 0.5 * DISTURBANCE * generator.standard_normal(shape)
     x, y, z, w = snapshot.orientation.T
     u, v, t = half.T
-    # To first order in the disturbance, whose square vanishes beside 1.
+    # First order in the disturbance, whose square is below round-off.
     orientation = snapshot.orientation + np.stack([
         u * w + v * z - t * y, v * w + t * x - u * z, t * w + u * y - v * x,
         -u * x - v * y - t * z], axis=1)
@@ -134,10 +134,10 @@ def _disturb(simulation: Simulation) -> None:
 
 
 def _differences(first: Simulation, second: Simulation, half_edge: float) -> tuple[float, float]:
-    """Largest distance of centres over a, and largest angle between orientations [rad]."""
+    """Return the largest distance of centres over a, and the largest relative angle [rad]."""
     one, two = first.snapshot(), second.snapshot()
     distance = float(np.linalg.norm(one.position - two.position, axis=1).max()) / half_edge
     p, q = one.orientation, two.orientation
-    # The chord of the shorter way: an arc cosine would lose half the digits.
+    # By the chord: an arc cosine would lose half of the digits.
     chord = np.minimum(np.linalg.norm(p - q, axis=1), np.linalg.norm(p + q, axis=1))
     return distance, float((4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))).max())

@@ -14,11 +14,11 @@
 """
 Diagnostics of a run: level, message and values.
 
-A message has at most 80 characters; the value `reasons` has the whole text.
+A message has at most 80 characters; the value `reasons` has the full text.
 
-ERROR says that something was lost or did not happen: the simulation has stopped, a change could
-not be built, nothing is recorded any more. WARN says that the run goes on but not as wanted: too
-slow, unphysical since shells met, near a limit, or something was dropped since the last report.
+ERROR means that something was lost or failed: the simulation has stopped, a change could not be
+built, or recording has ended. WARN means that the run continues with a deficiency: too slow,
+unphysical contact overlap, near a limit, or messages dropped since the last report.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,16 +29,16 @@ from icofabric_sim.messages import DiagnosticArrayBytes, DiagnosticStatus, ERROR
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_records import Status
 
-# A pace below this part of the wanted one is worth a warning.
-_SLOW = 0.9
-# And so is an energy balance that is off by this part of what stops the run,
-_UNBALANCED = 0.5
-# and a recorder that is this far behind [s].
-_LARGEST_LAG = 1.0
+# A real-time factor below this ratio of the target causes a warning,
+_SLOW_RATIO = 0.9
+# so does an energy-balance error above this ratio of the limit,
+_BALANCE_WARNING_RATIO = 0.5
+# and a recorder lag above this time [s].
+_MAX_LAG_S = 1.0
 
 _MAX_MESSAGE_LENGTH = 80  # characters
 
-# Figures that count what was dropped, and what to call that.
+# Values that count dropped messages, with their descriptions.
 WRENCHES_DROPPED = 'wrenches dropped'
 RECORDER_DROPPED = 'recorder dropped'
 RECORDER_LAG = 'recorder lag [s]'
@@ -46,12 +46,12 @@ NOT_TAKEN = 'messages not taken in time'
 _DROPPED = {
     WRENCHES_DROPPED: 'wrenches were dropped (the log says which and why)',
     RECORDER_DROPPED: 'messages were not recorded: the disk is too slow',
-    NOT_TAKEN: 'messages were overwritten before every subscriber had them',
+    NOT_TAKEN: 'messages were overwritten before all subscribers received them',
 }
 
 
-# What makes steps longer, by what limits them.
-_HELP = {
+# Remedies by the limit of the step.
+_REMEDIES = {
     'solver.step, which': 'a longer solver.step, or 0',
     'accuracy (': 'a larger solver.tolerance',
     'contacts (': 'softer contact (a smaller contact.stiffness)',
@@ -70,10 +70,10 @@ def describe(
     notes: Mapping[str, str] | None = None,
 ) -> DiagnosticStatus:
     """
-    Summary of `status` for /diagnostics.
+    Return the diagnostics of `status`.
 
-    `faults` are reasons for ERROR beside it (disk, rejected change) and `notes` reasons for WARN
-    (a foreign clock), by their names; `before` are the figures of the last report.
+    `faults` are further reasons for ERROR (disk, rejected change) and `notes` reasons for WARN (a
+    foreign clock), by name; `before` are the values of the last report.
     """
     errors = [status.failure] if status.failure else []
     errors += faults.values()
@@ -154,22 +154,22 @@ def _warnings(
     found = []
     stands = status.paused or status.finished
     if status.waits:
-        found.append(f'simulated time waits: {status.waits}')
-    elif 0.0 < status.factor < _SLOW * status.wanted_factor and not stands:
+        found.append(f'simulated time is waiting: {status.waits}')
+    elif 0.0 < status.factor < _SLOW_RATIO * status.wanted_factor and not stands:
         found.append(
-            f'slower than wanted (real-time factor {status.factor:.3g} of '
+            f'below the target real-time factor ({status.factor:.3g} of '
             f'{status.wanted_factor:g}): {status.cause}' + (
                 f'; steps of {status.step:.3g} s are limited by {status.limited_by}'
-                if status.limited_by else '') + f'; what would help: {what_helps(status)}')
+                if status.limited_by else '') + f'; remedies: {remedies(status)}')
     if status.proximity:
         found.append(status.proximity)
     if status.obstructed:
         found.append(
-            f'{status.obstructed:,} ends of connectors were in their own shells at the last '
+            f'{status.obstructed:,} connector ends were in their own shells at the last '
             'health check')
-    if status.balance_error > _UNBALANCED * status.energy_limit:
+    if status.balance_error > _BALANCE_WARNING_RATIO * status.energy_limit:
         found.append(
-            f'the energy balance is off by {status.balance_error:.3g}; the run stops at '
+            f'the energy-balance error is {status.balance_error:.3g}; the run stops at '
             f'solver.energy_limit = {status.energy_limit:g}')
     if _margin(status) < 1.0:
         found.append(
@@ -179,14 +179,14 @@ def _warnings(
         if count > 0:
             found.append(f'{count} {words}')
     lag = float(figures.get(RECORDER_LAG, 0.0))
-    if lag > _LARGEST_LAG:
-        found.append(f'the recorder is {lag:.1f} s behind')
+    if lag > _MAX_LAG_S:
+        found.append(f'the recorder lags by {lag:.1f} s')
     return found
 
 
-def what_helps(status: Status) -> str:
-    """Parameters that would bring a slow run nearer to the wanted pace, the likeliest first."""
-    found = [words for sign, words in _HELP.items() if sign in status.limited_by]
+def remedies(status: Status) -> str:
+    """Return parameters that would speed up a slow run, the most effective first."""
+    found = [words for sign, words in _REMEDIES.items() if sign in status.limited_by]
     return ', '.join([*found, 'fewer bodies (weave.size)', 'a smaller real_time_factor'])
 
 
@@ -203,10 +203,10 @@ def _error(status: Status, place: int) -> str:
 
 
 class HealthReport:
-    """Lay out /diagnostics for one node."""
+    """Formatter of /diagnostics for one node."""
 
     def __init__(self, name: str) -> None:
-        """Report under the node's full `name`."""
+        """Report under the full node name `name`."""
         self.name = name
         self._message = DiagnosticArrayBytes()
         self._before: Mapping[str, str] = {}

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The bodies of a scene as the entities of a simulator, named as their frames."""
+"""Bodies of a scene as entities of a simulator, named like their frames."""
 
 from collections.abc import Collection, Mapping
 import math
@@ -24,41 +24,41 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
-# Parts of a body's state that can be set, and how many numbers each has.
+# Parts of a body's state that can be set, with their sizes.
 STATE_PARTS = {'position': 3, 'orientation': 4, 'linear_velocity': 3, 'angular_velocity': 3}
 
 
 class Sphere(NamedTuple):
-    """A ball in space [m]."""
+    """Sphere in space [m]."""
 
     centre: np.ndarray
     radius: float
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """How far outside `points` (n, 3) are [m]."""
+        """Return the distances of `points` (n, 3) outside the sphere [m]."""
         return np.maximum(np.linalg.norm(points - self.centre, axis=1) - self.radius, 0.0)
 
 
 class Box(NamedTuple):
-    """A box along the world's axes [m]."""
+    """Box along the world axes [m]."""
 
     lower: np.ndarray
     upper: np.ndarray
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """How far outside `points` (n, 3) are [m]."""
+        """Return the distances of `points` (n, 3) outside the box [m]."""
         outside = np.maximum(self.lower - points, points - self.upper)
         return np.linalg.norm(np.maximum(outside, 0.0), axis=1)
 
 
 class Query(NamedTuple):
-    """What entities must fulfil; what is empty or None asks for nothing."""
+    """Filter of entities; conditions that are empty or None always hold."""
 
     expression: str = ''
-    held: bool | None = None  # whether they are fixed in place and orientation
-    tags: tuple[str, ...] = ()  # groups that they belong to
-    all_tags: bool = False  # to all of them, or to any
-    bounds: Sphere | Box | None = None  # that they overlap with, taken as balls
+    held: bool | None = None  # whether supports fix position and orientation
+    tags: tuple[str, ...] = ()  # groups of the entity
+    all_tags: bool = False  # require all of them, or any
+    bounds: Sphere | Box | None = None  # that the entity, as a sphere, overlaps
 
 
 class Entities:
@@ -74,21 +74,21 @@ class Entities:
             self.held = supports.translation.all(axis=1) & supports.rotation
 
     def number(self, name: str) -> int:
-        """Return the body of that name; KeyError where there is none."""
+        """Return the body of that name; raise KeyError for an unknown name."""
         body = parse_body_frame(name)
         if body is None or not body < self.scene.body_count:
             raise KeyError(
-                f'there is no entity {name!r}; entities are {body_frame(0)} to '
+                f'unknown entity {name!r}; entities are {body_frame(0)} to '
                 f'{body_frame(self.scene.body_count - 1)}')
         return body
 
     def tags(self, body: int) -> list[str]:
-        """Return the groups that a body belongs to, but `all`."""
+        """Return the groups that contain a body, except `all`."""
         return [
             name for name, bodies in self.scene.groups.items() if name != 'all' and body in bodies]
 
     def select(self, query: Query, position: np.ndarray) -> list[int]:
-        """Return the bodies that fulfil `query` at their `position` (n, 3), in order."""
+        """Return the bodies that match `query` at their `position` (n, 3), in order."""
         chosen = np.ones(self.scene.body_count, dtype=bool)
         if query.held is not None:
             chosen &= self.held == query.held
@@ -107,7 +107,7 @@ class Entities:
 
 
 def checked_parts(given: Mapping[str, Collection[float]]) -> dict[str, list[float]]:
-    """Judge the `given` parts of one body's state; ValueError names the part."""
+    """Validate parts of one body's state; raise ValueError with the name of an invalid part."""
     parts = {}
     for name, values in given.items():
         numbers = [float(value) for value in values]
@@ -120,10 +120,10 @@ def checked_parts(given: Mapping[str, Collection[float]]) -> dict[str, list[floa
 
 def set_body_state(simulation: Simulation, body: int, parts: Mapping[str, Any]) -> None:
     """
-    Put one body elsewhere, in other orientation or motion, now; the others stay as they are.
+    Set position, orientation or velocities of one body now; other bodies stay.
 
-    `parts` are those of STATE_PARTS that change, world frame, SI units. ValueError or
-    SimulationError where they make no sense; the state may then be another one.
+    `parts` are those of STATE_PARTS that change, world frame, SI units. Raises ValueError or
+    SimulationError for invalid values; the state may then have changed.
     """
     snapshot = simulation.snapshot()
     arrays: dict[str, Any] = {}

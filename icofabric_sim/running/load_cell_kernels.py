@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Kernels that measure reactions and contacts, made ready in a thread for the first listener."""
+"""Kernels that measure reactions and contacts, prepared in a thread for the first subscriber."""
 
 from contextlib import suppress
 import threading
@@ -23,10 +23,10 @@ from icofabric_sim.simulation.simulation import Simulation
 
 
 class LoadCellKernels:
-    """Those of one simulation; a large one loads them where they are used."""
+    """Measuring kernels of one simulation; a large scene loads them where they are used."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Begin to load them, or to compile them where they are not on disk."""
+        """Start to load the kernels, or to compile them if they are not on disk."""
         self._thread: threading.Thread | None = None
         self._began = time.monotonic()
         if simulation.scene.body_count <= LARGEST:
@@ -37,18 +37,18 @@ class LoadCellKernels:
 
     @property
     def are_ready(self) -> bool:
-        """Whether measuring compiles nothing that is known now."""
+        """Return whether measuring needs no compilation, as far as known."""
         return self._thread is None or not self._thread.is_alive()
 
     @property
     def seconds(self) -> float:
-        """Wall time [s] since they were asked for."""
+        """Return the wall time [s] since the kernels were requested."""
         return time.monotonic() - self._began
 
 
 def _load(simulation: Simulation, has_contacts: bool) -> None:
-    """Measure another simulation of the same kind."""
-    # Whatever is wrong is said where it is needed.
+    """Measure in another simulation of the same kernel variant."""
+    # An error is reported where the kernels are used.
     with suppress(Exception):
         scene = simulation.scene
         changes: dict[str, Any] = {'solver.threads': 1}

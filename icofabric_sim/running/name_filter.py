@@ -12,18 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Names picked by a POSIX extended regular expression, as clients of a simulator may send.
+Names matched by a POSIX extended regular expression, as sent by clients of a simulator.
 
-Taken are the forms that mean the same to Python's `re`; the others are refused, and so are
-expressions that could keep `re`, which tries one choice after the other, busy for long.
+Only forms with the same meaning in Python's `re` are accepted. Expressions that could take
+exponential time in `re`, which backtracks, are rejected.
 """
 
 from collections.abc import Callable
 import re
 
-_LONGEST = 200
-# Repetitions and groups: time grows with the length of a name to this power.
-_MOST_CHOICES = 3
+_MAX_LENGTH = 200
+# Number of repetitions and groups; the time grows with this power of the name's length.
+_MAX_CHOICES = 3
 _ESCAPED = r'\\[][(){}*+?|^$.\\]'
 _BRACKETS = r'\[\^?\]?[^][\\&|~]*\]'
 _REPEATED = r'[*+?]|\{[0-9]{1,2}(?:,[0-9]{0,2})?\}'
@@ -33,20 +33,21 @@ _FORM = re.compile(
 
 def name_filter(expression: str) -> Callable[[str], bool]:
     """
-    A function that says whether any part of a name matches; an empty expression matches all.
+    Return a predicate for names that contain a match; an empty expression matches all.
 
-    ValueError where the expression is not valid or not taken.
+    Raises ValueError for an expression that is invalid or not supported.
     """
     plain = re.sub(f'{_ESCAPED}|{_BRACKETS}', 'x', expression)
-    if len(expression) > _LONGEST or sum(map(plain.count, '*+?{(')) > _MOST_CHOICES:
+    if len(expression) > _MAX_LENGTH or sum(map(plain.count, '*+?{(')) > _MAX_CHOICES:
         raise ValueError(
-            f'{expression[:_LONGEST]!r} asks for too much: at most {_LONGEST} characters, and '
-            f'{_MOST_CHOICES} repetitions and groups')
+            f'{expression[:_MAX_LENGTH]!r} is too complex: at most {_MAX_LENGTH} characters, and '
+            f'{_MAX_CHOICES} repetitions and groups')
     if not _FORM.fullmatch(expression) or '--' in expression:
         raise ValueError(
-            f'{expression!r} is not a regular expression of the forms that are taken: characters, '
-            r'., [abc], [^a-z], \ before a special one, each once or with *, +, ?, {n}, {n,m} '
-            'behind it; (a|b), which cannot be repeated; ^ and $')
+            f'{expression!r} is not a supported regular expression: characters, '
+            r'., [abc], [^a-z], \ before a special one, each once or followed by *, +, ?, {n}, '
+             '{n,m}'
+            '; (a|b), which cannot be repeated; ^ and $')
     try:
         matches = re.compile(expression)
     except (re.error, OverflowError) as error:

@@ -12,24 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Wrenches and twists from outside: judged, handed to the simulation with their stamp, recorded.
+Received wrenches and twists: validated, passed to the simulation with their stamps, recorded.
 
-Who sent a wrench is not known and does not matter: of several senders on one channel, or on one
-body, the wrench that acts last rules alone until another one acts, or until the hold time of the
-channel has passed; a twist moves its drive until another one comes. Those of one stamp act in the
-order in which they were received. When a sender is gone its last wrench stays, and what it had
-sent ahead still acts; a `loads.NAME.hold` is the way to have a wrench end with its sender. Nothing
-is kept for those who come later: whoever listens to a channel hears what is sent from then on.
+The sender of a wrench is not identified. Among several senders on one channel, or on one body, the
+wrench that acted last holds until another one acts or the hold time of the channel has passed. A
+twist moves its drive until another one arrives. Inputs with equal stamps act in the order of
+arrival. After a sender has ended, its last wrench stays and its future wrenches still act; use
+`loads.NAME.hold` to end a wrench with its sender. Inputs are not stored for late subscribers.
 
-What waits when the run is changed from outside:
+Effect of a change of the run on waiting inputs:
 
-- a pause: it waits on, and acts at its stamp, in the first step after the pause at the earliest;
-- another weave: what still has its body or its channel waits on, the rest is dropped;
-- loads that are cleared: wrenches are dropped, twists wait on;
-- a reset, or a checkpoint that is restored: all of it is dropped, as what acts is forgotten then;
-- a failure, or the end of the run: all of it is dropped.
+- pause: they keep waiting, and act at their stamps, after the pause at the earliest;
+- another weave: inputs whose body or channel still exists keep waiting, others are dropped;
+- cleared loads: wrenches are dropped, twists keep waiting;
+- reset, or restored checkpoint: all are dropped, and active inputs are forgotten;
+- failure, or end of the run: all are dropped.
 
-What was dropped is counted and said.
+Dropped inputs are counted and logged.
 """
 
 from collections.abc import Callable
@@ -67,19 +66,19 @@ from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# Inputs that wait at most: while time stands still those stamped ahead would fill the memory.
-LARGEST_QUEUE = 100_000
-# A wrench that moves a body by its own size, or turns it, at a larger rate [1/s] takes steps of
-# less than a microsecond to follow: one such message would bring the simulation to a standstill.
-_LARGEST_RATE = 1e6
-# A pull ends so long after its last message: wall time [s].
+# Largest number of waiting inputs: while time stands still, future stamps would fill the memory.
+MAX_WAITING_INPUTS = 100_000
+# A wrench that moves a body by its size, or rotates it, at a larger rate [1/s] requires steps of
+# less than a microsecond: one such message would stall the simulation.
+_MAX_RATE = 1e6
+# A drag ends this wall time [s] after its last message.
 PULL_SILENCE = 0.5
-# So many first characters of a reason tell its kind.
+# Number of first characters that identify the kind of a reason.
 _KIND_LENGTH = 16
 
 
 class Message(NamedTuple):
-    """A message as it goes into the record."""
+    """Message to be recorded."""
 
     topic: str
     time: int  # [ns] at which it acts
@@ -87,7 +86,7 @@ class Message(NamedTuple):
 
 
 class ReceivedInputs:
-    """The inputs of one run; all but `receive` in the thread of the run."""
+    """Inputs of one run; all methods except `receive` run in the thread of the run."""
 
     def __init__(
         self,
@@ -97,28 +96,28 @@ class ReceivedInputs:
         full_name: Callable[[str], str],
     ) -> None:
         """
-        Receive for `run`; `put` brings a call into its thread.
+        Receive for `run`; `put` runs a call in its thread.
 
-        `record` takes topic, type, time [ns] and message as an input acts; `full_name` of a topic
-        is what warnings say.
+        `record` takes topic, type, time [ns] and message when an input acts; `full_name` returns
+        the topic name for warnings.
         """
         self._run, self._put, self._record, self._full_name = run, put, record, full_name
         self._complaints = Complaints(_LOGGER.warning)
         self._horizon_warned = False
-        # Wall time [s] of the last message for each body that is pulled.
+        # Wall time [s] of the last message for each dragged body.
         self._pull_heard: dict[int, float] = {}
-        self.dropped = 0  # inputs that were received and never act
+        self.dropped = 0  # received inputs that never act
 
     def __len__(self) -> int:
-        """Count those that wait for their stamp."""
+        """Count the inputs that wait for their stamp."""
         return self._run.simulation.inputs.queue.message_count
 
     def receive(self, topic: str, data: bytes) -> None:
-        """Take a message of an input topic ('~/...'), from any thread."""
+        """Accept a message of an input topic ('~/...') from any thread."""
         self._put(lambda: self.take(topic, data))
 
     def take(self, topic: str, data: bytes) -> None:
-        """Judge a message; what it puts on its target acts at its stamp, or is dropped."""
+        """Validate a message; its input acts at its stamp, or is dropped."""
         try:
             received = decode_input(topic, data)
             judge(self._run.simulation.scene, received)
@@ -128,17 +127,18 @@ class ReceivedInputs:
         self.act(received, data)
 
     def act(self, received: InputMessage, data: bytes) -> None:
-        """Have a judged input act at its stamp, or at once; `data` goes into the record."""
+        """Apply a validated input at its stamp, or at once; `data` is recorded."""
         run, topic = self._run, topic_of(received.target)
         if run.failure:
             self._drop(topic, 'the simulation has stopped')
             return
-        if len(self) >= LARGEST_QUEUE:
-            self._drop(topic, f'{LARGEST_QUEUE:,} wrenches wait for their stamp already')
+        if len(self) >= MAX_WAITING_INPUTS:
+            self._drop(
+                topic, f'{MAX_WAITING_INPUTS:,} wrenches are already waiting for their stamps')
             return
         target, stamp = received.target, received.stamp
         if isinstance(target, PullTarget):
-            # A hand acts when it moves, whatever its clock says.
+            # A drag acts when it arrives, whatever its stamp.
             stamp = 0
             self._pull_heard[target.number] = time.monotonic()
         at, horizon = max(stamp, run.now), run.parameters['input_horizon']
@@ -151,18 +151,18 @@ class ReceivedInputs:
             run.simulation.advance_to(seconds(at))
 
     def end_silent_pulls(self) -> None:
-        """Let go of the bodies whose pulls were not heard of for a while, as their hands would."""
+        """Release dragged bodies without recent messages."""
         pulled = self._run.simulation.inputs.pulls.bodies
         if not pulled or self._run.failure:
             return
         now = time.monotonic()
-        # A pull that came with a checkpoint has not been heard of at all.
+        # A drag restored with a checkpoint has had no message.
         self._pull_heard = {body: self._pull_heard.get(body, now) for body in pulled}
         for body, heard in list(self._pull_heard.items()):
             if now - heard > PULL_SILENCE:
-                self._let_go(body)
+                self._release(body)
 
-    def _let_go(self, body: int) -> None:
+    def _release(self, body: int) -> None:
         message = PointStampedBytes(body_frame(body))
         message.point[:] = math.nan
         data = message.stamped(self._run.now)
@@ -170,10 +170,10 @@ class ReceivedInputs:
 
     def clear(self) -> int:
         """
-        Put a zero wrench on all that a wrench acts on or may come to, and end all pulls.
+        Apply a zero wrench on every body and channel with wrenches, and end all drags.
 
-        That is recorded as received. Those that wait for their stamp are dropped; returns how
-        many. Drives go on.
+        The zero wrenches are recorded as if received. Waiting wrenches are dropped; their number
+        is returned. Drives continue.
         """
         dropped = self.drop_waiting(
             'all loads were cleared', lambda target: not isinstance(target, DriveTarget))
@@ -187,17 +187,17 @@ class ReceivedInputs:
             data = WrenchStampedBytes(frame).stamped(run.now)
             self.act(decode_input(topic_of(target), data), data)
         for body in inputs.pulls.bodies:
-            self._let_go(body)
+            self._release(body)
         return dropped
 
     def follow(self, simulation: Simulation) -> None:
-        """Record what acts on `simulation` from now on."""
+        """Record the inputs that act on `simulation` from now on."""
         simulation.inputs.on_message = self._acts
 
     def drop_waiting(
         self, reason: str, is_lost: Callable[[Target], bool] = lambda target: True
     ) -> int:
-        """Drop those that wait, of lost targets only; logs once how many, and returns it."""
+        """Drop waiting inputs, or only those of lost targets; log and return their number."""
         lost = self._run.simulation.inputs.queue.drop_messages(is_lost)
         count = len(lost)
         if count:
@@ -225,37 +225,37 @@ class ReceivedInputs:
             return
         self._horizon_warned = True
         _LOGGER.warning(
-            'the stamp %.3f s on %s lies more than input_horizon = %g s ahead of simulated time '
+            'the stamp %.3f s on %s is more than input_horizon = %g s ahead of simulated time '
             "(%.3f s): the sender's clock is not simulated time. The wrench acts at once; send "
-            'stamp 0, or follow /clock (said once)',
+            'stamp 0, or follow /clock (logged once)',
             seconds(at), self._full_name(topic), horizon, seconds(self._run.now))
 
 
 def judge(scene: Scene, received: InputMessage) -> None:
-    """Refuse an input that `scene` cannot take; the ValueError says why."""
+    """Raise ValueError if `scene` cannot accept an input."""
     target, value = received.target, received.value
     require_target(scene, target)
     _require_frame(scene, target, received.frame_id)
     if isinstance(value, Pull) and value.is_release:
         return
     if not all(math.isfinite(number) for part in value for number in part.tolist()):
-        raise ValueError(f'it is not finite ({_amounts(value)})')
-    if not _rate(scene, received) <= _LARGEST_RATE:
+        raise ValueError(f'not finite ({_amounts(value)})')
+    if not _rate(scene, received) <= _MAX_RATE:
         if isinstance(target, (DriveTarget, PullTarget)):
-            raise ValueError(f'it is too fast to follow ({_amounts(value)})')
+            raise ValueError(f'too fast to integrate ({_amounts(value)})')
         raise ValueError(
-            f'it is too large to follow ({_amounts(value)} on bodies of '
+            f'too large to integrate ({_amounts(value)} on bodies of '
             f'{_lightest(scene, target)[0]:.3g} kg)')
 
 
 def _require_frame(scene: Scene, target: Target, frame_id: str) -> None:
-    world, rule = scene.parameters['frame_id'], 'a drive moves in the world'
+    world, rule = scene.parameters['frame_id'], 'a drive moves in the world frame'
     if isinstance(target, ChannelTarget):
         in_body_axes = scene.loads[target.name].in_body_axes
         rule = f'{target}.frame is {"body" if in_body_axes else "world"}'
         world = ANY_BODY if in_body_axes else world
     elif not isinstance(target, DriveTarget):
-        return  # the frame names the body, that of a wrench or of a pull
+        return  # the frame names the body of a wrench or of a drag
     if frame_id not in ('', world):
         raise ValueError(
             f"its header.frame_id is {shown_frame(frame_id)}; {rule}, so it must be '' or "
@@ -272,10 +272,12 @@ def _amounts(value: Value) -> str:
 
 
 def _rate(scene: Scene, received: InputMessage) -> float:
-    """How fast [1/s] an input alone would move a body by its size, or turn it."""
+    """
+    Return the rate [1/s] at which an input alone would move a body by its size, or rotate it.
+    """
     target = received.target
     if isinstance(target, PullTarget):
-        return 0.0  # its force is capped
+        return 0.0  # its force is limited
     straight, turning = (math.hypot(*part.tolist()) for part in received.value)
     size = scene.geometry.cube_width
     if isinstance(target, DriveTarget):

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The bag of a run: which topics go in, under which names, and what it says about itself."""
+"""Bag of a run: its topics, their names, and the description of the run."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -48,26 +48,27 @@ if TYPE_CHECKING:
     from icofabric_sim.bag import BagRecorder, RecorderStatistics
 
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite', 'rosbags')
-# What a run cannot be repeated without is never dropped.
+# Messages without which a run cannot be repeated are never dropped.
 _ESSENTIAL = (CHECKPOINT, EVENTS, WEAVE)
-# Names in the custom data: whether the run was paused when the bag began; how many messages of
-# each topic the bag was given, once it is closed; how many of each the disk was too slow for.
+# Names in the custom data: whether the run was paused when the bag was opened; the number of
+# messages of each topic passed to the bag, once it is closed; the numbers dropped because of a
+# slow disk.
 PAUSED, GIVEN, DROPPED = 'paused', 'messages_given', 'dropped_by_topic'
-# How long a live run waits for its disk when a bag is opened or closed [s]; then it goes on, and
-# the disk may follow.
-_PATIENCE = 0.5
+# Time for which a live run waits for its disk when a bag is opened or closed [s]; after that the
+# run continues and the disk may follow.
+_DISK_WAIT_S = 0.5
 # Wall time between two warnings that messages are dropped [s].
-_WARNING_INTERVAL = 10.0
+_WARNING_INTERVAL_S = 10.0
 
 
 def describe_run(
     simulation: Simulation, parameters: Parameters | None = None, *, paused: bool = False
 ) -> dict[str, str]:
     """
-    What a bag must hold beside messages, so that its run can be repeated.
+    Return the custom data that a bag needs, besides messages, to reproduce its run.
 
-    `parameters` are those in force: rates and pace may have changed since the scene was built.
-    `paused`: as the run is when the bag begins.
+    `parameters` are those in force: output rates and real-time factor may have changed since the
+    scene was built. `paused` is the state when the bag is opened.
     """
     in_force = simulation.scene.parameters if parameters is None else parameters
     from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
@@ -91,12 +92,12 @@ def describe_run(
 
 @functools.cache
 def library_versions() -> str:
-    """Versions of the libraries that the bits of a run depend on, and of what wrote it: JSON."""
+    """Return the versions of the libraries that affect the results, and of the writer, as JSON."""
     return json.dumps({name: metadata.version(name) for name in _LIBRARIES})
 
 
 def summarise_run(status: Status) -> dict[str, str]:
-    """What a bag says at its end about the run that it holds."""
+    """Return the custom data on the run, written when its bag is closed."""
     said = {
         'proximity': status.proximity or 'none',
         'failure': status.failure or 'none',
@@ -115,7 +116,7 @@ def summarise_run(status: Status) -> dict[str, str]:
 
 
 def summarise_growth(growth: Growth) -> dict[str, str]:
-    """What a bag says of the growth of a small disturbance in its run."""
+    """Return the custom data on error growth in the run."""
     return {
         'growth': repr(growth.largest),
         'growth_is_at_least': 'true' if growth.at_least else 'false',
@@ -126,10 +127,10 @@ def summarise_growth(growth: Growth) -> dict[str, str]:
 
 class BagSink:
     """
-    Bags as a sink of the runner: one after the other, as recording is switched off and on.
+    Sink of the runner that writes bags, one after the other as recording is switched off and on.
 
-    Called from the thread of the simulation, which no disk ever stops: an error ends the bag, is
-    passed once to `on_error`, and the run goes on; recording can be switched on again.
+    Called from the thread of the simulation, which no disk blocks: an error ends the bag, is
+    passed once to `on_error`, and the run continues. Recording can be switched on again.
     """
 
     def __init__(
@@ -145,13 +146,13 @@ class BagSink:
         on_warning: Callable[[str], None] | None = None,
     ) -> None:
         """
-        Open the bag; raises BagError (a ValueError) naming `record.path` where that fails.
+        Open the bag; raise BagError (a ValueError) naming `record.path` on failure.
 
-        Without a path nothing is recorded until `switch`. `parameters` are those in force, where
-        they are not the scene's. Path and storage that are not theirs hold for all bags; the rest
-        is in their `record.*`.
+        Without a path nothing is recorded until `switch`. `parameters` are those in force, if they
+        differ from the scene's. A given path and storage hold for all bags; other settings come
+        from `record.*`.
 
-        A `live` run drops and counts messages when the disk is too slow, and says so to
+        A `live` run drops and counts messages if the disk is too slow, and reports them to
         `on_warning`; otherwise the run waits for the disk.
         """
         parameters = parameters or simulation.scene.parameters
@@ -159,13 +160,14 @@ class BagSink:
         self._storage = '' if storage in (None, parameters['record.storage']) else storage
         self.name = name
         self._live, self._on_error, self._on_warning = live, on_error, on_warning
-        self.recorder: 'BagRecorder | None' = None  # of the present bag, else of the last one
+        self.recorder: 'BagRecorder | None' = None  # of the present bag, otherwise of the last one
         self.is_recording = False
         self._closing: 'list[BagRecorder]' = []  # whose disk has not finished yet
-        self._measured = False  # whether what a test rig would measure goes into the bag
+        self._measured = False  # whether measured forces are recorded
         self._earlier = 0  # messages that earlier bags dropped or lost
-        self._warned = -_WARNING_INTERVAL
-        # Messages of the present bag by topic, and whether it says how many it lacks.
+        self._warned = -_WARNING_INTERVAL_S
+        # Messages of the present bag by topic, and whether the dropped numbers are already
+        # recorded.
         self._given: Counter[str] = Counter()
         self._left_out: Counter[str] = Counter()
         self._says_left_out = True
@@ -176,22 +178,22 @@ class BagSink:
 
     @property
     def is_bag(self) -> bool:
-        """Whether messages are kept."""
+        """Return whether the sink stores messages."""
         return True
 
     @property
     def path(self) -> Path | None:
-        """Folder of the present bag, or of the last one; None: there was none."""
+        """Return the folder of the present or last bag, None if there was none."""
         return None if self.recorder is None else self.recorder.path
 
     @property
     def error(self) -> BagError | None:
-        """Why the present bag, or the last one, has ended early."""
+        """Return why the present or last bag ended early."""
         return None if self.recorder is None else self.recorder.error
 
     @property
     def statistics(self) -> 'RecorderStatistics':
-        """What became of the messages of the present bag, or of the last one."""
+        """Return the message counts of the present or last bag."""
         if self.recorder is None:
             from icofabric_sim.bag.handover import RecorderStatistics
             return RecorderStatistics(0, 0, 0, 0, 0, 0, 0.0)
@@ -199,26 +201,26 @@ class BagSink:
 
     @property
     def dropped(self) -> int:
-        """Messages that are in no bag although they should be, of all bags together."""
+        """Return the number of messages missing in all bags together."""
         if self.recorder is None:
             return self._earlier
         statistics = self.recorder.statistics
         return self._earlier + statistics.dropped + statistics.lost
 
     def resolve(self, name: str) -> str:
-        """Full name of a private (~/) or absolute topic name."""
+        """Return the full name of a private (~/) or absolute topic name."""
         return self.name + name[1:] if name.startswith('~') else name
 
     def wants(self, topic: Topic) -> bool:
-        """Whether the topic goes into the bag."""
-        # What some scenes have to say of their bodies comes only where they do.
+        """Return whether the topic is recorded."""
+        # Some topics exist only in some scenes.
         asked = topic.recorded or topic in (BODIES, TF) or (
             topic in MEASURED and self._measured)
-        return asked and self._taking() is not None
+        return asked and self._active_recorder() is not None
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Record an output; a scene, an event or a checkpoint is never dropped."""
-        recorder = self._taking()
+        """Record an output; scenes, events and checkpoints are never dropped."""
+        recorder = self._active_recorder()
         if recorder is None:
             return
         self._add(recorder, topic)
@@ -227,7 +229,7 @@ class BagSink:
             recorder.set_heading('scene', decode_string(data))
         name = self.resolve(topic.name)
         if not self._says_left_out and recorder.has_room(len(data)):
-            # Before what follows the gap, so that a bag that is killed has it too.
+            # Before the messages after the gap, so that a killed bag has it too.
             recorder.set_custom(DROPPED, json.dumps(self._left_out))
             self._says_left_out = True
         if recorder.write(name, nanoseconds, data, essential=topic in _ESSENTIAL):
@@ -239,8 +241,8 @@ class BagSink:
         self._warn(recorder)
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """Record an input at the time it acts; never dropped."""
-        recorder = self._taking()
+        """Record an input at the time it acts; inputs are never dropped."""
+        recorder = self._active_recorder()
         if recorder is not None:
             topic = self.resolve(topic)
             recorder.add_topic(topic, type_name, latched=False, depth=100)
@@ -251,10 +253,10 @@ class BagSink:
         self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
     ) -> str:
         """
-        Open the next bag (PATH, PATH_1, ...), after closing the present one, or close it only.
+        Open the next bag (PATH, PATH_1, ...) after closing the present one, or only close it.
 
-        Returns what was done; BagError says why a bag cannot be opened and what to set. It begins
-        with what is known of the run; the scene and the state are the caller's to send.
+        Returns a sentence on the result; raises BagError with reason and remedy if a bag cannot be
+        opened. The bag starts with the description of the run; the caller sends scene and state.
         """
         base = self._path or str(parameters['record.path'])
         if on and not base:
@@ -263,13 +265,13 @@ class BagSink:
                 f'set {self.name} record.path runs/mine), or start with -p record.path:=runs/mine')
         closed = self._close_present(summarise_run(status)) if self.is_recording else ''
         if not on:
-            return closed or 'nothing was being recorded'
+            return closed or 'recording was not active'
         self._open(
-            Path(base), simulation, parameters, patience=_PATIENCE, paused=status.paused,
+            Path(base), simulation, parameters, patience=_DISK_WAIT_S, paused=status.paused,
             status=status)
         said = f'recording to {self.path}'
         if self.recorder is not None and not self.recorder.survives_kill:
-            said += ', whole only once it is closed (mcap survives a kill)'
+            said += ', complete only after it is closed (mcap survives a kill)'
         return f'{said}; {closed}' if closed else said
 
     def time_jumped_back(
@@ -278,7 +280,7 @@ class BagSink:
         """
         Close this bag with the summary of the run that `ended`, and open the next: PATH_1, ...
 
-        Where that is not possible the run goes on without one, as after any error of the disk.
+        If that fails, the run continues without recording, as after any disk error.
         """
         if not self.is_recording:
             return
@@ -286,23 +288,23 @@ class BagSink:
         base = self._path or str(parameters['record.path'])
         try:
             if not base:
-                raise BagError('record.path is empty: the bag ends where time has jumped')
+                raise BagError('record.path is empty: the bag ends at the time jump')
             self._open(
-                Path(base), simulation, parameters, patience=_PATIENCE, paused=ended.paused)
+                Path(base), simulation, parameters, patience=_DISK_WAIT_S, paused=ended.paused)
         except BagError as error:
             if self._on_error is not None:
                 self._on_error(error)
 
     def close(self, *, summary: dict[str, str] | None = None) -> None:
-        """Write what is queued and close the bag, with a `summary` in its custom data."""
+        """Write the queue and close the bag, with a `summary` in its custom data."""
         if self.is_recording:
             self._close_present(summary or {}, patience=None)
         for recorder in self._closing:
             recorder.close()
         self._closing.clear()
 
-    def _taking(self) -> 'BagRecorder | None':
-        """The recorder, while it takes messages."""
+    def _active_recorder(self) -> 'BagRecorder | None':
+        """Return the recorder while it accepts messages."""
         recorder = self.recorder
         return recorder if self.is_recording and recorder and recorder.error is None else None
 
@@ -310,8 +312,8 @@ class BagSink:
         self, base: Path, simulation: Simulation, parameters: Parameters, *,
         patience: float | None, paused: bool, status: Status | None = None,
     ) -> None:
-        """Open the first bag as `base`, and every other beside it; the run is `paused` or not."""
-        # Here, and not at the start of a node that records nothing.
+        """Open the first bag as `base`, later ones as siblings; the run is `paused` or not."""
+        # Imported here, not at the start of a node that does not record.
         from icofabric_sim.bag.recorder import BagRecorder
 
         start = nanoseconds_not_before(simulation.time) if status is None else status.time
@@ -351,10 +353,10 @@ class BagSink:
             self.resolve(topic.name), topic.type, latched=topic.latched, depth=topic.depth)
 
     def _close_present(
-        self, summary: dict[str, str], *, patience: float | None = _PATIENCE
+        self, summary: dict[str, str], *, patience: float | None = _DISK_WAIT_S
     ) -> str:
         """
-        Close the bag; a live run waits no longer than the `patience` for it. Says what was done.
+        Close the bag and return a sentence; a live run waits at most `patience` for the disk.
         """
         recorder = self.recorder
         assert recorder is not None
@@ -371,21 +373,21 @@ class BagSink:
         self._closing = [item for item in self._closing if not item.close(0.0)]
         if not finished:
             self._closing.append(recorder)
-            return f'{recorder.path} is still being written: its disk is slow'
+            return f'{recorder.path} is still being written: the disk is slow'
         if recorder.error is not None:
             return str(recorder.error)
         return f'{recorder.path} is closed'
 
     def _warn(self, recorder: 'BagRecorder') -> None:
-        """Say that messages are dropped, now and then."""
+        """Warn from time to time that messages are dropped."""
         if (
             recorder.error is not None or self._on_warning is None
-            or time.monotonic() - self._warned < _WARNING_INTERVAL
+            or time.monotonic() - self._warned < _WARNING_INTERVAL_S
         ):
             return
         self._warned = time.monotonic()
         statistics = recorder.statistics
         self._on_warning(
-            f'the disk of {recorder.path} is too slow: {statistics.dropped} messages are not in '
-            f'the bag so far, and it lags {statistics.lag:.2g} s behind; the simulation goes on, '
-            'and inputs are kept')
+            f'the disk of {recorder.path} is too slow: {statistics.dropped} messages are missing '
+            f'in the bag so far, which lags by {statistics.lag:.2g} s; the simulation continues '
+            'and inputs are recorded')

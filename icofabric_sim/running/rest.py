@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-A paused fabric is brought to rest: the search beside the run, its result between two steps.
+Equilibrium solve for a paused fabric: search in a thread, result applied between two steps.
 
-What was found is an event with all positions and orientations, so a record repeats it without
-searching.
+The result is an event with all positions and orientations, so that a bag repeats it without a
+search.
 """
 
 from collections.abc import Callable
@@ -37,29 +37,31 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.equilibrium import Equilibrium
     from icofabric_sim.statics.present import PresentState
 
-_STAYS = 'the fabric stays as it is'
+_UNCHANGED = 'the fabric is unchanged'
 
 
 class Rest:
-    """Searches for the equilibrium of a run; one at a time."""
+    """Equilibrium solver of a run; one search at a time."""
 
     def __init__(
         self, state: RunState, time: TimeAdvance, broadcast: Broadcast,
         post: Callable[[Callable[[], Any]], object]
     ) -> None:
-        """Change `state`; `post` brings a call into the thread of the run."""
+        """Change `state`; `post` runs a call in the thread of the run."""
         self._state, self._time, self._broadcast, self._post = state, time, broadcast, post
         self._is_seeking = False
 
     def seek(self, found: 'Future[Any]') -> None:
-        """Begin to search, in the thread of the run; `found` gets a sentence, or the reason."""
+        """
+        Start a search from the thread of the run; `found` receives a sentence, or the reason.
+        """
         try:
             self._require_still()
-            # A run seldom needs it.
+            # Imported here, because a run seldom needs it.
             from icofabric_sim.statics.present import capture_run_state
             present = capture_run_state(
                 self._state.simulation, self._state.parameters['equilibrium.objective'])
-        except Exception as error:  # noqa: BLE001 - the caller gets it
+        except Exception as error:  # noqa: BLE001 - passed to the caller
             found.set_exception(error)
             return
         self._is_seeking = True
@@ -67,39 +69,39 @@ class Rest:
             target=self._search, args=(present, found), name='equilibrium', daemon=True).start()
 
     def _require_still(self) -> None:
-        self._state.require_sound('no equilibrium is sought')
+        self._state.require_sound('no equilibrium can be solved')
         if self._is_seeking:
-            raise RuntimeError('an equilibrium is being sought already')
+            raise RuntimeError('an equilibrium is already being solved')
         if not self._state.paused or self._time.requests.current is not None:
-            raise RuntimeError(f'the fabric moves, pause it first (~/pause); {_STAYS}')
+            raise RuntimeError(f'the fabric is moving; pause it first (~/pause); {_UNCHANGED}')
 
     def _search(self, present: 'PresentState', found: 'Future[Any]') -> None:
         from icofabric_sim.statics.present import solve_run_equilibrium
         try:
             result = solve_run_equilibrium(present)
             if not result.converged:
-                raise RuntimeError(f'{result.verdict}: {result.reason}; {_STAYS}')
-        except Exception as error:  # noqa: BLE001 - the caller gets it
+                raise RuntimeError(f'{result.verdict}: {result.reason}; {_UNCHANGED}')
+        except Exception as error:  # passed to the caller
             self._is_seeking = False
             found.set_exception(error)
             return
         self._post(lambda: self._take(present, result, found))
 
     def _take(self, present: 'PresentState', result: 'Equilibrium', found: 'Future[Any]') -> None:
-        """Put the fabric where it rests, in the thread of the run."""
+        """Set the fabric to the equilibrium, in the thread of the run."""
         self._is_seeking = False
         try:
             found.set_result(self._put(present, result))
-        except Exception as error:  # noqa: BLE001 - the caller gets it
+        except Exception as error:  # passed to the caller
             found.set_exception(error)
 
     def _put(self, present: 'PresentState', result: 'Equilibrium') -> str:
         state = self._state
         self._require_still()
-        # Taken once for each change of the motion or of what acts.
+        # Compared with the state at the start of the search.
         if state.simulation.snapshot() is not present.snapshot:
             raise RuntimeError(
-                f'the fabric or what acts on it was changed during the search; {_STAYS}')
+                f'the fabric or its loads have changed during the search; {_UNCHANGED}')
         is_least = present.objective == 'resultants'
         facts = {
             'verdict': result.verdict, 'residual': result.residual,
@@ -114,8 +116,8 @@ class Rest:
         except (SimulationError, ValueError) as error:
             state.simulation.restore(before)
             raise ValueError(
-                f'the equilibrium cannot be taken: {error}; {_STAYS}') from error
-        self._time.begin_anew()
+                f'the equilibrium cannot be set: {error}; {_UNCHANGED}') from error
+        self._time.restart_motion()
         self._broadcast.event(state.now, 'equilibrium', **facts)
         self._time.show_after('equilibrium')
         what = _left_text(result) if is_least else _contacts_text(result)
@@ -131,15 +133,15 @@ def _left_text(result: 'Equilibrium') -> str:
 
 
 def _contacts_text(result: 'Equilibrium') -> str:
-    """How many contacts there are, and the largest force and resultant on a shell."""
+    """Return the number of contacts, the largest force, and the largest resultant on a shell."""
     contacts = result.contacts
     if contacts is None or not len(contacts.bodies):
         return ''
     forces = np.linalg.norm(contacts.force, axis=1)
     sums = np.linalg.norm(
         contacts.resultants(len(result.snapshot.position))[:, :3], axis=1)
-    return (f', {counted(len(forces), "contact")}, the largest force {forces.max():.3g} N, on '
-            f'body {contacts.bodies[np.argmax(forces), 0]}, the largest resultant of them '
+    return (f', {counted(len(forces), "contact")}, largest force {forces.max():.3g} N, on '
+            f'body {contacts.bodies[np.argmax(forces), 0]}, largest resultant '
             f'{sums.max():.3g} N, on body {np.argmax(sums)}' + (
                 '' if math.isnan(result.friction_needed) else
-                f', the smallest margin of friction {contacts.smallest_margin:.3g}'))
+                f', smallest friction margin {contacts.smallest_margin:.3g}'))

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Changes of a running scene: built aside in a thread of their own, swapped in between two steps.
+Changes of a running scene: built in a separate thread, swapped in between two steps.
 
-What a change does to the run is a column of the table of parameters, see parameters/changes.py.
-A rebuilt fabric goes on from the state of the old one, bit for bit, and at its time; where the
-motion restarts it begins from the initial state at that time. Wrenches go on where the new scene
-has their channel or their body (by number), also those whose hold time runs; the others end, by
-name.
+The effect of a change on the run is a column of the table of parameters, see
+parameters/changes.py. A rebuilt fabric continues from the state of the old one, bit for bit, at
+the same time. If the motion restarts, it starts from the initial state at that time. Wrenches
+continue if the new scene has their channel or body (by number), also during their hold time. The
+others end and are reported by name.
 """
 
 from collections.abc import Callable
@@ -40,42 +40,42 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 if TYPE_CHECKING:
     from icofabric_sim.simulation.devices.ranks import Ranks
 
-# After a build there is none for so many times as long, at most so long [s]: a slider that sends
-# fifty changes a second may not take the processor from the run. The second pair is for a run that
-# has no time to wait, as each change costs it some.
-_REST, _BUSY_REST = (25.0, 0.3), (80.0, 0.8)
-# So often it is built of kernels from another process, before it is compiled in this one.
-_TRIES = 3
+# Pause after a build: a multiple of its duration, and the longest pause [s]. A slider that sends
+# fifty changes a second must not take the processor from the run. The second pair is for a run
+# without spare time, which each change slows down.
+_PAUSE, _BUSY_PAUSE = (25.0, 0.3), (80.0, 0.8)
+# Attempts to build with kernels compiled in another process, before this process compiles.
+_MAX_TRIES = 3
 
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
-    """Names of the wrenches acting in `before` that `scene` has no channel or no body for."""
+    """Return the names of the wrenches in `before` that have no channel or body in `scene`."""
     pulls = [PullTarget(body) for body in before.inputs.pulls.bodies]
     return [
         str(target) for target in (*before.inputs.acting(), *pulls)
         if not has_target(scene, target)]
 
 
-class _Wish(NamedTuple):
-    """What is wanted, with all that was accepted before."""
+class _Request(NamedTuple):
+    """Requested change with all changes accepted before."""
 
     parameters: Parameters
-    scene: Scene | None  # of these, where it is built already
+    scene: Scene | None  # of these parameters, if already built
     number: int
 
 
 class _Built(NamedTuple):
-    wish: _Wish
+    wish: _Request
     simulation: Simulation
-    outputs: Outputs | None  # its messages
+    outputs: Outputs | None  # its message layouts
 
 
 class Reweaver:
     """
-    Builds the wanted scene; what is wanted while a build is under way becomes one more build.
+    Builder of the requested scene; requests during a build are combined into one more build.
 
-    Where that cannot be built, what was wanted before it can: a change that is refused takes no
-    other with it.
+    If that build fails, the request before it is built, so that a rejected change does not take
+    others with it.
     """
 
     def __init__(
@@ -88,37 +88,37 @@ class Reweaver:
         has_time: Callable[[], bool] = lambda: True,
     ) -> None:
         """
-        `post` brings a call into the runner's thread, where `on_ready` gets each result.
+        Return results by `post`, which runs `on_ready` in the runner's thread.
 
-        The result is the simulation, or None and the reason, after the parameters wanted by then:
-        their rates may be newer than those in the scene that was built. Then the number of the
-        last wish that it answers, with all before; a refusal may follow what could be built. A
-        `body_force` goes on, and `ranks` that share the steps share those of the new fabric.
-        Where shells of the running fabric touch, which `is_touching` tells, those of the other one
-        may from its first step on. `has_time`: the run waits for its pace now and then.
+        The result is the simulation, or None and the reason, after the requested parameters: their
+        output rates may be newer than those in the built scene. It includes the number of the last
+        request answered; a rejection may follow a successful build. `body_force` is kept, and
+        `ranks` share the steps of the new fabric. If shells of the running fabric are in contact
+        (`is_touching`), those of the new fabric may be from its first step. `has_time`: the run
+        has spare time.
         """
         self._post, self._has_time = post, has_time
         self._on_ready = on_ready
         self._body_force, self._ranks, self._is_touching = body_force, ranks, is_touching
         self._number = 0
-        # What is wanted by now; what was not built yet of the wishes up to there; what was built
-        # last, and the reason why something newer was not.
-        self._newest: _Wish | None = None
-        self._open: list[_Wish] = []
+        # The latest request; the requests not built yet; the last one built, and the reason why a
+        # newer one was not.
+        self._newest: _Request | None = None
+        self._open: list[_Request] = []
         self._built: _Built | None = None
         self._reason = ''
-        self.outputs: Outputs | None = None  # messages of what was built last
-        self._free_at = 0.0  # time of the next build, where the last one was a moment ago
+        self.outputs: Outputs | None = None  # messages of the last build
+        self._free_at = 0.0  # earliest time of the next build
 
     def want(self, parameters: Parameters, scene: Scene | None = None) -> int:
         """
-        Build the simulation of `parameters`, of their `scene` where there is one.
+        Build the simulation of `parameters`, from their `scene` if it exists.
 
-        From the runner's thread. Returns the number of the wish.
+        Call from the runner's thread. Returns the number of the request.
         """
         idle = self._newest is None
         self._number += 1
-        self._newest = _Wish(parameters, scene, self._number)
+        self._newest = _Request(parameters, scene, self._number)
         self._open.append(self._newest)
         if idle:
             self._build(self._free_at - time.monotonic())
@@ -126,11 +126,13 @@ class Reweaver:
 
     @property
     def wanted(self) -> Parameters | None:
-        """What is being built, with all that was accepted meanwhile; None while nothing is."""
+        """
+        Return the parameters being built, with all changes accepted meanwhile; None while idle.
+        """
         return None if self._newest is None else self._newest.parameters
 
     def amend(self, parameters: Parameters) -> None:
-        """Apply a change of rates to a build under way too, which need not be restarted for it."""
+        """Apply a change of output rates to a pending build, which need not restart for it."""
         if self._newest is None:
             return
         before, self._newest = self._newest, self._newest._replace(
@@ -139,7 +141,7 @@ class Reweaver:
             self._open[-1] = self._newest
 
     def _build(self, delay: float = 0.0) -> None:
-        """Build the last of what is open after a `delay` [s]."""
+        """Build the latest request after a `delay` [s]."""
         now = self._open[-1]
 
         def build() -> None:
@@ -153,15 +155,15 @@ class Reweaver:
             try:
                 simulation = self._compiled(
                     wish.scene or Scene.from_parameters(wish.parameters))
-                # Here, and not in the thread of the run: the longest part of a change of it.
+                # Here, not in the thread of the run, because it is the longest part of a swap.
                 outputs = Outputs(simulation.scene)
                 outputs.weave(simulation.scene.parameters)
                 kernels = simulation.prepare_contacts(load=False)
                 if kernels is not None and self._is_touching():
                     kernels.wait()
-            except Exception as error:  # noqa: BLE001 - reported, the old fabric runs on
+            except Exception as error:  # reported; the old fabric continues
                 simulation, reason = None, str(error) or type(error).__name__
-            share, longest = _REST if self._has_time() else _BUSY_REST
+            share, longest = _PAUSE if self._has_time() else _BUSY_PAUSE
             self._free_at = time.monotonic() + min(
                 share * (time.thread_time() - began), longest)
             self._post(lambda: self._finish(wish, simulation, reason, outputs))
@@ -170,9 +172,9 @@ class Reweaver:
 
     def _compiled(self, scene: Scene) -> Simulation:
         """
-        Compile a scene; new kernels in another process.
+        Compile a scene, new kernels in another process.
 
-        In this one the run could load no kernel for as long as that takes.
+        Compilation in this process would prevent the run from loading kernels meanwhile.
         """
         def make() -> Simulation:
             simulation = compile_scene(scene, body_force=self._body_force, ranks=self._ranks)
@@ -180,7 +182,7 @@ class Reweaver:
             return simulation
 
         if self._body_force is None and self._ranks is None:
-            for _ in range(_TRIES):
+            for _ in range(_MAX_TRIES):
                 try:
                     with no_compiling(loading=True):
                         return make()
@@ -189,7 +191,7 @@ class Reweaver:
         return make()
 
     def _finish(
-        self, wish: _Wish, simulation: Simulation | None, reason: str, outputs: Outputs | None
+        self, wish: _Request, simulation: Simulation | None, reason: str, outputs: Outputs | None
     ) -> None:
         if simulation is None:
             self._reason = reason
@@ -199,7 +201,7 @@ class Reweaver:
             self._open = [other for other in self._open if other.number > wish.number]
         if self._open and (self._built is None or rebuilds(
                 self._built.wish.parameters, self._open[-1].parameters)):
-            # At once: a slider that moves on must not keep all of its changes from being seen.
+            # At once, so that a moving slider does not hide all of its changes.
             self._build()
             return
         newest, built, reason = self._newest, self._built, self._reason

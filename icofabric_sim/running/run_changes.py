@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What changes a run from outside: pauses, resets, checkpoints, another weave; and what is recorded.
+Operations on a run: pauses, resets, checkpoints, re-weaves, and recording.
 
-All of it happens between two steps, in the thread of the run, and is published as an event before
-any state that it changed: so a record can be simulated again.
+All are executed between two steps, in the thread of the run, and published as events before any
+state that they changed, so that a bag can be simulated again.
 """
 
 from collections.abc import Callable, Mapping
@@ -41,7 +41,7 @@ from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.rest import Rest
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
-from icofabric_sim.running.run_records import begins_anew, Status
+from icofabric_sim.running.run_records import is_initial, Status
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.scene.scene import Scene
@@ -56,7 +56,7 @@ _LOGGER = logging.getLogger('icofabric_sim')
 
 
 class RunChanges:
-    """What is done to a run from outside, in its thread."""
+    """Operations on a run, executed in its thread."""
 
     def __init__(
         self,
@@ -71,9 +71,10 @@ class RunChanges:
         on_rebuilt: Callable[[Parameters, str], None],
     ) -> None:
         """
-        Change `state`; `post` brings a call into the thread of the run.
+        Change `state`; `post` runs a call in the thread of the run.
 
-        `fresh_status` describes the run as it ends, for a bag; see `Runner` for the rest.
+        `fresh_status` returns the status of the run for a bag being closed; see `Runner` for other
+        parameters.
         """
         self._state, self._time, self._inputs = state, time, inputs
         self._broadcast, self._pace = broadcast, pace
@@ -84,16 +85,18 @@ class RunChanges:
         # A slider sends fifty changes a second.
         self._said = Complaints(_LOGGER.info)
         self.rest = Rest(state, time, broadcast, post)
-        # Who waits for the fabric that is being built, by the number of the wish.
+        # Futures of callers that wait for a build, by the number of the request.
         self._builds: 'list[tuple[int, Future[str]]]' = []
 
     @property
     def wanted(self) -> Parameters | None:
-        """What is being built, with all that was accepted meanwhile; None while nothing is."""
+        """
+        Return the parameters being built, with all changes accepted meanwhile; None while idle.
+        """
         return self._reweaver.wanted
 
     def pause(self, paused: bool) -> int:
-        """Stop or resume simulated time; returns the time [ns]."""
+        """Stop or resume simulated time; return the time [ns]."""
         state = self._state
         if paused or state.paused:
             self._time.end_requests('ended by a pause' if paused else 'time runs on')
@@ -103,7 +106,9 @@ class RunChanges:
         return state.now
 
     def reset(self, wanted: bool | None) -> int:
-        """Go back to the initial state, and to time 0 if wanted or set; returns the time [ns]."""
+        """
+        Reset to the initial state, and to time 0 if requested or configured; return the time [ns].
+        """
         state = self._state
         self._time.end_requests('ended by a reset')
         dropped = self._inputs.drop_waiting('a reset came before')
@@ -116,47 +121,49 @@ class RunChanges:
             state.now = 0
             self._broadcast.time_jumped(ended)
         state.failure = ''
-        self._time.begin_anew()
+        self._time.restart_motion()
         self._pace.restart(state.now)
         self._time.show_after('reset')
         return state.now
 
     def clear_loads(self) -> int:
-        """Take off all wrenches, and drop those that wait; returns the time [ns]."""
+        """Clear all wrenches, and drop waiting ones; return the time [ns]."""
         state = self._state
-        state.require_sound('no wrench acts any more')
+        state.require_sound('no wrench can be cleared')
         self._broadcast.event(state.now, 'loads_cleared', dropped=self._inputs.clear())
         return state.now
 
     def save(self, choose: Callable[[Parameters], Path], saved: 'Future[Any]') -> None:
-        """Take a checkpoint for the file that `choose` finds; `saved` answers once it is there."""
+        """
+        Take a checkpoint for the file returned by `choose`; `saved` completes when it is written.
+        """
         state = self._state
         try:
             state.require_sound('no checkpoint can be taken')
             path, checkpoint = choose(state.parameters), state.simulation.checkpoint()
             self._broadcast.checkpoint(state.now, taken=checkpoint)
-        except Exception as error:  # noqa: BLE001 - the caller gets it
+        except Exception as error:  # passed to the caller
             saved.set_exception(error)
             return
-        # A slow disk does not hold up the run.
+        # A slow disk does not block the run.
         threading.Thread(
             target=self._write, args=(checkpoint, path, state.now, saved), name='checkpoint'
         ).start()
 
     def restore(self, choose: Callable[[Parameters], Path]) -> int:
-        """Go on from the checkpoint that `choose` finds; returns its time [ns]."""
+        """Continue from the checkpoint returned by `choose`; return its time [ns]."""
         from icofabric_sim.simulation.checkpoint import Checkpoint
         state = self._state
         path = choose(state.parameters)
         checkpoint, ended = Checkpoint.load(path), self._fresh_status()
         state.simulation.restore(checkpoint)
-        self._time.end_requests('ended by a checkpoint that was restored')
+        self._time.end_requests('ended by a restored checkpoint')
         dropped = self._inputs.drop_waiting('a checkpoint was restored before')
         self._broadcast.event(
             state.now, 'checkpoint_restored', path=str(path), of=state.simulation.time,
             dropped=dropped)
         state.now, state.failure = nanoseconds_not_before(state.simulation.time), ''
-        self._time.begin_anew()
+        self._time.restart_motion()
         self._time.stand_on_nanoseconds()
         self._broadcast.time_jumped(ended)
         self._pace.restart(state.now)
@@ -164,7 +171,7 @@ class RunChanges:
         return state.now
 
     def set_body_state(self, body: int, parts: Mapping[str, Any]) -> int:
-        """Put one body elsewhere, see entities.py; returns the time [ns]."""
+        """Set the state of one body, see entities.py; return the time [ns]."""
         state = self._state
         state.require_sound('no state can be set')
         before = state.simulation.checkpoint()
@@ -172,18 +179,18 @@ class RunChanges:
             do_event(state.simulation, state.now, 'state_set', {'body': body, **parts})
         except (SimulationError, ValueError) as error:
             state.simulation.restore(before)
-            raise ValueError(f'body {body} cannot be there or move like that: {error}') from error
-        self._time.begin_anew()
+            raise ValueError(f'the state of body {body} is invalid: {error}') from error
+        self._time.restart_motion()
         self._broadcast.event(state.now, 'state_set', body=body, **parts)
         self._time.show_after('state_set')
         return state.now
 
     def set_recording(self, on: bool) -> str:
-        """Begin a new bag, or end the present one; returns what was done."""
+        """Open a new bag, or close the present one; return a sentence on the result."""
         state, recorders = self._state, self._broadcast.recorders()
         if not recorders:
             raise RuntimeError(
-                'there is nothing to record with: start with a folder for the bag in record.path')
+                'recording is not available: start with a folder for the bag in record.path')
         if on:
             state.require_sound('no recording can begin')
         else:
@@ -192,7 +199,7 @@ class RunChanges:
         said = [sink.switch(on, state.simulation, state.parameters, status) for sink in recorders]
         if on:
             self._broadcast.start(
-                state.now, whole=begins_anew(state.simulation), only=recorders)
+                state.now, whole=is_initial(state.simulation), only=recorders)
             self._broadcast.event(state.now, 'record', on=True)
         return ', '.join(said)
 
@@ -200,14 +207,14 @@ class RunChanges:
         self, parameters: Parameters, scene: Scene | None, built: 'Future[str]'
     ) -> None:
         """
-        Take other parameters; their `scene`, where the caller has built it, is used.
+        Set other parameters, with their `scene` if the caller has built it.
 
-        `built` gets '' once they are in force, or the reason why they cannot be.
+        `built` receives '' once they are in force, or the reason why they cannot be.
         """
         state = self._state
         before = self._reweaver.wanted or state.parameters
         require_changeable(changed_names(before, parameters))
-        # Rates, pace and duration act at once, also while another fabric is being built.
+        # Output rates, real-time factor and duration change at once, also during a build.
         rates = with_immediate_changes(state.parameters, parameters)
         if rates is not state.parameters:
             self._take_rates(rates)
@@ -223,7 +230,7 @@ class RunChanges:
     ) -> None:
         try:
             checkpoint.save(path)
-        except Exception as error:  # noqa: BLE001 - the caller gets it
+        except Exception as error:  # passed to the caller
             _LOGGER.error('%s', error)
             saved.set_exception(error)
             return
@@ -239,7 +246,9 @@ class RunChanges:
     def _swap(
         self, wanted: Parameters, simulation: Simulation | None, reason: str, number: int
     ) -> None:
-        """Go on with another simulation, or say why not, to all who wait up to a `number`."""
+        """
+        Swap in another simulation, or report the error, to all callers waiting up to `number`.
+        """
         builds = [built for wish, built in self._builds if wish <= number]
         self._builds = [waits for waits in self._builds if waits[0] > number]
         try:
@@ -252,11 +261,11 @@ class RunChanges:
                 built.set_result(reason)
 
     def _taken(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> str:
-        """Go on with another simulation, or return the reason why not."""
+        """Swap in another simulation, or return the reason why not."""
         state = self._state
         if simulation is not None and not rebuilds(
                 state.parameters, simulation.scene.parameters):
-            # Changed and changed back while it was built: the motion need not be touched.
+            # Changed and changed back during the build: the motion continues untouched.
             self.on_rebuilt(wanted, '')
             return ''
         restarts = False
@@ -265,10 +274,10 @@ class RunChanges:
                 restarts = replace_simulation(
                     state.simulation, simulation, state.now, state.parameters, wanted)
                 self._broadcast.set_scene(simulation, self._reweaver.outputs)
-            except Exception as error:  # noqa: BLE001 - whatever it is, the old fabric runs on
+            except Exception as error:  # the old fabric continues after any error
                 simulation, reason = None, str(error) or type(error).__name__
         if simulation is None:
-            _LOGGER.error('the change could not be built, the old fabric runs on: %s', reason)
+            _LOGGER.error('the change could not be built, the old fabric continues: %s', reason)
             self._broadcast.event(state.now, 'change_refused', reason=reason)
             self.on_rebuilt(wanted, reason)
             return reason
@@ -288,14 +297,14 @@ class RunChanges:
         lost = lost_wrenches(state.simulation, simulation.scene)
         if lost:
             _LOGGER.warning(
-                'wrenches ended with the change, which leaves no place for them: %s',
+                'wrenches ended with the change, because their targets no longer exist: %s',
                 ', '.join(lost))
         dropped = self._inputs.drop_waiting(
-            'the weave changed before, and has no place for it',
+            'the weave has changed, and their targets no longer exist',
             lambda target: not has_target(simulation.scene, target))
         self._broadcast.event(
             state.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(state.parameters, wanted)))
         self._said.add(
-            'change', f'the changed fabric is in place at t = {seconds(state.now):.9g} s: '
+            'change', f'the changed fabric runs since t = {seconds(state.now):.9g} s: '
             f'{counted(simulation.scene.body_count, "body")}, step {simulation.status.step:.3g} s')

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What the events of a run mean: what each does to the motion, and what the run shows after it.
+Effects of the events of a run on the motion, and the outputs that follow them.
 
-The run itself, `icofabric verify` and `~/continue` all do events by these functions, so a record
-means what was done.
+The run, `icofabric verify` and `~/continue` all use these functions, so that a bag is interpreted
+in the same way.
 """
 
 from collections.abc import Mapping
@@ -29,15 +29,15 @@ from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
-# A pause goes on once an advance has come to its end.
+# A pause continues after the end of an advance.
 _RUNS_AFTER = {
     'pause': False, 'resume': True, 'advance': True, 'advanced': False, 'advance_ended': False}
-# The present state is shown with them in place of what is due at that time.
+# The present state is sent with them instead of the outputs due at that time.
 _SHOW_INSTEAD = ('failed', 'advanced')
 
 
 class Shown(Enum):
-    """What a run sends after an event, beside what is due by the clock."""
+    """Outputs after an event, besides those due by the schedules."""
 
     NOTHING = 'nothing'
     PRESENT = 'the present state'
@@ -48,11 +48,11 @@ def do_event(
     simulation: Simulation, nanoseconds: int, name: str, facts: Mapping[str, Any]
 ) -> None:
     """
-    Do to the motion what the event `name` of that time means; many events do not touch it.
+    Apply the event `name` to the motion; many events do not affect it.
 
-    The `simulation` stands at that time, or has failed before it. Raises SimulationError where it
-    fails, and KeyError, TypeError or ValueError where the `facts` do not fit it. Another weave
-    is done by `replace_simulation`.
+    The `simulation` is at the time of the event, or has failed before. Raises SimulationError if
+    it fails, and KeyError, TypeError or ValueError for invalid `facts`. Re-weaves are applied by
+    `replace_simulation`.
     """
     if name == 'reset' and facts.get('time_reset'):
         simulation.reset_time()
@@ -76,35 +76,35 @@ def replace_simulation(
     after: Parameters,
 ) -> bool:
     """
-    Have `built` go on where `previous` stands, at that time; returns whether the motion restarts.
+    Continue with `built` from the state of `previous`; return whether the motion restarts.
 
-    `before` and `after` are the parameters in force on either side of the change. Raises
-    ValueError or SimulationError where `built` cannot go on from there.
+    `before` and `after` are the parameters in force before and after the change. Raises ValueError
+    or SimulationError if `built` cannot continue from that state.
     """
     restarts = restarts_motion(before, after)
     built.take_over(previous, keep_motion=not restarts)
-    # A failed run stands before the time that was seen of it.
+    # A failed run is at a time before its last output.
     built.advance_to(seconds(nanoseconds))
     return restarts
 
 
 def is_jump(name: str, facts: Mapping[str, Any]) -> bool:
-    """Whether the time jumps at an event: a bag ends with it, and the next one begins."""
+    """Return whether time jumps at an event, which ends a bag and starts the next one."""
     return name == 'checkpoint_restored' or (name == 'reset' and bool(facts.get('time_reset')))
 
 
 def runs_after(name: str, *, running: bool) -> bool:
-    """Whether simulated time goes on after an event, where it was `running` before or not."""
+    """Return whether time runs after an event; `running` is the state before it."""
     return _RUNS_AFTER.get(name, running)
 
 
 def shows_instead(name: str) -> bool:
-    """Whether an event comes before what is due at its time, and replaces that."""
+    """Return whether an event precedes and replaces the outputs due at its time."""
     return name in _SHOW_INSTEAD
 
 
 def shown_after(name: str, *, running: bool) -> Shown:
-    """What a run sends after an event; a failed one only where its state is finite."""
+    """Return the outputs after an event; after a failure only if the state is finite."""
     if name in ('reset', 'reweave', 'checkpoint_restored'):
         return Shown.ANEW
     if name in ('step', 'advanced', 'failed', 'equilibrium') or (

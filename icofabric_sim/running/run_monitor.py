@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-Extremes of a run, taken on the grid of its outputs, so that they are the same for every pace.
-"""
+"""Extremes of a run, sampled at its output times, so that they do not depend on its speed."""
 
 from typing import NamedTuple
 
@@ -28,7 +26,7 @@ import numpy as np
 
 
 class Extreme(NamedTuple):
-    """Where and when something was largest."""
+    """Largest value with its time and body or connector."""
 
     value: float
     time: float  # [s]
@@ -39,7 +37,7 @@ NOTHING = Extreme(0.0, 0.0, -1)
 
 
 class Momentum(NamedTuple):
-    """Momenta of the whole fabric, and the sums of their parts' magnitudes as a scale."""
+    """Momenta of the fabric, with the sums of the magnitudes of their parts as scales."""
 
     linear: np.ndarray  # (3,) [kg m/s]
     angular: np.ndarray  # (3,) [kg m^2/s] about the origin
@@ -48,10 +46,10 @@ class Momentum(NamedTuple):
 
 
 class RunMonitor:
-    """A sink of the runner that keeps extremes instead of messages."""
+    """Sink of the runner that computes extremes instead of storing messages."""
 
     def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
-        """Take the initial state; `with_growth` has a companion run beside, see divergence.py."""
+        """Sample the initial state; `with_growth` starts a second run, see divergence.py."""
         self._simulation = simulation
         self.companion = Companion(simulation) if with_growth else None
         self.first = self.last = simulation.snapshot()
@@ -62,29 +60,29 @@ class RunMonitor:
 
     @property
     def is_bag(self) -> bool:
-        """Whether messages are kept: repeated ones are of no use here."""
+        """Return whether the sink stores messages."""
         return True
 
     def wants(self, topic: Topic) -> bool:
-        """Whether to be called: whenever poses are due."""
+        """Return whether to be called, i.e. at the times of poses."""
         return topic is topics.POSES
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Take the present state into account."""
+        """Sample the present state."""
         self.look(self._simulation.snapshot())
         if self.companion is not None:
             self.companion.look()
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """Inputs change nothing here."""
+        """Ignore inputs."""
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
-        """A run without a graph never jumps."""
+        """Do nothing: time does not jump in a run without a graph."""
 
     def look(self, snapshot: Snapshot) -> None:
-        """Take a state into account."""
+        """Sample a state."""
         self.last = snapshot
         self.count += 1
         if snapshot.connector_count and len(snapshot.connector_length):
@@ -102,13 +100,16 @@ class RunMonitor:
         if distance[body] > self.displacement.value:
             self.displacement = Extreme(float(distance[body]), snapshot.time, body)
         energy, first = snapshot.energy, self.first.energy
-        # Magnitudes: where an energy by a table, of weight or of charges is zero means nothing.
+        # Magnitudes, because the zero of energies of a table, of weight or of charges is
+        # arbitrary.
         exchanged = energy['kinetic'] + sum(abs(energy[name] - first[name]) for name in (
             'connectors', 'gravity', 'contact', 'field'))
         self.energy_scale = max(self.energy_scale, exchanged)
 
     def momentum(self, snapshot: Snapshot) -> Momentum:
-        """Momenta in a state: M R' and R x M R' + I omega, summed (eqs 8, 10 and 43)."""
+        """
+        Return the momenta of a state: sums of M R' and R x M R' + I omega (eqs 8, 10 and 43).
+        """
         linear = snapshot.packed.masses.mass[:, None] * snapshot.linear_velocity
         orbital, spin = np.cross(snapshot.position, linear), snapshot.spin_momentum
         return Momentum(

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What a running simulation reports."""
+"""Status of a running simulation."""
 
 import math
 from typing import Any, NamedTuple
@@ -23,20 +23,20 @@ import numpy as np
 
 
 class Errors(NamedTuple):
-    """Errors that the method adds: position over a, or orientation in rad, the larger."""
+    """Errors of the integrator: the larger of position over a and orientation in rad."""
 
-    rate: float  # lately, for each second
-    estimate: float  # since the start, as if none of them had grown
+    rate: float  # at present, per second
+    estimate: float  # since the start, without amplification
 
 
 class Status(NamedTuple):
-    """What diagnostics and summaries report."""
+    """Status for diagnostics and summaries."""
 
     time: int  # [ns]
     paused: bool
     finished: bool
     failure: str  # '': none
-    factor: float  # simulated over wall time, lately
+    factor: float  # recent ratio of simulated to wall time
     wanted_factor: float
     step: float  # [s]
     limit: float  # [s]
@@ -44,31 +44,33 @@ class Status(NamedTuple):
     body_count: int
     connector_count: int
     loads_active: int
-    dropped: int  # wrenches that came too late, or for what is gone
+    dropped: int  # wrenches that were too late, or without target
     proximity: str
     method: str
     tolerance: float  # [1/s]
     errors: Errors | None  # None: not measured; NaN: not estimated
-    errors_lack: str  # what they may not cover
-    balance_error: float  # present error of the energy balance, in parts of the largest energy
-    balance_worst: float  # the largest so far
-    energy_limit: float = math.inf  # what it may be before the run stops
-    loads_waiting: int = 0  # wrenches whose stamp lies ahead
-    contacts: int = 0  # pairs that touched at the last health check
-    breaks: int = 0  # connectors that have broken
-    obstruction: str = ''  # the first connector in its own shell
-    obstructed: int = 0  # ends of connectors in their own shells
+    errors_lack: str  # contributions that the estimate lacks
+    balance_error: float  # present relative error of the energy balance
+    balance_worst: float  # largest so far
+    energy_limit: float = math.inf  # value that stops the run
+    loads_waiting: int = 0  # wrenches with future stamps
+    contacts: int = 0  # pairs in contact at the last health check
+    breaks: int = 0  # broken connectors
+    obstruction: str = ''  # first connector in its own shell
+    obstructed: int = 0  # connector ends in their own shells
     cause: str = ''  # why the run is not faster
-    limited_by: str = ''  # what limits the step, and since when; '': not known
-    waits: str = ''  # what simulated time waits for; '': it does not
-    evaluations: int = 0  # of the forces, by the trajectory
-    estimations: int = 0  # of the forces, beside it
-    shown: int = 0  # those of them for states that were shown
-    lag: float = 0.0  # longest time that a request waited since the last report [s]
+    limited_by: str = ''  # limit of the step, with its start time; '': unknown
+    waits: str = ''  # reason why simulated time waits; '': it does not
+    evaluations: int = 0  # force evaluations of the trajectory
+    estimations: int = 0  # other force evaluations
+    shown: int = 0  # of these for states that were shown
+    lag: float = 0.0  # longest waiting time of a request since the last report [s]
 
 
 def figures(simulation: Simulation) -> dict[str, Any]:
-    """What a status says of the simulation itself; cheap, and harmless beside a run."""
+    """
+    Return the status values of a simulation; cheap, and safe in another thread than the run's.
+    """
     status, balance = simulation.status, simulation.balance
     proximity = status.proximity
     return {
@@ -97,9 +99,9 @@ def figures(simulation: Simulation) -> dict[str, Any]:
 
 def step_limit(simulation: Simulation) -> float:
     """
-    Longest step [s] that is stable now; infinite where its error limits each step.
+    Return the longest stable step [s] at present, infinite if the error limits each step.
 
-    A frequency that contacts may reach some time limits no step that adapts.
+    Frequencies that contacts may reach later do not limit adaptive steps.
     """
     given = simulation.scene.parameters['solver.step'] > 0.0
     if facts_of(simulation.status.method_name).adaptive and not given:
@@ -108,14 +110,12 @@ def step_limit(simulation: Simulation) -> float:
 
 
 def errors_of(simulation: Simulation) -> Errors:
-    """What the method has added; in the thread that advances the simulation only."""
+    """Return the errors of the integrator; call in the thread that advances the simulation."""
     return Errors(simulation.status.error_rate, simulation.error_estimate)
 
 
-def begins_anew(simulation: Simulation) -> bool:
-    """
-    Whether a simulation stands where building its scene has put it: nothing was done to it yet.
-    """
+def is_initial(simulation: Simulation) -> bool:
+    """Return whether a simulation is in its initial state and has not been changed."""
     if simulation.time != 0.0 or simulation.status.waiting_loads or simulation.status.broken_count:
         return False
     state, first = simulation.snapshot(), simulation.scene.initial

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Where a run stands: what its parts share, and the thread of the run alone changes."""
+"""State of a run, shared by its parts and changed only by its thread."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class RunState:
     """One simulation in time; `now` is always a whole number of nanoseconds."""
 
     simulation: Simulation
-    parameters: Parameters  # in force: rates and the like may differ from those of the scene
+    parameters: Parameters  # in force: rates and the like may differ from the scene's
     now: int  # [ns]
     paused: bool
     failure: str = ''  # why simulated time has stopped; '': it has not
@@ -33,23 +33,21 @@ class RunState:
 
     @property
     def end(self) -> int:
-        """Time [ns] at which the `duration` has passed; 0 without one."""
+        """Return the time [ns] at which the `duration` has passed; 0 without one."""
         duration = self.parameters['duration']
         return max(1, round(duration * NANOSECONDS)) if duration > 0.0 else 0
 
     @property
     def finished(self) -> bool:
-        """Whether the `duration` has passed."""
+        """Return whether the `duration` has passed."""
         return 0 < self.end <= self.now
 
     def catch_up(self) -> None:
-        """
-        Take the time that the simulation has reached by steps, or before something broke it off.
-        """
+        """Set `now` to the time reached by the simulation, also after an interrupted call."""
         self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
 
     def require_sound(self, what: str) -> None:
-        """Refuse `what` after a failure."""
+        """Raise RuntimeError with `what` after a failure."""
         if self.failure:
             raise RuntimeError(
                 f'{what}: the simulation has stopped ({self.failure}); reset it first')

@@ -12,15 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Runs a simulation in time: inputs at their moment, outputs on their grid, at the wanted pace.
+Runner of a simulation: inputs at their times, outputs by schedule, at the target real-time factor.
 
-One runner serves the node (its own thread, live topics and bag) and `icofabric run` (no graph, bag
-only). It is a loop over three parts: commands from other threads (command_queue.py), what they do
-to the run (run_changes.py), and the advance of simulated time (time_advance.py). Simulated time
-between two calls of the simulation is always a whole number of nanoseconds, so every input acts at
-a time that a bag can hold, and a run repeats to the last bit. What else is done to a run (pause,
-steps, reset, another weave, ...) is published as an event, and recorded like the inputs: before
-any state that it changed.
+One runner serves the node (own thread, live topics and bag) and `icofabric run` (no graph, bag
+only). It is a loop over three parts: commands from other threads (command_queue.py), their effects
+on the run (run_changes.py), and the advance of simulated time (time_advance.py).
+
+Between two calls of the simulation the time is always a whole number of nanoseconds. Every input
+therefore acts at a time that a bag can hold, and a run is reproducible bit by bit. Other
+operations on a run (pause, steps, reset, re-weave, ...) are published as events and recorded like
+inputs, before any state that they changed.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,7 +38,7 @@ from icofabric_sim.running.command_queue import CommandQueue
 from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_changes import RunChanges
-from icofabric_sim.running.run_records import begins_anew, Errors, errors_of, figures, Status
+from icofabric_sim.running.run_records import Errors, errors_of, figures, is_initial, Status
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.step_limit_reason import StepLimit
@@ -48,16 +49,16 @@ from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.precompile import counted_as_compiling
 from icofabric_sim.simulation.simulation import Simulation
 
-# Wall time between repeated live messages while the simulated time stands still [s].
+# Wall time between repeated live messages while simulated time stands still [s].
 _IDLE_REFRESH = 0.5
-# Wall time between two looks whether what simulated time waits for is there [s].
-_HELD_CHECK = 0.05
-# A checkpoint, or how its path follows from the parameters in force.
+# Wall time between two checks whether the kernels that simulated time waits for are ready [s].
+_HELD_CHECK_S = 0.05
+# Path of a checkpoint, or a function that derives it from the parameters in force.
 Place = str | Path | Callable[[Parameters], Path]
 
 
 class Runner:
-    """Drives one simulation after another; all methods but `run` may be called from any thread."""
+    """Driver of a simulation, also through rebuilds; all methods except `run` are thread-safe."""
 
     def __init__(
         self,
@@ -70,12 +71,12 @@ class Runner:
         full_name: Callable[[str], str] = str,
     ) -> None:
         """
-        Start where the simulation stands, mostly at time 0, paused where `start_paused` is set.
+        Start at the present time of the simulation, paused if `start_paused` is set.
 
-        `parameters` are in force where rates and the like differ from those of the scene.
-        `on_rebuilt` is called after each change of the scene with the parameters that were wanted,
-        and why they could not be had ('' where they could). `report` lays out /diagnostics.
-        `full_name` of a topic is what warnings say.
+        `parameters` are in force if rates and the like differ from the scene's. `on_rebuilt` is
+        called after each change of the scene with the requested parameters and the reason for a
+        failure ('' for success). `report` formats /diagnostics. `full_name` returns topic names
+        for warnings.
         """
         in_force = parameters or simulation.scene.parameters
         self.state = RunState(
@@ -90,7 +91,7 @@ class Runner:
             self.state, self.commands.post, self._broadcast.input, full_name)
         self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._pace)
         if report is not None:
-            # A live run has no progress bar that would show it.
+            # A live run has no progress bar to show it.
             self._time.stall = StallWatch()
         self.changes = RunChanges(
             self.state, self._time, self.inputs, self._broadcast, self._pace,
@@ -99,45 +100,45 @@ class Runner:
         self._step_limit, self._limited_by = StepLimit(), ''
         self._last_refresh = 0.0
 
-    # Where it stands; each is read on its own.
+    # Present state; each value is read separately.
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation that runs."""
+        """Return the running simulation."""
         return self.state.simulation
 
     @property
     def parameters(self) -> Parameters:
-        """The parameters in force."""
+        """Return the parameters in force."""
         return self.state.parameters
 
     @property
     def now(self) -> int:
-        """Simulated time [ns]."""
+        """Return the simulated time [ns]."""
         return self.state.now
 
     @property
     def paused(self) -> bool:
-        """Whether simulated time stands still until it is resumed."""
+        """Return whether simulated time is paused."""
         return self.state.paused
 
     @property
     def failure(self) -> str:
-        """Why simulated time has stopped; '': it has not."""
+        """Return why simulated time has stopped, or ''."""
         return self.state.failure
 
     @property
     def finished(self) -> bool:
-        """Whether the `duration` of the scene has passed."""
+        """Return whether the `duration` of the scene has passed."""
         return self.state.finished
 
     @property
     def dropped(self) -> int:
-        """Inputs that were received and never acted."""
+        """Return the number of received inputs that never acted."""
         return self.inputs.dropped
 
     def status(self) -> Status:
-        """Present figures; those of the accuracy are as at the last report."""
+        """Return the present status; accuracy values are from the last report."""
         state = self.state
         return Status(
             time=state.now,
@@ -156,22 +157,22 @@ class Runner:
             **figures(state.simulation),
         )
 
-    # Called from any thread.
+    # Thread-safe methods.
 
     def post(self, act: Callable[[], Any]) -> 'Future[Any]':
-        """Have `act` done between two steps; its result comes with the future."""
+        """Execute `act` between two steps; return the future of its result."""
         return self.commands.post(act)
 
     def set_paused(self, paused: bool) -> 'Future[Any]':
-        """Stop or resume simulated time; the result is the time [ns] at which that was."""
+        """Stop or resume simulated time; the result is the time [ns] of the change."""
         return self.post(lambda: self.changes.pause(paused))
 
     def take_steps(self, request: StepRequest | None = None) -> 'Future[Any]':
         """
-        Take `step_count` solver steps while paused, and publish the state they lead to.
+        Take `step_count` solver steps while paused, and publish the resulting state.
 
-        The result is its time [ns]; a pause, a reset or the end of `run` ends them early, with a
-        RuntimeError that says how many were taken.
+        The result is its time [ns]. A pause, a reset or the end of `run` ends the steps early,
+        with a RuntimeError that gives their number.
         """
         steps = request or StepRequest()
         self.post(lambda: self._time.begin_steps(steps))
@@ -179,10 +180,10 @@ class Runner:
 
     def advance(self, request: AdvanceRequest | None = None) -> 'Future[Any]':
         """
-        Advance by `advance_duration`, and publish the state it leads to; a pause goes on then.
+        Advance by `advance_duration`, and publish the resulting state; a pause then continues.
 
-        The result is the time [ns] that was reached. While time runs anyway, it only waits for
-        it. A pause, a reset or the end of `run` ends it early, with a RuntimeError.
+        The result is the time [ns] reached. While time runs, the call only waits for that time. A
+        pause, a reset or the end of `run` ends it early, with a RuntimeError.
         """
         advance = request or AdvanceRequest()
         self.post(lambda: self._time.begin_advance(advance))
@@ -190,25 +191,26 @@ class Runner:
 
     def clear_loads(self) -> 'Future[Any]':
         """
-        Take off all wrenches, as zero wrenches on all of them would; results in the time [ns].
+        Clear all wrenches, like zero wrenches on all targets; the result is the time [ns].
 
-        Those that wait for their stamp are dropped.
+        Wrenches that wait for their stamps are dropped.
         """
         return self.post(lambda: self.changes.clear_loads())
 
     def reset(self, *, time_reset: bool | None = None) -> 'Future[Any]':
         """
-        Back to the initial state, and to time 0 where `reset_time` says so; results in that time.
+        Reset to the initial state, and to time 0 with `reset_time`; the result is the time [ns].
 
-        Wrenches that were received are forgotten, those that wait are dropped.
+        Received wrenches are forgotten, waiting ones are dropped.
         """
         return self.post(lambda: self.changes.reset(time_reset))
 
     def save_checkpoint(self, place: Place) -> 'Future[Any]':
         """
-        Save the run as it is between two steps, to go on from later; results in the path.
+        Save the state of the run between two steps for a later restore; the result is the path.
 
-        The file is written beside the run. Wrenches that wait for their stamp are not in it.
+        The file is written in another thread. Wrenches that wait for their stamps are not
+        included.
         """
         saved: Future[Any] = Future()
         self.post(lambda: self.changes.save(_chooser(place), saved))
@@ -216,30 +218,31 @@ class Runner:
 
     def restore_checkpoint(self, place: Place) -> 'Future[Any]':
         """
-        Go on from a checkpoint of the same scene; results in its time [ns].
+        Continue from a checkpoint of the same scene; the result is its time [ns].
 
-        Time jumps there: a bag ends, and the next one begins with the checkpoint. Wrenches that
-        wait are dropped. Where it is not a checkpoint of this scene and version a ValueError says
-        so, and nothing changes.
+        Time jumps: the bag ends, and the next one starts with the checkpoint. Waiting wrenches are
+        dropped. A checkpoint of another scene or version raises ValueError and changes nothing.
         """
         return self.post(lambda: self.changes.restore(_chooser(place)))
 
     def set_recording(self, on: bool) -> 'Future[Any]':
         """
-        Begin a new bag from the present state on, or end the present one; results in its path.
+        Open a new bag from the present state on, or close the present one; the result is its path.
         """
         return self.post(lambda: self.changes.set_recording(on))
 
     def set_body_state(self, body: int, parts: Mapping[str, Any]) -> 'Future[Any]':
-        """Put one body elsewhere, see entities.py; results in the time [ns] at which that was."""
+        """
+        Set the state of one body, see entities.py; the result is the time [ns] of the change.
+        """
         return self.post(lambda: self.changes.set_body_state(body, parts))
 
     def solve_equilibrium(self) -> 'Future[Any]':
         """
-        Bring the paused fabric to rest under what acts on it, see rest.py; results in a sentence.
+        Set the paused fabric to its equilibrium, see rest.py; the result is a sentence.
 
-        The search does not hold up the run. RuntimeError or ValueError where it moves, is changed
-        meanwhile, or no equilibrium is found: then it stays as it is.
+        The search does not block the run. Raises RuntimeError or ValueError if the fabric is
+        moving, changes meanwhile, or has no equilibrium; then the state is unchanged.
         """
         found: Future[Any] = Future()
         self.post(lambda: self.changes.rest.seek(found))
@@ -250,11 +253,11 @@ class Runner:
         built: 'Future[str] | None' = None,
     ) -> 'Future[Any]':
         """
-        Take other parameters; a changed fabric is built aside and swapped in between two steps.
+        Set other parameters; a changed fabric is built in another thread and swapped in.
 
-        Where their `scene` was built already, e.g. to judge them, that one is used. Wrenches that
-        act or wait go on where the new fabric has their channel or body, see reweave.py; the
-        others are named in a warning and an event. `built` gets '' once they are in force, or the
+        A `scene` that was built already, e.g. for validation, is used. Active or waiting wrenches
+        continue if the new fabric has their channel or body, see reweave.py; the others are listed
+        in a warning and an event. `built` receives '' once the parameters are in force, or the
         reason why they cannot be.
         """
         return self.post(lambda: self.changes.change(parameters, scene, built or Future()))
@@ -264,24 +267,24 @@ class Runner:
         self._time.stop()
         self.commands.wake()
 
-    # Called from the thread of `run` only.
+    # Methods for the thread of `run`.
 
     def run(
         self, *, until_finished: bool | None = False,
         progress: Callable[[float], None] | None = None
     ) -> None:
         """
-        Advance until stopped, or until the duration has passed where `until_finished` says so.
+        Advance until stopped or, with `until_finished`, until the duration has passed.
 
-        None: while a duration is in force, so that one which is set meanwhile ends the run too.
-        `progress` hears the simulated time [s] now and then. A failure of the simulation stops
-        simulated time, is kept in `failure`, and ends the run where `until_finished`.
+        None: while a duration is in force, so that one set later also ends the run. `progress`
+        receives the simulated time [s] from time to time. A failure of the simulation stops
+        simulated time, is stored in `failure`, and ends the run with `until_finished`.
         """
         state = self.state
         self._time.follow(state.simulation)
         self._time.prepare_contacts()
         self._time.stand_on_nanoseconds()
-        self._broadcast.start(state.now, whole=begins_anew(state.simulation))
+        self._broadcast.start(state.now, whole=is_initial(state.simulation))
         self._pace.restart(state.now)
         try:
             while self._turn(until_finished):
@@ -292,14 +295,14 @@ class Runner:
             self._time.requests.end('the run has ended', state.now)
             self.inputs.drop_waiting('the run ended before')
             self._fresh_status()
-        # What broke since the last output; others come on their grid only.
+        # Breakages since the last output; others are sent with the outputs.
         self._broadcast.emit(state.now, [BROKEN])
         self._broadcast.report(state.now, at_once=True)
 
     def _turn(self, until_finished: bool | None) -> bool:
-        """Do what is to be done next; False where nothing is left to do."""
+        """Perform the next action; return False if there is none left."""
         state = self.state
-        # Before the commands are done: none that comes later is slept over.
+        # Before the commands are executed, so that later ones wake the run.
         self.commands.begin_turn()
         if self._time.stopping:
             return False
@@ -311,13 +314,13 @@ class Runner:
         if self._time.is_held() and (moves or self._broadcast.owes):
             self._refresh()
             with counted_as_compiling():
-                self.commands.wait(_HELD_CHECK)
+                self.commands.wait(_HELD_CHECK_S)
             return True
         if isinstance(request, AdvanceRequest):
             self._time.take_advance(request)
             return True
         if request is not None:
-            # Shown where they end, with an event that says so; not where a portion of them does.
+            # Shown at their end, with an event; not after each portion.
             self._time.take_steps(request)
             return True
         if state.paused or state.failure or state.finished:
@@ -330,7 +333,7 @@ class Runner:
             return True
         delay = self._pace.delay(state.now)
         if delay > 0.0:
-            # Whatever arrives wakes it, and must not make simulated time run ahead.
+            # Any command ends the wait; simulated time must not run ahead then.
             self.commands.wait(min(delay, _IDLE_REFRESH))
         else:
             self._time.advance()
@@ -344,10 +347,10 @@ class Runner:
 
     def _refresh(self) -> None:
         """
-        Repeat the present state now and then, for live listeners only.
+        Repeat the present state from time to time for live subscribers.
 
-        Late joiners of a paused fabric see it, and clocks that wait for a time get one; a bag need
-        not know.
+        Late subscribers of a paused fabric receive it, and nodes that wait for a clock get one. A
+        bag does not need it.
         """
         if wall.monotonic() - self._last_refresh > _IDLE_REFRESH:
             self._last_refresh = wall.monotonic()

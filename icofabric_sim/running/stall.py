@@ -12,30 +12,30 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Notices that simulated time stands nearly still, because the motion has become too fast to follow.
+Detection of a stall: simulated time almost stops because the motion has become too fast.
 
-For live runs only: there a clock that stands says nothing, and who waits for it waits for ever.
-Evaluations of the forces are counted, not the time that they take: a busy machine ends no run.
+For live runs only: a stopped clock explains nothing, and its subscribers would wait for ever.
+Force evaluations are counted instead of time, so that a busy machine does not end a run.
 """
 
 from collections.abc import Callable
 
-# Evaluations for each simulated second, beside those that the scene's own terms ask for, and times
-# the bodies of a fabric, so many at least. Above both it is a stall: some ten times as many are
-# computed in a second.
-_MOST_BESIDE_USUAL, _MOST_OF_BODIES, _FEWEST_BODIES = 1e3, 3e8, 32
-# Contacts take a fifth of what is usual of them at most, in tests: so many times as many are a
-# stall already. Of stiff ones 1,000 times as many would take a day.
-_MOST_BESIDE_CONTACTS = 10.0
-# They are counted over some outputs, but over this simulated time [s] at least and at most.
-_OUTPUTS, _SHORTEST_WINDOW, _LONGEST_WINDOW = 3.0, 0.1, 1.0
+# Limits of force evaluations per simulated second: a multiple of those that the scene's terms
+# need, and a number divided by the body count, which is at least the last value. A rate above both
+# limits is a stall; about ten times as many can be computed in a second.
+_MAX_USUAL_RATIO, _MAX_BODY_RATE, _MIN_BODIES = 1e3, 3e8, 32
+# Contacts need at most a fifth of their estimate in tests, so this multiple is already a stall.
+# 1,000 times the evaluations of stiff contacts would take a day.
+_MAX_CONTACT_RATIO = 10.0
+# Counting interval: a number of outputs, with shortest and longest simulated time [s].
+_OUTPUTS, _MIN_WINDOW_S, _MAX_WINDOW_S = 3.0, 0.1, 1.0
 
 
 class StallWatch:
-    """Judges the progress of one run; in its thread."""
+    """Stall detector of one run; use in its thread."""
 
     def __init__(self) -> None:
-        """Judge nothing before `begin`."""
+        """Create an inactive detector."""
         self._limit = self._window = 0.0
         self._usual = 0.0
         self._since, self._steps, self._evaluations = 0.0, -1, 0
@@ -44,23 +44,23 @@ class StallWatch:
         self, usual: float, bodies: int, output_period: float, contacts: float = 0.0
     ) -> None:
         """
-        Judge a motion of so many `bodies`.
+        Start for a motion of `bodies` bodies.
 
-        Its scene asks for `usual` evaluations in a second, and for so many of `contacts` where
-        shells touch; outputs are `output_period` [s] apart.
+        The scene needs `usual` force evaluations per second, and `contacts` of these where shells
+        are in contact; outputs are `output_period` [s] apart.
         """
         self._usual = max(usual, contacts)
         self._limit = max(
-            _MOST_BESIDE_USUAL * usual, _MOST_BESIDE_CONTACTS * contacts,
-            _MOST_OF_BODIES / max(bodies, _FEWEST_BODIES))
-        self._window = min(max(_OUTPUTS * output_period, _SHORTEST_WINDOW), _LONGEST_WINDOW)
+            _MAX_USUAL_RATIO * usual, _MAX_CONTACT_RATIO * contacts,
+            _MAX_BODY_RATE / max(bodies, _MIN_BODIES))
+        self._window = min(max(_OUTPUTS * output_period, _MIN_WINDOW_S), _MAX_WINDOW_S)
         self._steps = -1
 
     def note(self, time: float, steps: int, stages: int, fastest: Callable[[], str]) -> str:
         """
-        Note a `time` [s] and the steps so far, lately of `stages`; returns why it stalls, or ''.
+        Record the `time` [s], steps and stages of a step; return why the run stalls, or ''.
 
-        `fastest` names what moves fastest.
+        `fastest` describes the fastest motion.
         """
         if not 0 <= self._steps <= steps or time < self._since:
             self._since, self._evaluations = time, 0
@@ -72,11 +72,10 @@ class StallWatch:
             rate = self._evaluations / past if past > 0.0 else float('inf')
             self._since, self._evaluations = time, 0
             return (
-                f'simulated time stands nearly still: the motion has become so fast that a second '
-                f'of it takes {rate:.2g} evaluations of the forces, where this scene usually '
-                f'takes {self._usual:.2g}; the fastest is that of {fastest()}. Reset the run and '
-                'make that slower: a load, drive or pull is too strong for these shells, or '
-                'something too stiff')
+                f'simulated time has almost stopped: one second of this motion needs {rate:.2g} '
+                f'force evaluations, where this scene usually needs {self._usual:.2g}; the '
+                f'fastest motion is that of {fastest()}. Reset the run and slow it down: a load, '
+                'drive or pull is too strong for these shells, or a stiffness is too large')
         if past >= self._window:
             self._since, self._evaluations = time, 0
         return ''

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What limits the step of a run, and since when."""
+"""Description of the limit of a run's step, and of its start time."""
 
 import time as wall
 
@@ -22,26 +22,27 @@ from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 
-# A step above this part of the stability limit is chosen by that, with its safety.
-_NEAR = 0.5
-# Looking for the place takes at most one part in so many of the time, large fabrics included.
-_SHARE = 200.0
+# A step above this ratio of the stability limit is limited by stability, including the safety
+# factor.
+_LIMIT_RATIO = 0.5
+# The search for the place takes at most one part in this number of the wall time.
+_MAX_SEARCH_SHARE = 200.0
 
 
 class StepLimit:
-    """Follows one run; in its thread."""
+    """Monitor of the step limit of one run; use in its thread."""
 
     def __init__(self) -> None:
-        """Know of no limit yet."""
+        """Create a monitor without a known limit."""
         self._known: tuple[str, str] | None = None
         self._since = 0
         self._place, self._place_since, self._looked = '', 0, 0.0
 
     def describe(self, simulation: Simulation, now: int, *, with_place: bool = True) -> str:
         """
-        Return a sentence on the limit at time `now` [ns]: which, by what, and since when.
+        Return a sentence on the limit at time `now` [ns]: kind, cause and start time.
 
-        The place of the fastest motion takes an eigenvalue search, so it is left out on request.
+        The place of the fastest motion needs an eigenvalue search and is optional.
         """
         status = simulation.status
         term = status.fastest_term
@@ -57,10 +58,10 @@ class StepLimit:
             f'{known[0]}; fastest: {term}{where}; since t = {seconds(self._since):.6g} s{place}')
 
     def _place_of(self, simulation: Simulation, now: int, *, anew: bool) -> str:
-        """Where that is, and since when."""
+        """Return the place of the fastest motion and its start time."""
         began = wall.perf_counter()
         if anew:
-            # What is known is of another limit.
+            # The known place belongs to another limit.
             self._place, self._place_since = '', now
         if began >= self._looked:
             try:
@@ -69,12 +70,12 @@ class StepLimit:
             except KernelsMissing:
                 # A later report has it, see `Simulation.prepare_contacts`.
                 place = ''
-            # How deep it is says nothing of which it is.
+            # The overlap does not identify the place.
             same = place.partition(', by ')[0] == self._place.partition(', by ')[0]
             if anew or not same or now < self._place_since:
                 self._place_since = now
             self._place, ended = place, wall.perf_counter()
-            self._looked = ended + _SHARE * (ended - began)
+            self._looked = ended + _MAX_SEARCH_SHARE * (ended - began)
         return self._place and f'; {self._place}, since t = {seconds(self._place_since):.6g} s'
 
 
@@ -82,9 +83,9 @@ def _kind(simulation: Simulation) -> str:
     parameters, status = simulation.scene.parameters, simulation.status
     tolerance = f'solver.tolerance {parameters["solver.tolerance"]:g}'
     if parameters['solver.step'] > 0.0:
-        return 'solver.step, which is given'
+        return 'solver.step, which is fixed'
     if facts_of(status.method_name).adaptive:
         return f'accuracy (the error of each step, {tolerance})'
-    if status.step > _NEAR * step_limit(simulation):
+    if status.step > _LIMIT_RATIO * step_limit(simulation):
         return 'stability'
     return f'accuracy ({tolerance})'

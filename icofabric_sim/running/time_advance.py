@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The advance of simulated time: to the next output, by solver steps, or to a failure.
+Advance of simulated time: to the next output, by solver steps, or to a failure.
 
-Between two calls of the simulation the time is always a whole number of nanoseconds, and the
-simulation stands there exactly: so every input acts at a time that a bag can hold.
+Between two calls of the simulation the time is a whole number of nanoseconds, and the simulation
+is exactly there. So every input acts at a time that a bag can hold.
 """
 
 from contextlib import suppress
@@ -36,38 +36,38 @@ from icofabric_sim.simulation.errors import Interrupted, KernelsAwaited, Simulat
 from icofabric_sim.simulation.simulation import Simulation
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# Wall time of one call into the simulation [s]: how late an immediate input, a pause or a stop
-# is heard.
+# Wall time of one call of the simulation [s], i.e. the delay of an immediate input, a pause or a
+# stop.
 RESPONSE = 0.01
-# Of a call that takes longer than that, because the motion has become faster meanwhile [s].
-_PATIENCE = 0.1
-# Wall time after which a wait for kernels is worth a line of the log [s].
-_WORTH_SAYING = 0.5
+# Time limit [s] of a call that takes longer, because the motion has become faster.
+_MAX_CALL_S = 0.1
+# Waits for kernels beyond this wall time [s] are logged.
+_LOGGED_WAIT_S = 0.5
 
 
 class TimeAdvance:
-    """Moves one run through time, in its thread; only `stop` is for any thread."""
+    """Advance of one run, in its thread; only `stop` is thread-safe."""
 
     def __init__(
         self, state: RunState, inputs: ReceivedInputs, broadcast: Broadcast, pace: Pace
     ) -> None:
-        """Move `state`; outputs go to `broadcast`."""
+        """Advance `state`; outputs go to `broadcast`."""
         self._state, self._inputs, self._broadcast, self._pace = state, inputs, broadcast, pace
         self.requests = TimeRequests()
         self.stopping = False
         self._patient_until = math.inf
         self._held_for_contacts = True
-        # Since when it waits, by the wall clock, and why where that has not been said.
+        # Start of the wait (wall clock), and its reason until that is logged.
         self._held_since, self._held_why, self._held_at = 0.0, '', -1
-        # None: who waits for the end of the run is patient.
+        # None: the caller waits for the end of the run.
         self.stall: StallWatch | None = None
 
     def stop(self) -> None:
-        """Have the simulation come to a halt at the end of a step."""
+        """Stop the simulation at the end of a step."""
         self.stopping = True
 
     def follow(self, simulation: Simulation) -> None:
-        """Move this simulation from now on."""
+        """Advance this simulation from now on."""
         kernels = self._state.simulation.contact_kernels
         if kernels is not None and self._state.simulation is not simulation:
             kernels.give_up()
@@ -75,18 +75,18 @@ class TimeAdvance:
         simulation.should_stop = (
             lambda: self.stopping or wall.monotonic() > self._patient_until)
         self._inputs.follow(simulation)
-        self.begin_anew()
+        self.restart_motion()
 
     def prepare_contacts(self) -> None:
-        """Have a live run wait, and answer, where the first contact needs the compiler."""
+        """Let a live run respond while the first contact waits for the compiler."""
         if self.stall is not None:
             self._state.simulation.prepare_contacts()
 
     def advance(self, end: int | None = None) -> None:
         """
-        Advance to the next output, or for a moment, whichever is sooner; at most to `end` [ns].
+        Advance to the next output, or for a short time if that is sooner; at most to `end` [ns].
 
-        What is due at that end is left to the caller.
+        Outputs due at that end are left to the caller.
         """
         state, started, before = self._state, wall.perf_counter(), self._state.now
         target = self._next_target(self.requests.next_time() if end is None else end)
@@ -99,13 +99,13 @@ class TimeAdvance:
             computed = wall.perf_counter() - started
             self._pace.learn(target - before, computed)
             if state.now > before:
-                self._say_it_runs()
-            # Broken off before its first step, it has shown this time already.
+                self._log_resumed()
+            # Interrupted before its first step, it has already sent this time.
             if state.now > before and state.now != end:
                 self._broadcast.due(state.now)
             if not self._broadcast.owes:
                 self.requests.answer(state.now)
-            self._look_for_stall()
+            self._check_stall()
         except SimulationError as error:
             self.fail(str(error), target)
         except Interrupted as stop:
@@ -113,11 +113,11 @@ class TimeAdvance:
             if isinstance(stop, KernelsAwaited):
                 self._hold(stop.is_for_contacts)
             if before < state.now != end and not state.failure:
-                # It may be just the time of an output.
+                # It may coincide with an output.
                 self._broadcast.owe(state.now)
 
     def begin_steps(self, request: StepRequest) -> None:
-        """Queue a request for solver steps, or answer it why there are none."""
+        """Queue a request for solver steps, or answer why they are not possible."""
         state = self._state
         if state.failure:
             request.future.set_exception(RuntimeError(state.failure))
@@ -129,7 +129,9 @@ class TimeAdvance:
             self.requests.add(request)
 
     def begin_advance(self, request: AdvanceRequest) -> None:
-        """Queue an advance; while time runs anyway, wait for it. Or answer why there is none."""
+        """
+        Queue an advance, or wait for its end while time runs, or answer why it is impossible.
+        """
         state = self._state
         if request.duration is None:
             request.duration = round(state.parameters['advance_duration'] * NANOSECONDS)
@@ -144,9 +146,9 @@ class TimeAdvance:
 
     def take_advance(self, request: AdvanceRequest) -> None:
         """
-        Advance a paused run for a moment; the rest follows once commands had their turn.
+        Advance a paused run for a short time; the rest follows after pending commands.
 
-        As fast as possible: who asks for it waits for it.
+        As fast as possible, because the caller waits.
         """
         state = self._state
         if state.finished:
@@ -162,7 +164,7 @@ class TimeAdvance:
         if state.failure or state.is_held:
             return
         if state.now >= request.end:
-            # Shown as after steps, once, whether an output is due then or not.
+            # Shown once, as after steps, whether or not an output is due.
             self._broadcast.event(state.now, 'advanced')
             self.show_after('advanced')
             self._pace.restart(state.now)
@@ -171,12 +173,12 @@ class TimeAdvance:
             self.end_requests(self._over())
 
     def end_with_the_run(self) -> None:
-        """Answer all that wait for a time beyond the end of the duration, once it is reached."""
+        """Answer all requests for a time beyond the duration, once that is reached."""
         if self._state.finished:
             self.end_requests(self._over())
 
     def end_requests(self, reason: str) -> None:
-        """Answer all that wait for a time with the `reason` why it is not reached."""
+        """Answer all requests for a time with the `reason` why it is not reached."""
         state, current = self._state, self.requests.current
         if current is not None and current.is_shown:
             self.requests.finish(state.now)
@@ -185,8 +187,8 @@ class TimeAdvance:
             self._pace.restart(state.now)
         self.requests.end(reason, state.now)
 
-    def begin_anew(self) -> None:
-        """Take the present motion as one that begins, e.g. after a reset."""
+    def restart_motion(self) -> None:
+        """Treat the present motion as a new one, e.g. after a reset."""
         self._state.is_held = False
         if self.stall is not None:
             simulation = self._state.simulation
@@ -196,7 +198,7 @@ class TimeAdvance:
                 simulation.status.contact_evaluation_rate)
 
     def take_steps(self, request: StepRequest) -> None:
-        """Take steps for a moment; the rest follows once commands had their turn."""
+        """Take steps for a short time; the rest follows after pending commands."""
         if request.is_shown:
             self._answer(request)
             return
@@ -204,14 +206,14 @@ class TimeAdvance:
         simulation, target = state.simulation, state.now
         try:
             while not request.done:
-                # Rounding must not put it before the end of the step.
+                # Round-off must not put it before the end of the step.
                 target = nanoseconds_not_before(simulation.status.next_step_time) + 1
                 request.taken += simulation.advance_steps(1)
                 if wall.perf_counter() > end:
                     break
             state.catch_up()
-            self._say_it_runs()
-            # What comes in between two portions acts at a whole number of nanoseconds too.
+            self._log_resumed()
+            # Inputs between two portions also act at a whole number of nanoseconds.
             simulation.advance_to(seconds(state.now))
             if request.done:
                 self._pace.restart(state.now)
@@ -226,13 +228,13 @@ class TimeAdvance:
             state.catch_up()
 
     def _answer(self, request: StepRequest | AdvanceRequest) -> None:
-        """Answer the current request, which has come to its end, once that is shown."""
+        """Answer the completed request after its state is sent."""
         request.is_shown = True
         if not self._broadcast.owes:
             self.requests.finish(self._state.now)
 
-    def _look_for_stall(self) -> None:
-        """Stop simulated time where it stands nearly still: a clock that stands says nothing."""
+    def _check_stall(self) -> None:
+        """Stop simulated time in a stall: a clock that stands still explains nothing."""
         if self.stall is None:
             return
         state = self._state
@@ -248,7 +250,7 @@ class TimeAdvance:
             self.end_requests(reason)
 
     def stand_on_nanoseconds(self) -> None:
-        """Have the simulation stand where the run does: it may have been left in between."""
+        """Move the simulation to the time of the run; it may have stopped in between."""
         state = self._state
         try:
             state.simulation.advance_to(seconds(state.now))
@@ -259,9 +261,9 @@ class TimeAdvance:
 
     def is_held(self) -> bool:
         """
-        Whether simulated time waits for kernels; where they are ready it runs again.
+        Return whether simulated time waits for kernels; if they are ready it resumes.
 
-        Those of steps, or those of outputs that are due now.
+        Kernels of steps, or of outputs that are due now.
         """
         state = self._state
         if not state.is_held and not self._broadcast.owes:
@@ -269,15 +271,15 @@ class TimeAdvance:
         kernels = state.simulation.contact_kernels
         if not state.is_held:
             self._note_hold(
-                'the kernels that measure reactions and contacts are not ready yet; they are made '
-                'once on a machine')
-        if self._held_why and wall.monotonic() - self._held_since > _WORTH_SAYING:
+                'the kernels that measure reactions and contacts are not ready yet; they are '
+                'compiled once on a machine')
+        if self._held_why and wall.monotonic() - self._held_since > _LOGGED_WAIT_S:
             _LOGGER.info(
-                'simulated time waits at t = %.9g s: %s', seconds(state.now), self._held_why)
+                'simulated time is waiting at t = %.9g s: %s', seconds(state.now), self._held_why)
             self._held_why = ''
         if state.is_held and (kernels is None or kernels.are_ready or (
                 not self._held_for_contacts and is_compiler_free())):
-            # At least for a try.
+            # At least for an attempt.
             state.is_held = False
             self._pace.restart(state.now)
         if self._broadcast.owes:
@@ -285,7 +287,7 @@ class TimeAdvance:
         return state.is_held or self._broadcast.owes
 
     def _settle(self) -> None:
-        """Send the outputs of the present time that are still owed, if that needs no kernels."""
+        """Send the deferred outputs of the present time, unless they need missing kernels."""
         state = self._state
         try:
             if not state.failure:
@@ -297,14 +299,14 @@ class TimeAdvance:
             return
         self._pace.restart(state.now)
 
-    def _say_it_runs(self) -> None:
-        """Time has advanced; where it was said that it waits, say so."""
+    def _log_resumed(self) -> None:
+        """Log that time runs again, if the wait was logged."""
         if self._held_at >= 0 and not self._held_why:
-            _LOGGER.info('simulated time runs again')
+            _LOGGER.info('simulated time has resumed')
         self._held_at = -1
 
     def waits(self) -> str:
-        """What simulated time waits for, '': it does not; for any thread."""
+        """Return what simulated time waits for, or ''; thread-safe."""
         kernels = self._state.simulation.contact_kernels
         what, since = 'kernels that measure', self._broadcast.waits_for()
         if self._state.is_held and kernels is not None:
@@ -316,9 +318,9 @@ class TimeAdvance:
 
     def _hold(self, for_contacts: bool) -> None:
         """
-        Wait for the kernels of the next step, those for contacts or one that takes a moment.
+        Wait for the kernels of the next step, for contacts or those that load slowly.
 
-        Whatever needs none of them goes on.
+        Operations that need none of them continue.
         """
         state, self._held_for_contacts = self._state, for_contacts
         state.catch_up()
@@ -329,18 +331,18 @@ class TimeAdvance:
         if state.simulation.contact_kernels is not None:
             state.simulation.contact_kernels.hurry()
         self._note_hold(
-            'shells come near each other for the first time, and the kernels for contacts are not '
-            'ready yet; they are made once on a machine' if for_contacts else
-            'the compiler is at work, and one of its kernels has to be loaded')
+            'shells are near each other for the first time, and the kernels for contacts are not '
+            'ready yet; they are compiled once on a machine' if for_contacts else
+            'the compiler is running, and a kernel has to be loaded')
 
     def _note_hold(self, why: str) -> None:
-        """Note since when simulated time waits where it does; the same wait is noted once."""
+        """Record start and reason of a wait; the same wait is recorded once."""
         if self._held_at != self._state.now:
             self._held_at, self._held_since, self._held_why = (
                 self._state.now, wall.monotonic(), why)
 
     def fail(self, reason: str, target: int) -> None:
-        """Stop simulated time: the simulation failed on its way to `target` [ns]."""
+        """Stop simulated time: the simulation failed before reaching `target` [ns]."""
         state = self._state
         state.catch_up()
         state.failure = reason
@@ -353,7 +355,7 @@ class TimeAdvance:
         self.end_requests(reason)
 
     def show_after(self, event: str) -> None:
-        """Send what a run shows after an event, see run_events.py."""
+        """Send the outputs that follow an event, see run_events.py."""
         shown = shown_after(event, running=not self._state.paused)
         if shown is Shown.ANEW:
             self._broadcast.start(self._state.now, cleared=True)
@@ -362,12 +364,12 @@ class TimeAdvance:
 
     def _reaches(self, target: int) -> bool:
         """
-        Advance to `target` [ns]; False where that is broken off on the way, at the end of a step.
+        Advance to `target` [ns]; return False if interrupted before, at the end of a step.
 
-        A wrench may make the motion a thousand times faster than it was when the target was
-        chosen: what waits for its turn must not wait for all of that.
+        A wrench may make the motion a thousand times faster than when the target was chosen;
+        pending commands must not wait for all of it.
         """
-        self._patient_until = wall.monotonic() + _PATIENCE
+        self._patient_until = wall.monotonic() + _MAX_CALL_S
         try:
             self._state.simulation.advance_to(seconds(target))
         except KernelsAwaited:
@@ -379,7 +381,7 @@ class TimeAdvance:
         return True
 
     def _over(self) -> str:
-        return (f'the duration of {self._state.parameters["duration"]:g} s is over; reset the '
+        return (f'the duration of {self._state.parameters["duration"]:g} s has passed; reset the '
                 'run, or set a longer one')
 
     def _next_target(self, end: int | None) -> int:

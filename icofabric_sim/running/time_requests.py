@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Requests that move simulated time: solver steps, and advances by a duration."""
+"""Requests that advance simulated time: solver steps, and advances by a duration."""
 
 from collections import deque
 from concurrent.futures import Future
@@ -24,40 +24,40 @@ _LOGGER = logging.getLogger('icofabric_sim')
 
 
 class StepRequest:
-    """So many solver steps, taken in portions."""
+    """Number of solver steps, taken in portions."""
 
     def __init__(self, count: int | None = None) -> None:
-        """Ask for `count` steps; None: for the `step_count` that is in force when they begin."""
+        """Request `count` steps; None: the `step_count` in force when they start."""
         self._wanted, self.count, self.taken = count, count or 0, 0
         self.is_shown = False
         self.future: Future[Any] = Future()
 
     def begin(self, step_count: int) -> None:
-        """Take that many steps where the request says no number."""
+        """Set the number of steps, unless the request has one."""
         self.count = step_count if self._wanted is None else self._wanted
 
     @property
     def done(self) -> bool:
-        """Whether all steps are taken."""
+        """Return whether all steps are taken."""
         return self.taken >= self.count
 
     def reached(self, now: int) -> str:
-        """How far it has come at time `now` [ns]."""
+        """Return the progress at time `now` [ns] as text."""
         return f'{self.taken} of {self.count} solver steps taken'
 
 
 class AdvanceRequest:
-    """So much simulated time, in whole nanoseconds."""
+    """Duration of simulated time in whole nanoseconds."""
 
     def __init__(self, duration: int | None = None) -> None:
-        """Ask for a `duration` [ns]; None: for the `advance_duration` in force when it is read."""
+        """Request a `duration` [ns]; None: the `advance_duration` in force when it is read."""
         self.duration, self.start, self.end = duration, 0, 0
         self.is_shown = False
         self.future: Future[Any] = Future()
 
     @property
     def has_begun(self) -> bool:
-        """Whether it is known where it ends."""
+        """Return whether the end of the advance is known."""
         return self.end > 0
 
     def begin(self, now: int) -> None:
@@ -66,7 +66,7 @@ class AdvanceRequest:
         self.start, self.end = now, now + self.duration
 
     def reached(self, now: int) -> str:
-        """How far it has come at time `now` [ns]."""
+        """Return the progress at time `now` [ns] as text."""
         if not self.has_begun:
             return 'not advanced'
         return (f'advanced by {seconds(now - self.start):.9f} of '
@@ -75,13 +75,13 @@ class AdvanceRequest:
 
 class TimeRequests:
     """
-    Requests that move the time, one after the other; their answers say what ended them early.
+    Queue of requests that advance the time; answers include the reason of an early end.
 
-    Beside them stand advances that only wait for a time, because it runs anyway.
+    Advances that only wait for a time, because it runs, are kept separately.
     """
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Create an empty queue."""
         self._queue: deque[StepRequest | AdvanceRequest] = deque()
         self._waiting: list[AdvanceRequest] = []
 
@@ -91,23 +91,23 @@ class TimeRequests:
 
     @property
     def current(self) -> StepRequest | AdvanceRequest | None:
-        """The request that moves the time."""
+        """Return the request that advances the time."""
         return self._queue[0] if self._queue else None
 
     def finish(self, now: int) -> None:
-        """Answer the current request with the time [ns] that it led to."""
+        """Answer the current request with the time [ns] reached."""
         self._queue.popleft().future.set_result(now)
 
     def wait(self, request: AdvanceRequest) -> None:
-        """Have a request that has begun answered once its end is reached."""
+        """Answer a started request once its end is reached."""
         self._waiting.append(request)
 
     def next_time(self) -> int | None:
-        """The first time [ns] that is waited for; None without any."""
+        """Return the earliest time [ns] that a request waits for, or None."""
         return min((request.end for request in self._waiting), default=None)
 
     def answer(self, now: int) -> None:
-        """Answer those that have waited for the time `now` [ns]."""
+        """Answer the requests that waited for the time `now` [ns]."""
         for request in [item for item in self._waiting if item.end <= now]:
             self._waiting.remove(request)
             request.future.set_result(now)

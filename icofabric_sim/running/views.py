@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-When a page that draws a run is sent what is new: by the wall clock, and not too often.
+Rate limits of updates for viewer pages, by the wall clock.
 
-A run as fast as possible has hundreds of outputs in a second of wall time, of which a page draws a
-few; to lay out and to send the others would cost the run up to two thirds of its pace. What a
-message costs is its processor time: wall time is longer where other programs compute.
+A run at full speed has hundreds of outputs in a second of wall time, of which a page draws a few.
+Building and sending the others would reduce its speed by up to two thirds. The cost of a message
+is its processor time, because wall time is longer while other programs compute.
 """
 
 import time as wall
@@ -29,30 +29,30 @@ _INTERVALS = {topics.POSES: 1.0 / 60.0}
 _INTERVAL = 0.1
 _SHARES = {topics.POSES: 0.012, topics.CONNECTORS: 0.008}
 _SHARE = 0.004
-# Poses that take no more processor time [s] are sent at this interval [s], whatever their share:
-# every second output of 60 Hz, also of outputs that are a little early.
+# Poses that take at most this processor time [s] are sent at this interval [s], independent of the
+# ratio: every second output at 60 Hz, also if outputs are slightly early.
 _CHEAP_S, _CHEAP_INTERVAL_S = 1.5e-3, 1.0 / 36.0
 
 
 class Views:
-    """The topics of `VIEWS`: which of them may be sent now."""
+    """Schedule of the topics in `VIEWS`."""
 
     def __init__(self) -> None:
-        """All may be sent at first."""
+        """Allow all topics at first."""
         self._next = dict.fromkeys(topics.VIEWS, 0.0)
-        self._costs = dict.fromkeys(topics.VIEWS, 0.0)  # of the last message [s]
+        self._costs = dict.fromkeys(topics.VIEWS, 0.0)  # processor time of the last message [s]
 
     def due(self) -> list[tuple[Topic, Topic]]:
-        """Pairs of a topic, and its view, that may be sent now."""
+        """Return pairs of a topic and its view that may be sent now."""
         now = wall.monotonic()
         return [(topic, view) for topic, view in topics.VIEWS.items() if now >= self._next[topic]]
 
     def sent(self, topic: Topic, began: float, cost: float) -> None:
-        """Note a message that was begun at `began` of time.monotonic(), and its processor time."""
-        # One alone may have been interrupted.
+        """Record the start (time.monotonic()) and the processor time of a message."""
+        # A single measurement may include an interruption.
         cost, self._costs[topic] = min(cost, self._costs[topic]), cost
         interval = cost / _SHARES.get(topic, _SHARE)
         if topic is topics.POSES and cost <= _CHEAP_S:
             interval = min(interval, _CHEAP_INTERVAL_S)
-        # From its beginning, so that frames come in time.
+        # From its start, so that frames are on time.
         self._next[topic] = began + max(interval, _INTERVALS.get(topic, _INTERVAL))

@@ -11,4 +11,4 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A page in a browser to look at a fabric and to pull at it; needs the extra `viewer`."""
+"""Browser page that shows a fabric and lets the mouse drag shells; needs the extra `viewer`."""

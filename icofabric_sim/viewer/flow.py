@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-How far each page has come: what a page cannot draw in time must not wait there, frame on frame.
+Flow control for each page, so that frames do not queue up in a browser that draws slowly.
 
-A browser takes messages faster than it draws, and so keeps them; its socket never says so. So each
-frame brings a mark along, which the page sends back with its camera once it has come to the frame:
-an angle of view that differs by less than is seen. The frames of a page wait for its own marks.
-viser keeps the newest of each message until all have it, so a slow page leaves out frames.
+A browser accepts messages faster than it draws and queues them; its socket does not report the
+backlog. Each frame therefore carries a mark: a change of the camera's angle of view that is too
+small to see. The page returns the angle with its camera once it has drawn the frame. Frames of a
+page wait for the page's own marks. viser keeps the newest message of each kind until every page
+has it, so a slow page skips frames.
 """
 
 import asyncio
@@ -26,18 +27,20 @@ from importlib import import_module
 import time
 from typing import Any
 
-# Frames that may be under way to a page, so that those that draw fast need not wait for marks.
-_AHEAD = 3
-# For how long a page that sends no mark back is waited for [s].
-_PATIENCE = 3.0
-# A page is silent that has left a mark unanswered for so long [s], or for so many times as long as
-# its answers usually take, of which each counts as much in the mean; that is at most so long [s].
+# Frames in flight to a page, so that fast pages need not wait for marks.
+_MAX_FRAMES_AHEAD = 3
+# Longest wait for a page that returns no mark [s].
+_MARK_WAIT_S = 3.0
+# A page is silent if a mark is unanswered for the first time [s], or for this multiple of its mean
+# answer time. The newest answer has this weight in the mean; the mean is limited to the last time
+# [s].
 _SILENCE_S, _SILENCE_RATIO, _NEWEST_RATIO, _LONGEST_ANSWER_S = 0.5, 3.0, 0.3, 1.0
-# Relative differences of the angle: viser passes over what is nearer than 1e-5.
-_MARKS, _STEP = 4, 3e-5
+# Relative steps of the angle; viser ignores changes below 1e-5.
+_MARK_COUNT, _ANGLE_STEP_RATIO = 4, 3e-5
 
-# A page draws on and answers while the browser around it has stopped, which no mouse reaches then:
-# so answers wait for a word of the browser, whose own process knows permissions.
+# A page still draws and answers while the browser's user interface is blocked, when no mouse event
+# reaches the page. So each answer waits for a query of permissions, which the browser process
+# answers.
 _ASK_BROWSER = """(() => {
     const page = window.__viserMutable, send = page?.sendCamera;
     if (send && !send.asks && navigator.permissions) {
@@ -51,8 +54,8 @@ _ASK_BROWSER = """(() => {
 Windows = AsyncGenerator[Sequence[Any], None]
 
 
-class _Reader:
-    """The marks of one page."""
+class _PageMarks:
+    """Marks sent to and returned by one page."""
 
     def __init__(self) -> None:
         self.sent = self.come = 0  # frames
@@ -62,18 +65,18 @@ class _Reader:
 
     @property
     def is_free(self) -> bool:
-        return self.sent - self.come < _AHEAD
+        return self.sent - self.come < _MAX_FRAMES_AHEAD
 
     def ask(self) -> int:
-        """Count a frame, and return its mark."""
+        """Count a frame and return its mark."""
         if self.sent == self.come:
             self.asked = time.monotonic()
         self.sent += 1
-        return self.sent % _MARKS
+        return self.sent % _MARK_COUNT
 
     def take(self, mark: int) -> None:
-        """Note a mark; the last frame that was sent with this mark is reached."""
-        frame = self.sent - (self.sent - mark) % _MARKS
+        """Record a returned mark: the page has drawn the last frame sent with this mark."""
+        frame = self.sent - (self.sent - mark) % _MARK_COUNT
         if frame > self.come:
             now = time.monotonic()
             taken = min(now - self.asked, _LONGEST_ANSWER_S)
@@ -82,48 +85,48 @@ class _Reader:
         self.news.set()
 
     def is_silent(self) -> bool:
-        """Return whether the page has answered nothing, and sent nothing, for too long."""
+        """Return whether the page has neither answered nor sent anything for too long."""
         silence = time.monotonic() - max(self.asked, self.heard)
         return self.come < self.sent and silence > max(
             _SILENCE_S, _SILENCE_RATIO * self.answer_time)
 
 
 class Flow:
-    """The marks of all pages, each of which gets frames at its own rate."""
+    """Flow control of all pages; each page gets frames at its own rate."""
 
     def __init__(self, view: float) -> None:
-        """Mark pages whose angle of view is `view` [rad]."""
+        """Prepare for pages whose angle of view is `view` [rad]."""
         self._view = view
-        self._readers: dict[int, _Reader] = {}
+        self._readers: dict[int, _PageMarks] = {}
         messages = import_module('viser._messages')
         self._update, self._fov = messages.SceneNodeUpdateMessage, messages.SetCameraFovMessage
         self._script = messages.RunJavascriptMessage(_ASK_BROWSER)
 
     def pace(self, buffer: Any) -> None:
-        """Have what the broadcast `buffer` of viser holds wait for each page by itself."""
+        """Let each page receive the broadcast `buffer` of viser at its own rate."""
         windows = buffer.window_generator
         buffer.window_generator = lambda number, **words: self._paced(
             number, windows(number, **words))
 
     def begin(self, page: Any) -> None:
-        """Hear the marks of a client of viser that has come."""
-        reader = self._readers[page.client_id] = _Reader()
+        """Receive the marks of a new client of viser."""
+        reader = self._readers[page.client_id] = _PageMarks()
 
         page._websock_connection.queue_message(self._script)
 
         @page.camera.on_update  # type: ignore[untyped-decorator]
         async def _(camera: Any) -> None:
             reader.heard = time.monotonic()
-            mark = round((camera.fov / self._view - 1.0) / _STEP)
-            if 0 <= mark < _MARKS:
+            mark = round((camera.fov / self._view - 1.0) / _ANGLE_STEP_RATIO)
+            if 0 <= mark < _MARK_COUNT:
                 reader.take(mark)
 
     def end(self, number: int) -> None:
-        """Wait for a page no longer."""
+        """Remove a page that has closed."""
         self._readers.pop(number, None)
 
     def hear(self, number: int) -> None:
-        """Note that a page has sent something."""
+        """Record that a page has sent a message."""
         if number in self._readers:
             self._readers[number].heard = time.monotonic()
 
@@ -133,24 +136,24 @@ class Flow:
         return reader is not None and reader.is_silent()
 
     def is_free(self) -> bool:
-        """Return whether any page can take another frame, or none is there."""
+        """Return whether any page can take another frame, or no page is open."""
         readers = list(self._readers.values())
         return not readers or any(reader.is_free for reader in readers)
 
     async def _paced(self, number: int, windows: Windows) -> Windows:
-        """Yield the `windows` of messages for a page, a mark behind each frame."""
+        """Yield the `windows` of messages for a page, with a mark after each frame."""
         try:
             async for window in windows:
                 reader = self._readers.get(number)
                 if reader is None or not any(isinstance(item, self._update) for item in window):
                     yield window
                     continue
-                yield [*window, self._fov(self._view * (1.0 + _STEP * reader.ask()))]
+                yield [*window, self._fov(self._view * (1.0 + _ANGLE_STEP_RATIO * reader.ask()))]
                 while not reader.is_free:
                     reader.news.clear()
                     try:
-                        await asyncio.wait_for(reader.news.wait(), _PATIENCE)
+                        await asyncio.wait_for(reader.news.wait(), _MARK_WAIT_S)
                     except TimeoutError:
-                        reader.come = reader.sent - _AHEAD + 1
+                        reader.come = reader.sent - _MAX_FRAMES_AHEAD + 1
         finally:
             await windows.aclose()

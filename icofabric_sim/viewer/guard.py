@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Who may talk to the page: any web page in the browser can reach a socket of this machine.
+Access control of the page: any web page in the browser can reach a local socket.
 
-A request must name this machine in its Host header (else another name leads here, as in DNS
-rebinding), by any port, as tunnels have ports of their own. Where a request has an Origin header,
-as all that scripts of web pages send have, that must be the page itself, port included. Bound to
-anything but the loopback, a token is asked for as well: once in the address, then in a cookie of
-the browser.
+The Host header of a request must name this machine; otherwise another name resolves to it, as in
+DNS rebinding. Any port is accepted, because tunnels have their own ports. The Origin header, which
+all scripts of web pages send, must be the page itself, port included. A server bound to another
+address than the loopback also requires a token: first in the address, then in a cookie of the
+browser.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,31 +35,31 @@ from icofabric_sim.libraries import install_command
 
 _LOOPBACK = re.compile(r'(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?', re.IGNORECASE)
 _COOKIE = 'icofabric_viewer'
-_installing = threading.Lock()
+_install_lock = threading.Lock()
 
 
 class Guard:
-    """Judges requests by their headers."""
+    """Filter of requests by their headers."""
 
     def __init__(self, host: str, token: str = '') -> None:
-        """Guard a server that is bound to `host`; `token`: of a page before, if any."""
+        """Guard a server that is bound to `host`; `token` is that of an earlier page, if any."""
         self.is_local = host in ('127.0.0.1', 'localhost', '::1')
         self.token = '' if self.is_local else token or secrets.token_urlsafe(24)
         self._serving: Any = None
 
     def judge(self, path: str, headers: Mapping[str, str]) -> str:
-        """Return why a request is refused; '': it is not."""
+        """Return why a request is rejected, or '' if it is accepted."""
         host, origin = headers.get('Host', ''), headers.get('Origin')
         if self.is_local and not _LOOPBACK.fullmatch(host):
             return f'the Host header {host[:80]!r} is not this machine'
         if origin is not None and origin != f'http://{host}':
             return f'the Origin {origin[:80]!r} is another page'
         if self.token and not (self._has_token(path) or self._has_cookie(headers)):
-            return 'the token is missing: open the address that the viewer has printed'
+            return 'the token is missing: open the address printed by the viewer'
         return ''
 
     def cookie_for(self, path: str) -> str:
-        """The Set-Cookie header for a request that has brought the token; '': none."""
+        """Return the Set-Cookie header for a request that contains the token, otherwise ''."""
         if not self._has_token(path):
             return ''
         return f'{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/'
@@ -79,10 +79,11 @@ class Guard:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """
-        Guard the server of websockets that is started meanwhile.
+        Guard the websocket server that is started within the block.
 
-        viser hands no check of its own to websockets, so its call is met on the way. Raises
-        RuntimeError where none came by: then nothing is guarded, and nothing must be served.
+        viser offers no check to pass to websockets, so its call of `serve` is intercepted. Raises
+        RuntimeError if there was no such call: then nothing is guarded, and nothing must be
+        served.
         """
         server: Any = import_module('websockets.asyncio.server')
         real = server.serve
@@ -93,7 +94,7 @@ class Guard:
                     connection, request, process_request), **words)
             return self._serving
 
-        with _installing:
+        with _install_lock:
             server.serve = serve
             try:
                 yield
@@ -101,11 +102,11 @@ class Guard:
                 server.serve = real
         if self._serving is None:
             raise RuntimeError(
-                'this release of viser starts its server in another way than 1.1: the page would '
-                f'be open to every web page, so it is not served; {install_command("viser")}')
+                'this release of viser starts its server differently from 1.1: the page would '
+                f'be open to every web page and is not served; {install_command("viser")}')
 
     def abort_connections(self) -> None:
-        """Close what is still connected without waiting for answers; called in its event loop."""
+        """Close the remaining connections without waiting; call in their event loop."""
         for connection, task in list(self._serving.server.handlers.items()):
             task.cancel()
             connection.transport.abort()

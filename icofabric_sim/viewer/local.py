@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""A run, or a replay, in this process: what a page sees of it, and what it can do to it."""
+"""A run, or a replay, in this process: the data for a page and the actions of a page."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -41,23 +41,23 @@ _BY_NAME = {topic.name: topic for topic in TOPICS} | {
 
 
 class SightSink:
-    """Hands messages to a Sight: of a run, or of a replay."""
+    """Sink that passes messages of a run, or of a replay, to a Sight."""
 
     is_bag = False
 
     def __init__(self, sight: Sight, *, is_run: bool = False) -> None:
-        """Feed `sight`; `is_run`: of a run, which has topics for pages."""
+        """Pass to `sight`; `is_run`: from a run, which publishes topics for pages."""
         self._sight = sight
         self._names = {
             (VIEWS.get(topic, topic) if is_run else topic).name for topic in TOPICS}
 
     def wants(self, topic: Topic) -> bool:
-        """Whether a page shows the topic."""
+        """Return whether a page shows the topic."""
         return topic.name in self._names
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Take a message; what is malformed is said and left out."""
-        # Those of a record are described as they were recorded.
+        """Accept a message; log and skip a malformed one."""
+        # Recorded topics have their recorded descriptions.
         known = _BY_NAME.get(topic.name)
         if known is None:
             return
@@ -67,16 +67,16 @@ class SightSink:
             _LOGGER.warning('%s cannot be shown: %s', topic.name, error)
 
     def send_input(self, topic: str, type_name: str, nanoseconds: int, data: bytes) -> None:
-        """Inputs are not shown."""
+        """Ignore inputs: a page does not show them."""
 
     def time_jumped_back(
         self, simulation: Simulation, parameters: Parameters, ended: Status
     ) -> None:
-        """Curves begin anew by themselves."""
+        """Do nothing: the curves restart when time jumps."""
 
 
-def _then(future: 'Future[Any]', words: Any) -> 'Future[str]':
-    """A future of the words for the result of another."""
+def _with_text(future: 'Future[Any]', words: Any) -> 'Future[str]':
+    """Return a future of the text for the result of another future."""
     answer: Future[str] = Future()
 
     def done(found: 'Future[Any]') -> None:
@@ -90,45 +90,45 @@ def _then(future: 'Future[Any]', words: Any) -> 'Future[str]':
     return answer
 
 
-def _at(word: str) -> Any:
+def _timed(word: str) -> Any:
     return lambda time: f'{word}, t = {seconds(time):.9g} s'
 
 
-class RunHands:
-    """Does it to a runner."""
+class RunActions:
+    """Control of a runner."""
 
     is_replay = False
 
     def __init__(self, runner: Runner) -> None:
-        """Act on `runner`, from any thread."""
+        """Control `runner` from any thread."""
         self._runner = runner
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
-        """Send what a node would get on `~/pull`."""
+        """Send the message that a node would receive on `~/pull`."""
         message = PointStampedBytes(body_frame(body))
         message.point[:] = math.nan if point is None else point
         self._runner.inputs.receive(PULL, message.stamped(0))
 
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
-        """Do what the service of that name does."""
+        """Perform the action of the service of that name."""
         runner = self._runner
         if name == 'pause':
-            return _then(runner.set_paused(bool(on)), _at('paused' if on else 'running'))
+            return _with_text(runner.set_paused(bool(on)), _timed('paused' if on else 'running'))
         if name == 'record':
-            return _then(runner.set_recording(bool(on)), str)
+            return _with_text(runner.set_recording(bool(on)), str)
         calls: dict[str, tuple[Callable[[], Future[Any]], str]] = {
             'step': (runner.take_steps, 'solver steps taken'),
             'advance': (runner.advance, 'advanced'),
-            'reset': (runner.reset, 'back at the initial state'),
-            'clear_loads': (runner.clear_loads, 'no load acts')}
+            'reset': (runner.reset, 'reset to the initial state'),
+            'clear_loads': (runner.clear_loads, 'all wrenches cleared')}
         if name not in calls:
             raise ValueError(f'{name} is not a service of a run')
         call, word = calls[name]
         asked: Future[Any] = call()
-        return _then(asked, _at(word))
+        return _with_text(asked, _timed(word))
 
     def change(self, name: str, value: Any) -> 'Future[str]':
-        """Set a parameter; ValueError, or the future, says why not."""
+        """Set a parameter; the reason of a rejection is in the ValueError or in the future."""
         runner = self._runner
         wanted = (runner.changes.wanted or runner.parameters).with_changes(with_kind(name, value))
         built: Future[str] = Future()
@@ -153,40 +153,42 @@ class RunHands:
         return answer
 
 
-class ReplayHands:
-    """Does it to a player."""
+class ReplayActions:
+    """Control of a replay player."""
 
     is_replay = True
 
     def __init__(self, player: Player) -> None:
-        """Act on `player`, from any thread."""
+        """Control `player` from any thread."""
         self._player = player
-        # Once a simulation is ready to go on from the record: with its parameters.
+        # Parameters of the simulation that is ready to continue the replay.
         self.going_on: tuple[Simulation, Parameters] | None = None
         self._builds = threading.Lock()
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
-        """What was recorded cannot be pulled at."""
+        """Do nothing: a recorded run cannot be dragged."""
 
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
-        """Do what the service of that name does."""
+        """Perform the action of the service of that name."""
         player = self._player
         if name == 'pause':
-            return _then(player.set_paused(bool(on)), _at('paused' if on else 'running'))
+            return _with_text(player.set_paused(bool(on)), _timed('paused' if on else 'running'))
         if name == 'reset':
-            return _then(player.reset(), _at('back at the start'))
+            return _with_text(player.reset(), _timed('reset to the start'))
         if name == 'step':
-            return _then(player.step(), _at('one frame on'))
+            return _with_text(player.step(), _timed('stepped by one frame'))
         if name == 'continue':
-            return self._go_on()
+            return self._continue_run()
         raise ValueError(
-            f'{name} needs a node: play the bag with replay_node, and see it with viewer_node')
+            f'{name} needs a node: play the bag with replay_node and open viewer_node')
 
-    def _go_on(self) -> 'Future[str]':
-        """Simulate from the present recorded moment on; the answer comes when that is ready."""
+    def _continue_run(self) -> 'Future[str]':
+        """
+        Rebuild the run up to the present recorded time; the future completes when it is ready.
+        """
         answer: Future[str] = Future()
         if not self._builds.acquire(blocking=False):
-            raise ValueError('the simulation is being built already')
+            raise ValueError('the simulation is already being built')
         player, was_paused = self._player, self._player.paused
 
         def build() -> None:
@@ -199,10 +201,10 @@ class ReplayHands:
                 self._builds.release()
                 if not was_paused:
                     player.set_paused(False)
-                answer.set_exception(ValueError(f'this run cannot go on: {error}'))
+                answer.set_exception(ValueError(f'this run cannot be continued: {error}'))
             else:
-                answer.set_result(f'goes on as a simulation, t = {seconds(time):.9g} s')
-                # Where it was recorded to, and how long it was to last, is over.
+                answer.set_result(f'continues as a simulation, t = {seconds(time):.9g} s')
+                # The recorded path and duration do not apply to the new simulation.
                 self.going_on = simulation, parameters.with_changes({
                     'record.path': '', 'duration': 0.0, 'real_time_factor': player.rate,
                     'start_paused': was_paused})
@@ -211,13 +213,13 @@ class ReplayHands:
         return answer
 
     def change(self, name: str, value: Any) -> 'Future[str]':
-        """Set rate, loop or the time to go to."""
+        """Set the rate, the loop flag, or the time to seek."""
         player, value = self._player, judge_option(name, value)
         if name == 'seek':
             time = player.judge_time(round(value * NANOSECONDS))
-            return _then(player.seek(time), _at('there'))
+            return _with_text(player.seek(time), _timed('there'))
         if name == 'rate':
-            return _then(player.set_rate(value), lambda _: '')
+            return _with_text(player.set_rate(value), lambda _: '')
         if name != 'loop':
             raise ValueError(f'{name} is fixed at the start')
         player.loop = value

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The panel beside the scene: what the run says, what can be done to it, legend and plots.
+Control panel of the page: status of the run, commands, parameters, legend and plots.
 
-Sliders follow what is in force, so that a change from elsewhere shows too; what is refused is said
-in the words of who refused it, and the slider goes back.
+Sliders follow the values in force, so that changes from other clients are shown too. A rejected
+change shows the reason, and the slider returns.
 """
 
 from collections.abc import Callable
@@ -27,21 +27,21 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.checks import counted
 from icofabric_sim.messages.markers import STRAIN_CLASSES
-from icofabric_sim.viewer.hands import Hands
+from icofabric_sim.viewer.actions import Actions
 from icofabric_sim.viewer.sight import Curve, Fabric, Sight
 from icofabric_sim.viewer.stage import rgb, Stage
 import numpy as np
 
 LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
-# For so long after the last touch the time of a record's slider is the user's [s].
-_TOUCHED = 1.5
-# Of plots: colours of Okabe and Ito, told apart by all, and dashes for those who see none.
-_LOOKS: tuple[tuple[str, tuple[float, ...]], ...] = (
+# Time after the last input for which the user owns the time slider of a replay [s].
+_USER_HOLD_S = 1.5
+# Colours of Okabe and Ito, distinguishable with colour blindness, and dash patterns of plots.
+_LINE_STYLES: tuple[tuple[str, tuple[float, ...]], ...] = (
     ('#0072b2', ()), ('#d55e00', (6, 4)), ('#009e73', (2, 3)), ('#cc79a7', (8, 3, 2, 3)))
 
 
 class Slider(NamedTuple):
-    """A parameter that is a number."""
+    """Slider of a numeric parameter."""
 
     name: str
     label: str
@@ -61,32 +61,32 @@ SLIDERS = (
 MENUS = {'weave.kind': ('orthogonal', 'bias', 'radial'), 'weave.variant': ('0', '1', '2', '3')}
 
 
-class Wishes:
-    """Changes under way: one at a time for each parameter, then the latest that was wanted."""
+class PendingChanges:
+    """Pending changes: one at a time for each parameter, then the latest requested value."""
 
     def __init__(
         self, change: 'Callable[[str, Any], Future[str]]', answer: Callable[[str, str, bool], None]
     ) -> None:
-        """`answer` hears the name, the words and whether it is in force."""
+        """Send changes through `change`; `answer` receives name, message and success."""
         self._change, self._answer = change, answer
         self._lock = threading.Lock()
         self._under_way: set[str] = set()
         self._waiting: dict[str, Any] = {}
 
-    def want(self, name: str, value: Any) -> None:
-        """Ask for a value, now or once the one before is answered."""
+    def request(self, name: str, value: Any) -> None:
+        """Request a value now, or after the pending request is answered."""
         with self._lock:
             if name in self._under_way:
                 self._waiting[name] = value
                 return
             self._under_way.add(name)
-        self._ask(name, value)
+        self._send(name, value)
 
     def is_open(self, name: str) -> bool:
-        """Whether an answer is awaited."""
+        """Return whether a request for the parameter is pending."""
         return name in self._under_way
 
-    def _ask(self, name: str, value: Any) -> None:
+    def _send(self, name: str, value: Any) -> None:
         try:
             future = self._change(name, value)
         except Exception as error:  # noqa: BLE001 - shown on the page
@@ -105,102 +105,103 @@ class Wishes:
                 self._under_way.discard(name)
                 return
             value = self._waiting.pop(name)
-        self._ask(name, value)
+        self._send(name, value)
 
 
-def _code(text: str) -> str:
-    """Words from elsewhere: all but code on one line would be rendered with its HTML."""
+def _as_code(text: str) -> str:
+    """Return external text as inline code, because other text would be rendered as HTML."""
     plain = ' '.join(text.replace('`', "'").split())
     return f'`{plain or "-"}`'
 
 
 class Panel:
-    """The controls of all pages together: what one sets the others see."""
+    """Controls shared by all pages."""
 
-    def __init__(self, server: Any, sight: Sight, stage: Stage, hands: Hands | None) -> None:
-        """Lay it out on a server of viser; without `hands` the page is read only."""
-        self._server, self._sight, self._stage, self._hands = server, sight, stage, hands
+    def __init__(self, server: Any, sight: Sight, stage: Stage, actions: Actions | None) -> None:
+        """Create the panel on a viser server; read-only without `actions`."""
+        self._server, self._sight, self._stage, self._hands = server, sight, stage, actions
         self.answer = ''
         self.follow = -1
         self._controls: dict[str, tuple[Any, Callable[[Any], Any]]] = {}
-        self._told: dict[str, Any] = {}  # the values that the controls were set to last
-        self._spanned = -1  # the fabric that the slider of the cut spans
-        self._seek: Any = None  # the slider of the time of a record
-        self._sought = 0.0  # when the user last moved it, on the monotonic clock
+        self._set_values: dict[str, Any] = {}  # values that were last set on the controls
+        self._spanned_fabric = -1  # number of the fabric that the clip plane's slider spans
+        self._seek: Any = None  # time slider of a replay
+        self._sought_at = 0.0  # when the user last moved it, on the monotonic clock
         self._groups: tuple[str, ...] = ()  # of the plot of displacements
-        self._wishes = None if hands is None else Wishes(hands.change, self._answered)
+        self._pending = None if actions is None else PendingChanges(actions.change, self._answered)
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         self.state = gui.add_markdown('Waiting for a fabric')
         self.words = gui.add_markdown('')
         self._lay_out_legend()
-        if hands is None:
+        if actions is None:
             gui.add_markdown('*Read only: this page cannot change the run.*')
         else:
-            self._lay_out_run(hands)
-            self._lay_out_parameters(hands)
+            self._lay_out_run(actions)
+            self._lay_out_parameters(actions)
         self._lay_out_view()
         self._lay_out_plots()
         with gui.add_folder('Diagnostics', expand_by_default=False):
             self.report = gui.add_markdown('No diagnostics received')
 
-    def say(self, text: str, *, good: bool = True) -> None:
-        """Show an answer, a refusal so that it is seen."""
+    def show_answer(self, text: str, *, good: bool = True) -> None:
+        """Show an answer; show a rejection also as a notification."""
         self.answer = text
-        self.words.content = _code(text) if good else f'**refused:** {_code(text)}'
+        self.words.content = _as_code(text) if good else f'**refused:** {_as_code(text)}'
         if not good:
             for client in self._server.get_clients().values():
                 client.add_notification('refused', text, color='red', auto_close_seconds=8.0)
 
     def update(self) -> None:
-        """Show the state of the run; a few times a second."""
+        """Show the state of the run; called a few times a second."""
         sight = self._sight
         fabric, figures = sight.fabric, sight.figures
         if fabric is not None:
             level = LEVELS[min(sight.status, 3)]
-            # Negative numbers are those of anchors.
+            # Negative numbers stand for anchors.
             broken = int((sight.broken >= 0).sum())
             lines = [
                 f't = {sight.time * 1e-9:.3f} s, {counted(fabric.scene.body_count, "shell")}, '
                 f'{counted(fabric.scene.connector_count, "connector")}, {broken:,} broken']
             if figures:
                 pace = figures.get('real-time factor', '?')
-                # All of it would move what stands below, under the mouse.
+                # Only the first part: a longer text would move the controls below it under the
+                # mouse.
                 message = sight.message.partition(';')[0]
-                lines.append(_code(f'real-time factor {pace}; {level}: {message}'))
+                lines.append(_as_code(f'real-time factor {pace}; {level}: {message}'))
                 reasons = figures.get('reasons', 'none')
-                self._set(self.report, 'content', _code(
+                self._set(self.report, 'content', _as_code(
                     sight.message if reasons == 'none' else reasons))
             self._set(self.state, 'content', '\n\n'.join(lines))
             for name, (handle, shown) in self._controls.items():
-                if name in fabric.parameters and not (self._wishes or self).is_open(name):
-                    # Only what is new: else it would undo what a page is about to ask for.
+                if name in fabric.parameters and not (self._pending or self).is_open(name):
+                    # Only changed values: others would undo an input that a page has not sent yet.
                     value = shown(fabric.parameters[name])
-                    if self._told.get(name) != value:
-                        self._told[name] = handle.value = value
-            self._span_cut(fabric)
+                    if self._set_values.get(name) != value:
+                        self._set_values[name] = handle.value = value
+            self._span_clip_plane(fabric)
         self._show_time()
         if len(sight.curves) > 1:
             self._show_curves(list(sight.curves), () if fabric is None else tuple(fabric.groups))
 
-    def _span_cut(self, fabric: Fabric) -> None:
-        """Have the slider of the cut reach beyond the fabric as woven by half its size."""
-        if self._spanned == self._sight.fabric_number:
+    def _span_clip_plane(self, fabric: Fabric) -> None:
+        """Extend the clip plane's slider beyond the woven fabric by half its size."""
+        if self._spanned_fabric == self._sight.fabric_number:
             return
-        self._spanned = self._sight.fabric_number
+        self._spanned_fabric = self._sight.fabric_number
         low, high = fabric.scene.position.min(), fabric.scene.position.max()
         beyond = 0.5 * (high - low) + fabric.scene.geometry.pitch
         self._set(self._cut, 'min', round(float(low - beyond), 3))
         self._set(self._cut, 'max', round(float(high + beyond), 3))
 
     def _show_time(self) -> None:
-        """Move the slider of a record with the time, unless the user is moving it."""
+        """Move the time slider of a replay, unless the user is moving it."""
         span, slider = self._sight.span, self._seek
-        if span is None or slider is None or time.monotonic() - self._sought < _TOUCHED:
+        if span is None or slider is None or time.monotonic() - self._sought_at < _USER_HOLD_S:
             return
         start, end = span
-        # A slider without length cannot be drawn.
+        # A slider needs a length.
         self._set(slider, 'min', start)
         self._set(slider, 'max', max(end, start + 0.001))
         now = float(np.clip(self._sight.time * 1e-9, start, end))
@@ -222,13 +223,13 @@ class Panel:
             handle.data = (np.array(columns['time']), *lines)
 
     def is_open(self, name: str) -> bool:
-        """No change is under way on a page that is read only."""
+        """Return False: a read-only page has no pending changes."""
         return False
 
-    def wish(self, name: str, value: Any) -> None:
-        """Set a parameter; the answer is shown."""
-        if self._wishes is not None:
-            self._wishes.want(name, value)
+    def request(self, name: str, value: Any) -> None:
+        """Request a parameter value; the answer is shown."""
+        if self._pending is not None:
+            self._pending.request(name, value)
 
     def _lay_out_legend(self) -> None:
         rows = ''.join(
@@ -236,17 +237,17 @@ class Panel:
             f'{item.name}</div>' for item in STRAIN_CLASSES)
         self._server.gui.add_html(
             '<div style="padding:0 1em 0.5em;font-size:0.8em;line-height:1.35"><b>connectors by '
-            f'strain (l - D) / D</b>{rows}<div>black: broken; green: anchors; purple: runs into '
-            'its own shell. Grey-blue shells are held. Lines from shells: forces (red) and '
+            f'strain (l - D) / D</b>{rows}<div>black: broken; green: anchors; purple: crosses '
+            'its own shell. Grey-blue shells are supported. Lines from shells: forces (red) and '
             'torques (yellow), the largest two edges long; purple marks: contacts.</div></div>')
 
-    def _lay_out_run(self, hands: Hands) -> None:
+    def _lay_out_run(self, actions: Actions) -> None:
         gui = self._server.gui
         motion: dict[str, tuple[str, bool | None]] = {
             'Pause': ('pause', True), 'Resume': ('pause', False), 'Step': ('step', None)}
         start: dict[str, tuple[str, bool | None]] = {'Reset': ('reset', None)}
         groups = [motion, start]
-        if hands.is_replay:
+        if actions.is_replay:
             start['Simulate from here'] = ('continue', None)
         else:
             motion['Advance'] = ('advance', None)
@@ -257,11 +258,11 @@ class Panel:
             for label, calls in zip(('Motion', 'State', 'Bag'), groups):
                 group = gui.add_button_group(label, tuple(calls))
                 group.on_click(
-                    lambda event, calls=calls: self._do(hands, *calls[event.target.value]))
+                    lambda event, calls=calls: self._call(actions, *calls[event.target.value]))
 
-    def _lay_out_parameters(self, hands: Hands) -> None:
+    def _lay_out_parameters(self, actions: Actions) -> None:
         gui = self._server.gui
-        if hands.is_replay:
+        if actions.is_replay:
             with gui.add_folder('Replay'):
                 self._control('rate', gui.add_slider('Rate', 0.0, 10.0, 0.05, 1.0), float)
                 self._control('loop', gui.add_checkbox('Loop', False), bool)
@@ -269,10 +270,10 @@ class Panel:
 
                 @self._seek.on_update
                 def _(event: Any) -> None:
-                    # Not where it goes with the time by itself.
+                    # Not if the slider moves with the time.
                     if event.client is not None:
-                        self._sought = time.monotonic()
-                        self.wish('seek', float(event.target.value))
+                        self._sought_at = time.monotonic()
+                        self.request('seek', float(event.target.value))
             return
         with gui.add_folder('Fabric'):
             for item in SLIDERS:
@@ -320,23 +321,23 @@ class Panel:
 
     @staticmethod
     def _series(labels: tuple[str, ...]) -> tuple[Any, ...]:
-        """Time, and lines that differ in colour and in dash."""
+        """Return the series of a plot: time, and lines with distinct colours and dashes."""
         uplot = import_module('viser.uplot')
         return (uplot.Series(label='t [s]'), *(
             uplot.Series(label=label.replace('_', ' '), stroke=color, width=2, dash=dash)
-            for label, (color, dash) in zip(labels, _LOOKS)))
+            for label, (color, dash) in zip(labels, _LINE_STYLES)))
 
     def _control(
         self, name: str, handle: Any, shown: Callable[[Any], Any],
         given: Callable[[Any], Any] | None = None,
     ) -> None:
-        """Tie a control to a parameter: how its value is shown, and given back."""
+        """Connect a control to a parameter, with the conversions from and to its value."""
         self._controls[name] = (handle, shown)
 
         def changed(event: Any) -> None:
-            # Only what a page has done: values that follow the run come here too.
+            # Only inputs of a page; updates that follow the run also arrive here.
             if event.client is not None:
-                self.wish(name, (given or shown)(handle.value))
+                self.request(name, (given or shown)(handle.value))
 
         handle.on_update(changed)
 
@@ -355,19 +356,20 @@ class Panel:
 
         return given
 
-    def _do(self, hands: Hands, name: str, on: bool | None) -> None:
+    def _call(self, actions: Actions, name: str, on: bool | None) -> None:
         def answered(done: 'Future[str]') -> None:
             error = done.exception()
-            self.say(done.result() if error is None else f'{name}: {error}', good=error is None)
+            self.show_answer(
+                done.result() if error is None else f'{name}: {error}', good=error is None)
 
         try:
-            hands.command(name, on).add_done_callback(answered)
+            actions.command(name, on).add_done_callback(answered)
         except Exception as error:  # noqa: BLE001 - shown on the page
-            self.say(f'{name}: {error}', good=False)
+            self.show_answer(f'{name}: {error}', good=False)
 
     def _answered(self, name: str, words: str, good: bool) -> None:
-        self._told.pop(name, None)  # a control that was refused goes back
-        self.say(f'{name}: {words}' if words else f'{name} is set', good=good)
+        self._set_values.pop(name, None)  # so that the control of a rejected value returns
+        self.show_answer(f'{name}: {words}' if words else f'{name} is set', good=good)
 
     @staticmethod
     def _set(handle: Any, name: str, value: Any) -> None:

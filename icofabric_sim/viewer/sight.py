@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What is known of a fabric from its topics: the bytes as they were published, decoded when needed.
+Data of a fabric from its topics: the published bytes, decoded when needed.
 
-No part of this knows where they come from (a graph, a run or a bag) or where they are drawn.
+The module does not depend on the source (a graph, a run or a bag) or on the display.
 """
 
 from collections import deque
@@ -42,34 +42,34 @@ from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
-# What a page shows.
+# Topics shown on a page.
 TOPICS = (
     topics.WEAVE, topics.POSES, topics.CONNECTORS, topics.MARKERS, topics.ENERGY, topics.BROKEN,
     topics.DIAGNOSTICS)
-# Samples of each curve.
-_SAMPLES = 600
-_PACE = 'real-time factor'
-# Groups of the scene whose displacement is drawn: more lines could not be told apart.
-_MOST_GROUPS = 3
+# Number of samples of each curve.
+_SAMPLE_COUNT = 600
+_REAL_TIME_FACTOR = 'real-time factor'
+# Number of groups whose displacement is plotted; more lines would be indistinguishable.
+_MAX_GROUPS = 3
 
 
 class Fabric(NamedTuple):
-    """What does not move, of one weave."""
+    """Constant data of one weave."""
 
     parameters: Parameters
     scene: Scene
-    held: np.ndarray  # (n,) bool: a support holds its place
+    held: np.ndarray  # (n,) bool: a support fixes the position
 
     @property
     def groups(self) -> dict[str, np.ndarray]:
-        """The first groups of the scene that can move: their bodies, by name."""
+        """Return the bodies of the first movable groups of the scene, by name."""
         moving = {name: bodies for name, bodies in self.scene.groups.items()
                   if not self.held[bodies].all() and self.seen[bodies].all()}
-        return dict(list(moving.items())[:_MOST_GROUPS])
+        return dict(list(moving.items())[:_MAX_GROUPS])
 
     @property
     def seen(self) -> np.ndarray:
-        """Whether the poses of a body come, (n,) bool."""
+        """Return whether the pose of each body is published, (n,) bool."""
         chosen = self.scene.published_bodies
         seen = np.full(self.scene.body_count, chosen is None)
         if chosen is not None:
@@ -78,7 +78,7 @@ class Fabric(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A sample of the plots."""
+    """Sample of the plotted quantities."""
 
     time: float  # [s]
     kinetic: float  # [J]
@@ -86,22 +86,22 @@ class Curve(NamedTuple):
     balance_error: float
     pace: float  # simulated over wall time
     displacement: float  # [m] largest from the start of the scene
-    groups: tuple[float, ...] = ()  # [m] of the middles of `Fabric.groups`
+    groups: tuple[float, ...] = ()  # [m] of the centroids of `Fabric.groups`
 
 
 class Sight:
-    """The latest of everything; `feed` and the rest may be called from different threads."""
+    """Latest data of all topics; `feed` and the other methods may run in different threads."""
 
     def __init__(self, name: str = '/icofabric') -> None:
-        """Know nothing yet of the fabric of that `name`; diagnostics are of all nodes."""
+        """Start without data of the fabric `name`; diagnostics are shared by all nodes."""
         self._name = name
         self._lock = threading.Lock()
         self.fabric: Fabric | None = None
-        self.fabric_number = 0  # grows with every weave
-        self.pose_number = 0  # grows with every message of poses
-        self.news = threading.Event()  # set by each of these
+        self.fabric_number = 0  # incremented with each weave
+        self.pose_number = 0  # incremented with each message of poses
+        self.news = threading.Event()  # set with each of these
         self._poses = b''
-        self.lines: dict[int, np.ndarray] = {}  # ends (m, 2, 3) [m] by id of the list
+        self.lines: dict[int, np.ndarray] = {}  # ends (m, 2, 3) [m] by the id of the list
         self.line_number = 0
         self.markers: dict[tuple[str, int], MarkerPoints] = {}
         self.marker_number = 0
@@ -109,14 +109,14 @@ class Sight:
         self.status, self.message = 0, ''
         self.figures: dict[str, str] = {}
         self.energy: dict[str, float] = {}
-        self.curves: deque[Curve] = deque(maxlen=_SAMPLES)
+        self.curves: deque[Curve] = deque(maxlen=_SAMPLE_COUNT)
         self.time = 0  # [ns]
 
     def feed(self, topic: Topic, data: bytes) -> None:
-        """Take a message; ValueError where it is malformed."""
+        """Accept a message; raise ValueError if it is malformed."""
         with self._lock:
             if topic is topics.POSES:
-                # Decoded when drawn: more of them come than are shown.
+                # Decoded when drawn, because more messages arrive than are shown.
                 self._poses, self.pose_number = data, self.pose_number + 1
                 self.news.set()
             elif topic is topics.CONNECTORS:
@@ -137,9 +137,9 @@ class Sight:
 
     def poses(self) -> np.ndarray:
         """
-        The latest (n, 7) position [m] and orientation x y z w; none before the first.
+        Return the latest positions [m] and orientations x y z w, (n, 7); empty before the first.
 
-        Bodies whose poses do not come are where they were woven.
+        Bodies without published poses stay at their woven positions.
         """
         with self._lock:
             data, fabric = self._poses, self.fabric
@@ -152,17 +152,17 @@ class Sight:
         if fabric is None or chosen is None:
             return values
         if len(values) != len(chosen):
-            return np.zeros((0, 7))  # of another weave
+            return np.zeros((0, 7))  # from another weave
         rest = np.concatenate([fabric.scene.position, fabric.scene.orientation], axis=1)
         return spread(chosen, values, rest)
 
     def broken_ends(self, poses: np.ndarray) -> np.ndarray:
-        """Where the ends of broken connectors are in these poses, (m, 2, 3) [m]."""
+        """Return the ends of broken connectors for these poses, (m, 2, 3) [m]."""
         fabric, broken = self.fabric, self.broken
         if fabric is None or not len(broken) or len(poses) != fabric.scene.body_count:
             return np.zeros((0, 2, 3))
         connectors = fabric.scene.connectors
-        # Negative numbers are those of anchors, of which markers tell.
+        # Negative numbers stand for anchors, which are in the markers.
         broken = broken[(broken >= 0) & (broken < fabric.scene.connector_count)]
         broken = broken[fabric.seen[connectors.bodies[broken]].all(axis=1)]
         bodies, arms = connectors.bodies[broken], connectors.points_body[broken]
@@ -172,7 +172,7 @@ class Sight:
             poses[bodies, :3] + arms + real * twice + np.cross(axis, twice))
 
     def sample(self) -> None:
-        """Add the present figures to the curves."""
+        """Append the present values to the curves."""
         poses, fabric = self.poses(), self.fabric
         if fabric is None or len(poses) != fabric.scene.body_count:
             return
@@ -189,12 +189,15 @@ class Sight:
         kinetic, connectors, balance_error = (
             energy.get(name, np.nan) for name in ('kinetic', 'connectors', 'balance error'))
         self.curves.append(Curve(
-            time, kinetic, connectors, balance_error, _number(self.figures.get(_PACE, '')),
+            time, kinetic, connectors, balance_error,
+            _number(self.figures.get(_REAL_TIME_FACTOR, '')),
             float(away), groups))
 
     @property
     def span(self) -> tuple[float, float] | None:
-        """From when to when a record goes [s], as its replay reports; None: nothing says so."""
+        """
+        Return start and end of a recorded run [s], as its replay reports; None if it does not.
+        """
         start, end = (_number(self.figures.get(name, '')) for name in ('start [s]', 'end [s]'))
         return (start, end) if start <= end else None
 

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-The scene graph of the page: shells, connectors, what acts on them, as nodes of viser.
+Scene graph of the page: shells, connectors and loads as nodes of viser.
 
-Shells are one batched mesh with flat shading, so that facets show; connectors are one list of
-lines for each class of strain. Only what has changed is sent. All is drawn larger than it is:
-viser's shadows are made for rooms, and what has the size of a shell is all in its own.
+Shells are one batched mesh with flat shading, so that facets show. Connectors are one line list
+for each strain class. Only changes are sent. The scene is scaled up, because the shadows of viser
+suit rooms: an object of a shell's size would be entirely in its own shadow.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,18 @@ from icofabric_sim.messages.markers import OBSTRUCTED, SHELL_CLASSES, STRAIN_CLA
 from icofabric_sim.viewer.sight import Fabric, Sight
 import numpy as np
 
-# Colour of the anchors, of broken connectors and of the mouse's pull.
+# Colours of anchors, of broken connectors and of drag lines.
 _ANCHOR, _BROKEN, _PULL = (50, 165, 75), (30, 30, 30), (230, 60, 160)
 _LINE_LIST, _TRIANGLE_LIST = 5, 11
-# Half an edge of a shell as it is drawn.
-_DRAWN_HALF_EDGE = 0.1
+# Half edge of a shell on the page.
+_HALF_EDGE_UNITS = 0.1
 _AXES = {'off': None, 'x': 0, 'y': 1, 'z': 2}
 
 
 def _light(scene: Any) -> None:
-    """Light it from the upper left, as docs/gallery.md: viser's own lamps bleach all colours."""
+    """
+    Light the scene from the upper left, as in docs/gallery.md: the lamps of viser bleach colours.
+    """
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_hemisphere(
@@ -48,25 +50,25 @@ def _light(scene: Any) -> None:
 
 
 def rgb(color: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
-    """A colour of RViz (0 to 1) as bytes."""
+    """Return a colour of RViz (0 to 1) as bytes."""
     red, green, blue = (round(255 * part) for part in color[:3])
     return red, green, blue
 
 
-class Section:
-    """A cut: what lies beyond it is not shown."""
+class ClipPlane:
+    """Clip plane: nothing beyond it is shown."""
 
     def __init__(self) -> None:
-        """Show all."""
+        """Show everything."""
         self.axis, self.place, self.number = 'off', 0.0, 0
 
     def set(self, axis: str, place: float) -> None:
-        """Cut across an axis of the world at a `place` [m]."""
+        """Clip normal to a world axis at a `place` [m]."""
         self.axis, self.place = axis, place
         self.number += 1
 
     def shows(self, points: np.ndarray) -> np.ndarray:
-        """Which of the points (n, 3) [m] are shown."""
+        """Return which of the points (n, 3) [m] are shown."""
         axis = _AXES[self.axis]
         if axis is None:
             return np.ones(len(points), bool)
@@ -74,25 +76,23 @@ class Section:
 
 
 class Stage:
-    """Nodes of one page's scene; called from one thread."""
+    """Nodes of a page's scene; use from one thread."""
 
     def __init__(self, scene: Any, sight: Sight) -> None:
-        """Draw what `sight` knows into the `scene` of a server of viser."""
+        """Draw the data of `sight` into the `scene` of a viser server."""
         self._scene, self._sight = scene, sight
-        self.section = Section()
-        self.scale = 1.0  # what a metre is on the page
+        self.section = ClipPlane()
+        self.scale = 1.0  # page units per metre
         self.shells: Any = None
         self._lines: dict[str, Any] = {}
         self._others: dict[str, Any] = {}
         self._done = dict.fromkeys(('fabric', 'pose', 'line', 'marker', 'section', 'broken'), -1)
-        self.frames = 0  # of poses that were sent
+        self.frames = 0  # number of pose frames sent
         scene.set_up_direction('+z')
         _light(scene)
 
     def update(self, pulls: np.ndarray, poses: np.ndarray) -> bool:
-        """
-        Send what has changed; `pulls` (m, 2, 3) are lines of the mouse. Whether shells are new.
-        """
+        """Send changes and return whether the shells are new; `pulls` (m, 2, 3) are drag lines."""
         sight, fabric, done = self._sight, self._sight.fabric, self._done
         if fabric is None or len(poses) != fabric.scene.body_count:
             return False
@@ -123,7 +123,7 @@ class Stage:
     def _begin(self, fabric: Fabric, poses: np.ndarray) -> None:
         """Build the nodes of a weave."""
         half_edge = fabric.scene.shell.half_edge
-        self.scale = _DRAWN_HALF_EDGE / half_edge
+        self.scale = _HALF_EDGE_UNITS / half_edge
         self._width = 0.16 * half_edge
         for handle in (*self._lines.values(), *self._others.values()):
             handle.remove()
@@ -132,13 +132,13 @@ class Stage:
         self._lines, self._others = {}, {}
         colors = np.array([rgb(item.color) for item in SHELL_CLASSES], np.uint8)
         self.shells = self._scene.add_batched_meshes_simple(
-            '/shells', icosahedron.vertices(_DRAWN_HALF_EDGE), icosahedron.FACES,
+            '/shells', icosahedron.vertices(_HALF_EDGE_UNITS), icosahedron.FACES,
             batched_wxyzs=_wxyz(poses), batched_positions=self._drawn(poses[:, :3]),
             batched_scales=self._shown(poses[:, :3], fabric),
             batched_colors=colors[fabric.held.astype(int)], flat_shading=True, lod='off')
 
     def _shown(self, positions: np.ndarray, fabric: Fabric) -> np.ndarray:
-        """Size of each shell over that of the fabric: 0 where it is not to be seen."""
+        """Return the size of each shell relative to the fabric's, 0 if hidden."""
         sizes = fabric.scene.body_half_edges / fabric.scene.shell.half_edge
         return (sizes * (self.section.shows(positions) & fabric.seen)).astype(np.float32)
 
@@ -151,11 +151,11 @@ class Stage:
         self.frames += 1
 
     def _drawn(self, points: np.ndarray) -> np.ndarray:
-        """Where points [m] are on the page."""
+        """Return points [m] in page coordinates."""
         return (self.scale * points).astype(np.float32)
 
     def _look(self, number: int) -> tuple[tuple[int, int, int], float]:
-        """Colour and thickness [m] of a list of connectors."""
+        """Return the colour and thickness [m] of a list of connectors."""
         if number < len(STRAIN_CLASSES):
             return rgb(STRAIN_CLASSES[number].color), self._width
         if number == len(STRAIN_CLASSES):
@@ -179,7 +179,7 @@ class Stage:
                 np.arange(len(item.points)).reshape(-1, 3), color=rgb(item.color),
                 opacity=float(item.color[3]), side='double', flat_shading=True, cast_shadow=False)
         elif there and len(item.points):
-            # Cubes, and for any other list of points a mark of its size.
+            # Cubes; any other list of points is drawn as marks of its size.
             corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T
             self._others[name] = self._scene.add_batched_meshes_simple(
                 f'/{name}', self.scale * corners * item.scale, _CUBE,
@@ -191,7 +191,7 @@ class Stage:
     def _draw(
         self, name: str, ends: np.ndarray, color: tuple[int, int, int], width: float
     ) -> None:
-        """Draw lines (m, 2, 3) [m] under a name, in place of those before."""
+        """Draw lines (m, 2, 3) [m] under a name, replacing earlier ones."""
         shown = ends[self.section.shows(ends[:, 0]) & self.section.shows(ends[:, 1])]
         handle = self._lines.get(name)
         if not len(shown):
@@ -205,7 +205,7 @@ class Stage:
             handle.points = self._drawn(shown)
 
 
-# Corners of a cube as np.meshgrid orders them.
+# Corners of a cube in the order of np.meshgrid.
 _CUBE = np.array([
     [0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5],
     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])

@@ -492,7 +492,7 @@ def test_unreadable_bags_are_refused_with_the_reason(tmp_path: Path) -> None:
     assert 'is not a bag: it must be a folder' in refusal(tmp_path / 'notes.txt')
     for name, kind in (('a.mcap', 'MCAP'), ('a.db3', 'SQLite')):
         (tmp_path / name).write_bytes(b'something else entirely')
-        assert f'does not begin as {kind}' in refusal(tmp_path / name)
+        assert f'it has no {kind} header' in refusal(tmp_path / name)
     record(tmp_path / 'bag', example_messages(3))
     metadata = tmp_path / 'bag' / 'metadata.yaml'
     text = metadata.read_text()

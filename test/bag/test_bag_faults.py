@@ -93,7 +93,7 @@ def test_a_full_disk(tmp_path: Path, storage: str) -> None:
             # No room for the index either.
             recover_bag(disk / 'bag', tmp_path / 'whole')
         else:
-            assert 'is a whole bag' in text
+            assert 'is a complete bag' in text
             shutil.copytree(disk / 'bag', tmp_path / 'whole')
     count = check_prefix(tmp_path / 'whole')
     assert 20 < count < handed
@@ -119,12 +119,12 @@ def test_a_disk_without_room_for_the_index(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         raise sqlite3.OperationalError('database or disk is full')
 
-    monkeypatch.setattr(McapFile, '_put', full)
+    monkeypatch.setattr(McapFile, '_write', full)
     monkeypatch.setattr(Sqlite3File, '_put_metadata', full)
     monkeypatch.setattr(Sqlite3File, 'flush', full)
     wait_for_error(recorder, 1)
     recorder.close()
-    assert f'`icofabric recover {tmp_path / "bag"}` saves what was recorded' in str(recorder.error)
+    assert f'`icofabric recover {tmp_path / "bag"}` saves the data recorded' in str(recorder.error)
     monkeypatch.undo()
     with pytest.raises(BagError, match='was not finished'):
         BagReader(tmp_path / 'bag')
@@ -136,19 +136,19 @@ def test_a_disk_that_fills_between_two_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The files before are kept, and no piece of the next is left behind."""
-    put = McapFile._put
+    put = McapFile._write
 
     def full(file: McapFile, pieces: object) -> None:
         if file.path.name == 'bag_2.mcap':
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         put(file, pieces)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(McapFile, '_put', full)
+    monkeypatch.setattr(McapFile, '_write', full)
     recorder = open_recorder(tmp_path / 'bag', split_size=50_000)
     wait_for_error(recorder)
     recorder.close()
     assert 'No space left on device' in str(recorder.error)
-    assert 'is a whole bag' in str(recorder.error)
+    assert 'is a complete bag' in str(recorder.error)
     assert sorted(item.name for item in (tmp_path / 'bag').iterdir()) == [
         'bag_0.mcap', 'bag_1.mcap', 'metadata.yaml']
     assert check_prefix(tmp_path / 'bag') > 20

@@ -162,7 +162,7 @@ def test_a_full_disk_is_told_once_and_what_was_written_is_saved(
     assert errors == ''
     assert f'recording to {tmp_path / "bag"} stopped: ' in output
     assert ('File too large' if storage == 'mcap' else 'disk') in output
-    assert 'make room or choose another record.path; what was recorded until then is a whole' in (
+    assert 'make room or choose another record.path; the data recorded before is a complete' in (
         output)
     with BagReader(tmp_path / 'bag') as reader:
         stopped = reader.custom['recording_stopped']
@@ -226,7 +226,7 @@ def example_bag(
 def test_recovering_a_whole_bag_copies_it(
     tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(recovery, '_PROGRESS_EVERY', 1)
+    monkeypatch.setattr(recovery, '_PROGRESS_INTERVAL', 1)
     records = example_bag(tmp_path / 'bag', storage)
     progress: list[float] = []
     report = recover_bag(tmp_path / 'bag', tmp_path / 'copy', on_progress=progress.append)
@@ -290,7 +290,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path) -> None:
     whole = file.read_bytes()
     file.write_bytes(whole[:whole.index(data[-1]) + 50])
     report = recover_mcap(file, tmp_path / 'bag')
-    assert 'the last record was not complete' in report.damage
+    assert 'incomplete last record' in report.damage
     with BagReader(tmp_path / 'bag') as reader:
         assert list(reader.messages()) == [('/text', 0, data[0]), ('/text', 1, data[1])]
 

@@ -128,8 +128,8 @@ def test_summary_says_what_happened(bag: Path) -> None:
         't = 0.2 s  /icofabric/loads/tip: cleared', 'numba', 'closed properly', '1 thread',
         '/icofabric/energy: 19 messages', 'solver.tolerance is 1e-06',
         'are close to each other, and driven',
-        f'errors of {float(summary.custom["error_estimate"]):.2g} added in all',
-        f'off by at most {float(summary.custom["balance_worst"]):.1e} of',
+        f'error estimate {float(summary.custom["error_estimate"]):.2g} in total',
+        f'largest energy error {float(summary.custom["balance_worst"]):.1e} of',
     ):
         assert words in text, words
     assert re.search('^method +dop8', text, re.MULTILINE)
@@ -139,9 +139,9 @@ def test_summary_says_what_happened(bag: Path) -> None:
 
 @pytest.mark.parametrize('custom, words', [
     ({'growth': '3e+30', 'meaningful_until': '0.25'},
-     'grew 3e+30 times; the trajectory means something until t = 0.25 s'),
+     'grew 3e+30 times; the trajectory is meaningful until t = 0.25 s'),
     ({'growth': '12.0', 'growth_is_at_least': 'true', 'meaningful_until': 'inf'},
-     'grew at least 12 times; the trajectory means something to its end'),
+     'grew at least 12 times; the trajectory is meaningful to the end'),
     ({'growth': 'inf', 'meaningful_until': '0.5'}, 'grew more than 1e308 times'),
     ({'tolerance': '0.0001'}, 'not measured; solver.tolerance is 0.0001 per second'),
     ({'tolerance': 'no number', 'growth': 'nor this'}, 'nan'),
@@ -192,10 +192,10 @@ def test_events_of_another_version_are_told_as_far_as_they_are_known() -> None:
     assert told('reset', time_reset=True, dropped=3) == (
         'reset to the initial state and to time 0 (3 waiting wrenches dropped)')
     assert told('reweave', changed=['a', 'b', 'c', 'd', 'e', 'f'], lost=3) == (
-        'goes on with: a, b, c, d and 2 more')
+        'continued with: a, b, c, d and 2 more')
     assert 'None' in told('failed') and 'x.checkpoint' in told(
         'checkpoint_restored', path='x.checkpoint', of=0.5)
-    assert told('state_set', body=3) == 'body 3 was put elsewhere'
+    assert told('state_set', body=3) == 'body 3 was set to a new state'
     assert [told('record', on=on) for on in (True, False)] == ['recording on', 'recording off']
     rows = event_rows(digest_events(RecordedEvent(k, 'step', {}) for k in range(1000)))
     assert rows[0] == ('events', '1,000 calls of ~/step') and len(rows) < 20
@@ -238,7 +238,7 @@ def test_bag_of_something_else_is_told_apart(
     with BagRecorder(tmp_path / 'clock') as recorder:
         recorder.add_topic('/clock', ClockBytes.TYPE)
         recorder.write('/clock', 5, ClockBytes().stamped(5))
-    assert 'nothing of this simulator' in '\n'.join(summarise_bag(tmp_path / 'clock').lines())
+    assert 'no data of this simulator' in '\n'.join(summarise_bag(tmp_path / 'clock').lines())
     with RecordedRun(tmp_path / 'clock') as run, pytest.raises(BagError, match='no poses'):
         run.pose_times()
     poses = PoseArrayBytes('world', 2)
@@ -247,10 +247,10 @@ def test_bag_of_something_else_is_told_apart(
         recorder.write('/robot/poses', 5, poses.stamped(5))
     with RecordedRun(tmp_path / 'poses') as run:
         assert len(run.pose_times()) == 1
-        with pytest.raises(BagError, match='does not hold its scene'):
+        with pytest.raises(BagError, match='does not contain its scene'):
             run.scene_at(5)
     assert main(['view', str(tmp_path / 'poses')]) == 2
-    assert 'does not hold its scene (/robot/weave)' in capsys.readouterr().err
+    assert 'does not contain its scene (/robot/weave)' in capsys.readouterr().err
 
 
 def test_scene_that_cannot_be_built_is_named(tmp_path: Path) -> None:

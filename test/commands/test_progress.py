@@ -46,7 +46,7 @@ class Work:
             monkeypatch.setattr(module.time, 'monotonic', lambda: self.now)
         self.notice._patience._ended = 0.0
         monkeypatch.setattr(terminal, 'compile_notice', self.notice)
-        monkeypatch.setattr(terminal, '_LINE_INTERVAL', 0.1)
+        monkeypatch.setattr(terminal, '_LINE_INTERVAL_S', 0.1)
         self.progress = terminal.Progress(total, 's', stream=self.out, **choices)
 
     def go_on(self, seconds, pace):
@@ -127,7 +127,7 @@ def test_summary_states_the_compiler_apart(monkeypatch, capsys):
     wall, factor = map(float, re.search(
         r'steps, (\S+) s of wall time \(real-time factor ([^,]+),', out).groups())
     assert wall < 480.0 and factor == pytest.approx(0.25 / wall, rel=0.01)
-    more, = re.findall(r'(\S+) s of wall time more to load or compile kernels', out)
+    more, = re.findall(r'(\S+) s of additional wall time to load or compile kernels', out)
     assert float(more) >= 4800.0
 
 
@@ -145,7 +145,7 @@ def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys,
     assert main([*RUN, '--record', str(tmp_path / 'bag')]) == 130
     assert not compiled
     out = capsys.readouterr().out
-    assert re.search('^stopped +by the user at t = .* no figures', out, re.MULTILINE)
+    assert re.search('^stopped +by the user at t = .* no results', out, re.MULTILINE)
     summary = summarise_bag(tmp_path / 'bag')
     assert summary.finished and summary.custom['interrupted'] == 'true'
     # The process can go on.

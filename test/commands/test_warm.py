@@ -67,13 +67,13 @@ def test_a_run_finds_what_was_compiled(tmp_path):
 
 
 def test_everything_means_all_ready_scenes_changes_and_verbs():
-    kinds = list(warm.kinds_of([]))
+    kinds = list(warm.variants_of([]))
     assert {kind.scene for kind in kinds} == set(ready_scenes())
     plain = [kind for kind in kinds if not kind.changes + kind.verb]
     assert {kind.scene for kind in plain} == set(ready_scenes())
     assert len(set(map(str, kinds))) >= len(ready_scenes()) + len(warm.CHANGES) + len(warm.VERBS)
     assert {kind.verb[0] for kind in kinds if kind.verb} <= set(VERBS)
-    assert {kind.scene for kind in warm.kinds_of(['woven_ball'])} == {'woven_ball'}
+    assert {kind.scene for kind in warm.variants_of(['woven_ball'])} == {'woven_ball'}
 
 
 def test_one_scene_is_compiled_by_two_processes(monkeypatch):
@@ -97,7 +97,7 @@ def test_one_scene_is_compiled_by_two_processes(monkeypatch):
 def test_parts_are_simulated_as_the_scene_will_be(touching, monkeypatch):
     ready = []
     monkeypatch.setattr(warm, '_ready', lambda simulation: ready.append(simulation))
-    assert warm.compile_kind(warm.Kind('hanging_slab', touching=touching)) == ''
+    assert warm.compile_variant(warm.Variant('hanging_slab', touching=touching)) == ''
     simulation, = ready
     assert simulation.scene.parameters['contact.mode'] == ('always' if touching else 'auto')
     assert simulation.status.method_name == 'dop8'
@@ -111,9 +111,9 @@ def test_changes_are_possible(change):
 
 
 def test_a_kind_that_cannot_be_compiled_is_named_and_the_others_are(monkeypatch, capsys):
-    results = [(warm.Kind('a'), ''), (warm.Kind('b', (('x', 1.0),)), 'no memory')]
+    results = [(warm.Variant('a'), ''), (warm.Variant('b', (('x', 1.0),)), 'no memory')]
     monkeypatch.setattr(warm, '_compile_all', lambda kinds, processes: iter(results))
-    monkeypatch.setattr(warm, 'kinds_of', lambda scenes: iter([kind for kind, _ in results]))
+    monkeypatch.setattr(warm, 'variants_of', lambda scenes: iter([kind for kind, _ in results]))
     assert main(['warm']) == FAILED
     said = capsys.readouterr()
     assert said.out.startswith('1 kind of kernels is ready')
@@ -121,7 +121,7 @@ def test_a_kind_that_cannot_be_compiled_is_named_and_the_others_are(monkeypatch,
 
 
 def test_a_fault_within_a_kind_is_a_text():
-    fault = warm.compile_kind(warm.Kind('hanging_slab', (('weave.size', [0, 1, 1]),)))
+    fault = warm.compile_variant(warm.Variant('hanging_slab', (('weave.size', [0, 1, 1]),)))
     assert 'weave.size' in fault and '\n' not in fault
 
 
@@ -136,8 +136,8 @@ def test_bad_input(words, said, capsys):
 
 def test_more_kinds_than_a_batch_of_workers_takes_all_end(monkeypatch):
     """Kinds that are refused at once: the workers are real."""
-    monkeypatch.setattr(warm, '_KINDS_EACH', 2)
-    kinds = [warm.Kind('hanging_slab', (('weave.size', (0, 1, k)),)) for k in range(1, 6)]
+    monkeypatch.setattr(warm, '_VARIANTS_PER_WORKER', 2)
+    kinds = [warm.Variant('hanging_slab', (('weave.size', (0, 1, k)),)) for k in range(1, 6)]
     done = dict(warm._compile_all(kinds, 2))
     assert set(done) == set(kinds) and all('weave.size' in fault for fault in done.values())
 

@@ -155,7 +155,7 @@ def test_an_announced_count_allocates_nothing() -> None:
     place = data.index(b'world\0') + 8  # the length takes 4 bytes, the text 6, padding 2
     assert data[place] == 1
     data[place:place + 4] = b'\xff' * 4
-    with pytest.raises(ValueError, match='4294967295 items are announced, but 56 bytes left'):
+    with pytest.raises(ValueError, match='4294967295 items are declared, but 56 bytes left'):
         messages.decode_pose_array(bytes(data))
 
 

@@ -205,7 +205,7 @@ def test_they_are_published_recorded_verified_and_drawn(tmp_path, capsys):
     path.write_text(dump_parameters(dict(scene.parameters)), encoding='utf-8')
     assert main(['run', str(path), '--record', str(tmp_path / 'bag'), '--no-growth']) == 0
     said = capsys.readouterr().out
-    assert f'anchors.rope{gone[0]} at t = ' in said and 'J were lost' in said
+    assert f'anchors.rope{gone[0]} at t = ' in said and 'J dissipated' in said
     with RecordedRun(tmp_path / 'bag') as recorded:
         _, last = recorded.breaks()[-1]
         assert {*last[:, 0].tolist()} == {float(-1 - number) for number in gone}

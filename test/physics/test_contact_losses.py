@@ -447,7 +447,7 @@ def test_no_limit_is_said_of_steps_that_follow_their_error():
     assert simulation.status.method_name == 'dop8'
     assert simulation.status.step > 100.0 * simulation.status.stability_limit
     said = step_reason(simulation)
-    assert 'limit' not in said and 'as long as its error allows' in said
+    assert 'limit' not in said and 'adapted to the error' in said
     status = Runner(simulation, []).status()
     _, [reported] = decode_diagnostic_array(HealthReport('/icofabric').bytes(status))
     assert 'beyond the stability limit' not in reported.values['reasons']

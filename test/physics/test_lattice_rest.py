@@ -212,7 +212,7 @@ def test_the_commands_say_where_it_rests(tmp_path, capsys):
     words = ['elasticity', 'free_slab', *values, '--kinds', '--relaxed']
     assert main(words) == 0
     text = capsys.readouterr().out
-    assert 'about its rest, stable' in text and 'presses on 12 others' in text
+    assert 'about its equilibrium, stable' in text and 'in contact with 12 others' in text
     assert main([*words, '--json']) == 0
     rest = json.loads(capsys.readouterr().out)['rest']
     assert rest['verdict'] == 'stable' and rest['pressing_pairs'] == 6

@@ -231,7 +231,7 @@ def test_it_is_marked_and_counted():
     values = dict(status.values)
     assert int(values['connector ends in their shells']) == simulation.status.obstructed_ends > 0
     assert status.level == WARN
-    assert 'ends of connectors were in their own shells' in values['reasons']
+    assert 'connector ends were in their own shells' in values['reasons']
     assert monitor.OBSTRUCTED < monitor.LEDGER_COUNT
 
 

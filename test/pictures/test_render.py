@@ -468,7 +468,7 @@ def test_bag_without_its_scene_cannot_be_drawn(
         recorder.add_topic('/robot/poses', PoseArrayBytes.TYPE)
         recorder.write('/robot/poses', 0, PoseArrayBytes('world', 2).stamped(0))
     assert main(['render', str(tmp_path / 'bag')]) == 1
-    assert 'does not hold its scene' in capsys.readouterr().err
+    assert 'does not contain its scene' in capsys.readouterr().err
 
 
 def test_a_small_picture_explains_all_that_is_in_it() -> None:

@@ -46,7 +46,7 @@ def test_another_clock_is_warned_of_once_its_name_is_known():
     graph.publishers = ('icofabric', '/left'), ('player', '/')
     graph.look()
     graph.look()
-    assert 'published by /player too' in watch.note and len(graph.warnings) == 1
+    assert 'also published by /player' in watch.note and len(graph.warnings) == 1
     graph.publishers = graph.publishers[:1]
     graph.look()
     assert not watch.note

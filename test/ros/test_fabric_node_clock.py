@@ -102,11 +102,11 @@ def test_a_second_clock_is_told_by_both(tmp_path):
             client, '/one/icofabric',
             lambda status: reasons(status) == status.values.get('clock'))
         assert '/two/icofabric' in status.values['clock']
-        assert status.message == '/clock is published by /two/icofabric too'
+        assert status.message == '/clock is also published by /two/icofabric'
         assert status.level == WARN
         for node, other in ((one, '/two/icofabric'), (two, '/one/icofabric')):
             # The log is written beside the diagnostics.
-            found = client.wait_for(lambda node=node: node.lines('/clock is published by'),
+            found = client.wait_for(lambda node=node: node.lines('/clock is also published by'),
                                     f'the line that names {other}')
             assert len(found) == 1 and other in found[0] and '[WARN]' in found[0]
         assert two.stop() == 0
@@ -144,7 +144,7 @@ def test_clock_of_a_fabric_that_is_paused_at_the_start_is_0_until_its_first_step
         ticks = client.listen('/clock')
         client.wait_for(lambda: len(ticks) > 2, 'repeated ticks')
         assert set(ticks) == {0}
-        [said] = node.lines('paused at the start')
+        [said] = node.lines('started paused')
         assert '[INFO]' in said and '/clock stays 0 until ~/pause' in said
         assert client.call('~/step').success
         client.wait_for(lambda: ticks[-1] > 0, 'a time')

@@ -55,7 +55,7 @@ def test_second_node_of_a_name_does_not_start(tmp_path):
             if second.process.poll() is not None:
                 assert second.wait() == 2
                 [line] = second.lines('fabric_node:')
-                assert 'another node /icofabric runs already' in line and '__node:=' in line
+                assert 'another node /icofabric is already running' in line and '__node:=' in line
             else:
                 client.health(lambda status: '2 nodes are named' in reasons(status))
                 assert second.stop() == 0

@@ -18,7 +18,7 @@ import time
 
 from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_string
-from icofabric_sim.ros.answers import MOST
+from icofabric_sim.ros.answers import MAX_PENDING_REQUESTS
 from icofabric_sim.simulation.checkpoint import Checkpoint
 import numpy as np
 import pytest
@@ -155,7 +155,7 @@ def test_checkpoint_goes_back_to_the_same_bits(client, folder):
     client.settle()
     steps(client, 7)
     answer = client.call('~/save_checkpoint')
-    assert answer.success and answer.message == f'saved as {folder / "saved" / "1.checkpoint"}'
+    assert answer.success and answer.message == f'saved to {folder / "saved" / "1.checkpoint"}'
     saved = Checkpoint.load(folder / 'saved' / '1.checkpoint')
     assert saved.header['time'] == pytest.approx(7 * STEP)
     onward = steps(client, 30)
@@ -176,7 +176,7 @@ def test_checkpoint_in_one_file(client, folder):
     assert not answer.success and str(path) in answer.message
     for count in (3, 4):
         time, _ = steps(client, count)
-        assert client.call('~/save_checkpoint').message == f'saved as {path}'
+        assert client.call('~/save_checkpoint').message == f'saved to {path}'
     assert client.call('~/restore_checkpoint').message.endswith(f't = {time / 1e9:.9f} s')
     assert [file.name for file in path.parent.iterdir()] == ['last.checkpoint']
 
@@ -250,13 +250,13 @@ def test_too_many_requests_are_refused(client):
 
     client.wait_for(are_refused, 'refusals')
     client.settle()
-    assert len(futures) - len(refused()) >= MOST
+    assert len(futures) - len(refused()) >= MAX_PENDING_REQUESTS
     for answer in refused():
-        assert not answer.success and f'{MOST} requests wait' in answer.message
+        assert not answer.success and f'{MAX_PENDING_REQUESTS} requests wait' in answer.message
     # The parameter services do not wait, and neither does what was begun.
     client.set(step_count=1)
     assert client.get('step_count') == [1]
-    assert len(futures) - len(refused()) >= MOST
+    assert len(futures) - len(refused()) >= MAX_PENDING_REQUESTS
 
 
 def test_a_burst_of_calls_is_answered(client):

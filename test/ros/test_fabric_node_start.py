@@ -133,7 +133,7 @@ def test_duration_that_is_set_live_ends_the_node(tmp_path, passed):
         client.set(duration=end)
         assert node.wait() == 0
         last = node.log().splitlines()[-1]
-        assert f'done: the duration of {end:g} s has passed; the record is ' in last
+        assert f'done: the duration of {end:g} s has passed; recorded to ' in last
     with BagReader(tmp_path / 'bag') as bag:
         assert bag.end_time > now if passed else bag.end_time == round(1e9 * end)
         assert bag.custom['failure'] == 'none'
@@ -147,7 +147,7 @@ def test_interrupt_before_the_duration_has_passed(tmp_path):
         time.sleep(0.3)
         assert node.stop() == 130
         last = node.log().splitlines()[-1]
-    assert f' s of 100 s; the record is {tmp_path / "bag"}' in last
+    assert f' s of 100 s; recorded to {tmp_path / "bag"}' in last
     with BagReader(tmp_path / 'bag') as bag:
         assert f'interrupted at t = {bag.end_time / 1e9:.9g} s' in last
         assert bag.end_time > 0

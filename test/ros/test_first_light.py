@@ -79,7 +79,7 @@ def test_a_node_that_compiles_is_waited_for(stand_in):
         stand_in.say(f'[INFO] [icofabric]: {STILL_COMPILING}, for {10 * turn} s so far')
         stand_in.used = 4.0 * turn
         stand_in.judge(10.0)
-    assert '   600 s: waiting for fabric_node, which compiles its kernels (236 s of' in (
+    assert '   600 s: waiting for fabric_node, which is compiling its kernels (236 s of' in (
         stand_in.shown.getvalue())
 
 
@@ -87,7 +87,7 @@ def test_a_node_that_works_without_a_word_is_waited_for(stand_in):
     for _ in range(60):
         stand_in.used += 0.6
         stand_in.judge(10.0)
-    assert '600 s: waiting for fabric_node, which is at work (36 s of the processor' in (
+    assert '600 s: waiting for fabric_node, which is busy (36 s of processor time' in (
         stand_in.shown.getvalue())
 
 
@@ -99,18 +99,18 @@ def test_a_node_that_starves_is_waited_for_while_it_speaks(stand_in):
 
 def test_a_node_that_neither_speaks_nor_works_is_stuck(stand_in):
     stand_in.say('importing')
-    stand_in.judge(node_watch.SILENCE)
-    assert 'which has said nothing for 60 s' in stand_in.shown.getvalue()
-    with pytest.raises(NodeStuck, match=r'for 61 s it has said nothing .*last line: importing'):
+    stand_in.judge(node_watch.MAX_SILENCE_S)
+    assert 'silent for 60 s' in stand_in.shown.getvalue()
+    with pytest.raises(NodeStuck, match=r'for 61 s it printed nothing .*last line: importing'):
         stand_in.judge(1.0)
 
 
 def test_a_node_that_is_ready_but_out_of_reach(stand_in):
     stand_in.judge(50.0)
     stand_in.say(f'[INFO] [icofabric]: {READY}63 bodies')
-    stand_in.judge(node_watch.DISCOVERY)
-    assert 'is ready, it has not been found over ROS 2 yet' in stand_in.shown.getvalue()
-    with pytest.raises(NodeStuck, match='ready for 61 s, but this process does not see it'):
+    stand_in.judge(node_watch.DISCOVERY_S)
+    assert 'is ready, it is not discovered over ROS 2 yet' in stand_in.shown.getvalue()
+    with pytest.raises(NodeStuck, match='ready for 61 s, but this process has not discovered it'):
         stand_in.judge(1.0)
     with pytest.raises(NodeStuck, match='ready for 62 s, but /poses is seen, but no pose'):
         stand_in.judge(1.0, '/poses is seen, but no pose has come')
@@ -150,13 +150,13 @@ def test_a_node_that_dies_is_named_with_its_status(own_domain, capfd):
 
 
 def test_a_stuck_node_is_ended(own_domain, capfd, monkeypatch):
-    monkeypatch.setattr(node_watch, 'SILENCE', 0.5)
+    monkeypatch.setattr(node_watch, 'MAX_SILENCE_S', 0.5)
     assert first_light.follow_node(SLEEPER, [0]) == 1
     assert 'it is stuck' in capfd.readouterr().err
 
 
 def test_another_fabric_in_the_graph_is_not_taken_for_the_own_node(own_domain, capfd, monkeypatch):
-    monkeypatch.setattr(first_light, '_LOOK_AROUND', 30.0)
+    monkeypatch.setattr(first_light, '_DISCOVERY_S', 30.0)
     with other_fabric():
         assert first_light.follow_node(SLEEPER, [0]) == 1
-    assert 'another node publishes /icofabric/poses already' in capfd.readouterr().err
+    assert 'another node already publishes /icofabric/poses' in capfd.readouterr().err

@@ -75,7 +75,7 @@ def test_what_was_not_sent_is_sent_later_once(serving):
 
 
 def test_after_some_seconds_it_is_given_up(serving, monkeypatch):
-    monkeypatch.setattr(late_answers, '_TRIES', 2)
+    monkeypatch.setattr(late_answers, '_MAX_TRIES', 2)
     late, serve = serving
     never = Service(10**6)
     late.watch(never)
@@ -87,7 +87,8 @@ def test_after_some_seconds_it_is_given_up(serving, monkeypatch):
 def test_other_warnings_are_shown_as_before(serving, monkeypatch):
     late, _ = serving
     shown = []
-    monkeypatch.setattr(late._heard, '_show', lambda message, *_, **__: shown.append(str(message)))
+    monkeypatch.setattr(
+        late._detector, '_show', lambda message, *_, **__: shown.append(str(message)))
     warnings.simplefilter('always')
     warnings.warn('something else', RuntimeWarning, stacklevel=1)
     assert shown == ['something else']

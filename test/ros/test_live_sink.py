@@ -48,17 +48,17 @@ def test_topics_that_are_not_published_are_not_wanted(node):
 
 
 class FakePublisher:
-    """Its subscribers confirm at some looks."""
+    """Its subscribers confirm at some checks."""
 
     def __init__(self):
-        self.confirms, self.looks = lambda: True, 0
+        self.confirms, self.failed_checks = lambda: True, 0
 
     def publish(self, data):
         pass
 
     def wait_for_all_acked(self, timeout):
         assert timeout.nanoseconds == 0  # publishing never waits
-        self.looks += 1
+        self.failed_checks += 1
         return self.confirms()
 
 
@@ -79,7 +79,7 @@ def sink(node, monkeypatch):
 
 def test_healthy_subscribers_cost_few_looks(sink):
     sink.several(1000, 1 / 60)
-    assert sink.not_taken == 0 and 50 <= sink.publisher.looks <= 100
+    assert sink.not_taken == 0 and 50 <= sink.publisher.failed_checks <= 100
 
 
 @pytest.mark.parametrize('phase', range(10))
@@ -109,4 +109,4 @@ def test_stuck_subscriber_is_counted_until_it_goes_on(sink):
 def test_messages_too_close_for_an_answer_are_not_judged(sink):
     sink.publisher.confirms = lambda: False
     sink.several(100_000, 1e-3)
-    assert sink.not_taken == 0 and sink.publisher.looks == 0
+    assert sink.not_taken == 0 and sink.publisher.failed_checks == 0

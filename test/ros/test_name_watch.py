@@ -41,10 +41,10 @@ class Graph:
 
 
 def test_name_that_is_taken_is_refused():
-    with pytest.raises(ValueError, match='another node /left/icofabric runs already.*__node:='):
+    with pytest.raises(ValueError, match='node /left/icofabric is already running.*__node:='):
         NameWatch(Graph(('rosbag2_player', '/'), ('icofabric', '/left'))).require_first()
 
 
 def test_others_on_the_topic_do_no_harm(monkeypatch):
-    monkeypatch.setattr(name_watch, '_LOOK_AROUND', 0.0)
+    monkeypatch.setattr(name_watch, '_DISCOVERY_S', 0.0)
     NameWatch(Graph(('rosbag2_player', '/'), ('icofabric', '/right'))).require_first()

@@ -15,7 +15,7 @@
 
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.validation import make_parameters
-from icofabric_sim.ros.ros_parameters import as_meant, ParameterGate
+from icofabric_sim.ros.ros_parameters import ParameterGate, restore_type
 from icofabric_sim.running.replay.replay_parameters import OPTIONS
 import pytest
 from rcl_interfaces.msg import SetParametersResult
@@ -85,9 +85,9 @@ def test_a_file_that_is_loaded_live_means_what_it_means_at_the_start(tmp_path):
 
 
 def test_an_option_of_a_replay_is_taken_as_a_text():
-    assert as_meant('1E-01', OPTIONS['rate'].default) == 0.1
-    assert as_meant('y', OPTIONS['loop'].default) is True
-    assert as_meant('on', OPTIONS['bag'].default) == 'on'
+    assert restore_type('1E-01', OPTIONS['rate'].default) == 0.1
+    assert restore_type('y', OPTIONS['loop'].default) is True
+    assert restore_type('on', OPTIONS['bag'].default) == 'on'
 
 
 @pytest.mark.parametrize('text', ['[1e, 0, 0]', '[--, 0, 0]', '[., 0, 0]'])

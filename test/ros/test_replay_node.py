@@ -117,7 +117,7 @@ def test_services_and_parameters(tmp_path, bag):
         # From frame to frame.
         answers = [client.call('~/step') for _ in range(3)]
         assert [answer.message for answer in answers] == [
-            f'one frame on, t = 0.0{k}0000000 s' for k in (2, 4, 6)]
+            f'stepped by one frame, t = 0.0{k}0000000 s' for k in (2, 4, 6)]
         client.wait_for(lambda: POSE_TIMES[3] in stamps(poses), 'the third step')
         assert set(stamps(poses)) == set(POSE_TIMES[:4]) and clock[-1] == POSE_TIMES[3]
 
@@ -128,7 +128,7 @@ def test_services_and_parameters(tmp_path, bag):
         assert markers[0].action == MarkerAction.DELETEALL
         client.wait_for(lambda: weave == ['first', 'second'], 'the later scene')
         answer = client.call('~/reset')
-        assert answer.success and answer.message == 'back at the start, t = 0.000000000 s'
+        assert answer.success and answer.message == 'reset to the start, t = 0.000000000 s'
         client.wait_for(lambda: clock[-1] == 0 and stamps(poses)[-1] == 0, 'the start again')
         client.wait_for(lambda: weave == ['first', 'second', 'first'], 'the first scene')
 
@@ -140,7 +140,7 @@ def test_services_and_parameters(tmp_path, bag):
         for text, part in zip(words, (
                 'seek: 2.500000000 s is not in the bag, which goes from 0.000000000 s to 2.0000',
                 'rate must lie in 0 to 1e+06, got -1.0', 'loop must be true or false, got 3',
-                'start_offset is fixed once the node runs', "unknown parameter 'nonsense'")):
+                'start_offset cannot be changed while', "unknown parameter 'nonsense'")):
             assert part in text
         message = ParameterMessage(name='rate')
         message.value.type = 99
@@ -309,7 +309,7 @@ def test_a_run_that_cannot_go_on_is_played_on(tmp_path, bag):
         assert not answer.success and 'exists and is never overwritten' in answer.message
         path.rmdir()
         answer = client.call('~/continue')
-        assert not answer.success and answer.message.startswith('this run cannot go on: ')
+        assert not answer.success and answer.message.startswith('this run cannot be continued: ')
         client.wait_for(lambda: client.clock > before + SECOND // 20, 'the replay to go on')
         assert client.pause() > before
         assert not client.call('~/continue').success  # and may be asked again
@@ -317,8 +317,8 @@ def test_a_run_that_cannot_go_on_is_played_on(tmp_path, bag):
 
 
 COMMAND_LINES = {
-    'no bag is given; write replay_node BAG': [],
-    'one bag is all that replay_node takes': ['{bag}', '{bag}'],
+    'no bag given; run replay_node BAG': [],
+    'replay_node takes one bag': ['{bag}', '{bag}'],
     '/nowhere/bag does not exist': ['/nowhere/bag'],
     'is not a bag: it must be a folder': ['{folder}'],
     "unknown parameter 'rat'; did you mean rate?": ['{bag}', '--ros-args', '-p', 'rat:=1.0'],
@@ -360,7 +360,7 @@ def test_plain_argument_and_several_fabrics(tmp_path, bag):
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain())})
     assert done.returncode == 0, done.stderr
     assert 'topics of /b/fabric, t = 0 s to 2 s' in done.stderr
-    assert 'holds 1 more: /icofabric; the parameter fabric names' in done.stderr
+    assert 'holds 1 more: /icofabric; parameter fabric selects' in done.stderr
 
 
 def test_seek_service_of_rosbag2():

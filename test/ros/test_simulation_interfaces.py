@@ -413,7 +413,7 @@ def check_state(state, snapshot, body, time):
 
 
 def test_too_many_states_for_one_answer(simulator, monkeypatch):
-    monkeypatch.setattr('icofabric_sim.ros.standard_handlers.MOST_STATES', 3)
+    monkeypatch.setattr('icofabric_sim.ros.standard_handlers.MAX_STATES', 3)
     code, text = simulator.result('GetEntitiesStates', filters=filters())
     assert code == FAILED and '~/state' in text
 
@@ -502,7 +502,7 @@ def test_states_that_are_refused_change_nothing(simulator, runner, scene, name):
 def test_held_body_cannot_be_set_in_motion(simulator):
     code, text = simulator.result(
         'SetEntityState', entity='icosahedron_0', state=new_state(), set_twist=True)
-    assert code == FAILED and 'held by a support' in text
+    assert code == FAILED and 'fixed by a support' in text
 
 
 def test_work_aside_hands_on_its_error():

@@ -34,7 +34,7 @@ def held_up():
         time.sleep(10.0)
 
 signals = StopSignals()
-signals.only_note(limit=0.5)
+signals.record_only(limit=0.5)
 """
 
 
@@ -72,7 +72,7 @@ def test_closing_of_a_bag_takes_as_long_as_it_takes():
 print('stands', flush=True)
 while not signals.received:
     time.sleep(0.01)
-with signals.taking_its_time():
+with signals.without_limit():
     time.sleep(2.0)
 """, number=signal.SIGINT)
     assert status == 0 and not said

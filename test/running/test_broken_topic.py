@@ -122,7 +122,7 @@ def test_figures_and_summaries_count_breaks(played):
     text = '\n'.join(text for _, text in run_summary(
         'torn', runner.simulation, monitor, runner.status(), 1.0, 0.0, errors=None, growth=None,
         bag=None, interrupted=False))
-    assert '40 of 296 connectors, from t = 0.00' in text and 'J were lost' in text
+    assert '40 of 296 connectors, from t = 0.00' in text and 'J dissipated' in text
     # What is broken has no strain; the others have.
     assert 0.0 < monitor.stretch.value < 0.02
 

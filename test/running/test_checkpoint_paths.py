@@ -61,5 +61,5 @@ def test_nowhere_and_nothing(tmp_path):
     with pytest.raises(ValueError, match='no checkpoint in'):
         path_to_restore(parameters(checkpoint__path=tmp_path / 'none'))
     (tmp_path / 'file').write_bytes(b'')
-    with pytest.raises(ValueError, match='cannot be made'):
+    with pytest.raises(ValueError, match='cannot be created'):
         path_to_save(parameters(checkpoint__path=tmp_path / 'file' / 'below'))

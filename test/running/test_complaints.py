@@ -13,7 +13,7 @@
 # limitations under the License.
 """Complaints: each kind is heard at once, a flood rarely, and nothing is uncounted."""
 from icofabric_sim.running import complaints
-from icofabric_sim.running.complaints import Complaints, LONGEST_LINE, shortened
+from icofabric_sim.running.complaints import Complaints, MAX_LINE_LENGTH, shortened
 import pytest
 
 
@@ -34,7 +34,7 @@ def test_each_kind_is_heard_at_once_and_then_once_a_second(clock):
     assert said == ['not finite', 'wrong frame']
     clock[0] += 1.0
     heard.add('nan', 'not finite')
-    assert said[2:] == ['not finite (2 more like it before)']
+    assert said[2:] == ['not finite (2 similar ones before)']
 
 
 def test_who_tries_by_hand_hears_of_every_one(clock):
@@ -74,4 +74,4 @@ def test_long_lines_lose_their_middle():
     assert shortened('all of it') == 'all of it'
     text = shortened('begin ' + 'x' * 10**6 + ' end')
     assert text.startswith('begin xxx') and text.endswith('xxx end')
-    assert '[...999010 characters...]' in text and len(text) < LONGEST_LINE + 50
+    assert '[...999010 characters...]' in text and len(text) < MAX_LINE_LENGTH + 50

@@ -58,7 +58,7 @@ def test_figures_are_those_of_the_simulation():
     # Floppy as it is, some of its connectors end in shells.
     assert simulation.status.obstructed_ends > 0
     assert message.level == WARN and message.message == (
-        f'{simulation.status.obstructed_ends} ends of connectors were in their own shells at the '
+        f'{simulation.status.obstructed_ends} connector ends were in their own shells at the '
         'last health check')
     values = message.values
     assert values['method'] == simulation.status.method_name
@@ -108,17 +108,17 @@ def test_status_says_what_is_known_at_once(status):
 @pytest.mark.parametrize(('changes', 'faults', 'level', 'words'), [
     ({}, {}, OK, 'running'),
     ({'paused': True}, {}, OK, 'paused'),
-    ({'obstructed': 3}, {}, WARN, '3 ends of connectors were in their own shells'),
-    ({'factor': 0.5, 'wanted_factor': 1.0}, {}, WARN, 'slower than wanted'),
+    ({'obstructed': 3}, {}, WARN, '3 connector ends were in their own shells'),
+    ({'factor': 0.5, 'wanted_factor': 1.0}, {}, WARN, 'below the target real-time factor'),
     ({'factor': 0.5, 'wanted_factor': 0.0}, {}, OK, 'running'),
     ({'factor': 0.5, 'wanted_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
      'steps take it all'),
     ({'factor': 0.5, 'wanted_factor': 1.0, 'limited_by': 'accuracy (solver.tolerance 1e-06); '
       'fastest: contacts (contact.stiffness 4e+05 N/m), up to 1e+04 rad/s'}, {}, WARN,
-     'what would help: a larger solver.tolerance, softer contact (a smaller contact.stiffness), '
+     'remedies: a larger solver.tolerance, softer contact (a smaller contact.stiffness), '
      'fewer bodies (weave.size), a smaller real_time_factor'),
     ({'factor': 0.5, 'wanted_factor': 1.0, 'waits': 'compiling kernels'}, {}, WARN,
-     'simulated time waits: compiling kernels'),
+     'simulated time is waiting: compiling kernels'),
     ({'balance_error': 0.0051, 'energy_limit': 0.01}, {}, WARN, 'solver.energy_limit = 0.01'),
     ({'balance_error': 0.0049, 'energy_limit': 0.01}, {}, OK, 'running'),
     ({'step': 0.002, 'limit': 0.001}, {}, WARN, 'beyond the stability limit 0.001 s'),
@@ -144,7 +144,7 @@ def test_all_reasons_are_said(status):
     for words in ('bodies 1 and 2', 'energy balance', '/clock is published twice'):
         assert words in message.values['reasons']
     assert message.message == (
-        'bodies 1 and 2 meet; the energy balance is off by 1; /clock is published twice')
+        'bodies 1 and 2 meet; the energy-balance error is 1; /clock is published twice')
     assert message.values['clock'] == '/clock is published twice'
     message = describe(
         bad._replace(failure='it stopped'), '/x', {'recording': 'disk full'}, {})
@@ -153,8 +153,8 @@ def test_all_reasons_are_said(status):
 
 @pytest.mark.parametrize(('sentences', 'expected'), [
     (['running'], 'running'),
-    (['slower than wanted (0.5 of 1): all of it; steps are short' + 60 * '.'],
-     'slower than wanted (0.5 of 1)'),
+    (['below the target (0.5 of 1): all of it; steps are short' + 60 * '.'],
+     'below the target (0.5 of 1)'),
     (['one: ' + 80 * 'x', 'two; ' + 80 * 'y'], 'one; two'),
     ([60 * 'x', 'y' * 30], 60 * 'x' + ' (and 1 more)'),
     ([700 * 'x'], 76 * 'x' + ' ...'),
@@ -182,7 +182,7 @@ def test_start_of_a_node():
 
 @pytest.mark.parametrize(('figure', 'words'), [
     (WRENCHES_DROPPED, 'wrenches were dropped'), (RECORDER_DROPPED, 'were not recorded'),
-    (NOT_TAKEN, 'before every subscriber had them')])
+    (NOT_TAKEN, 'before all subscribers received them')])
 def test_what_was_dropped_since_the_last_report(status, figure, words):
     report = HealthReport('/x')
 

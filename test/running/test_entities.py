@@ -46,7 +46,7 @@ def test_numbers_and_names(scene):
     assert entities.number(f'icosahedron_{scene.body_count - 1}') == scene.body_count - 1
     for name in ('', 'icosahedron', 'icosahedron_00', f'icosahedron_{scene.body_count}',
                  'icosahedron_1 ', 'icosahedron_\u0661', 'icosahedron_99999999999999'):
-        with pytest.raises(KeyError, match='no entity'):
+        with pytest.raises(KeyError, match='unknown entity'):
             entities.number(name)
 
 

@@ -154,16 +154,16 @@ def test_requests_are_answered_while_simulated_time_waits(held, caplog):
         beside.wait_for(lambda: len(sink.of(CLOCK)) >= ticks + 3)
         assert {decode_clock(data) for _, data in sink.of(CLOCK)[ticks:]} == {now}
         beside.wait_for(lambda: any(
-            'simulated time waits: compiling'
+            'simulated time is waiting: compiling'
             in decode_diagnostic_array(data)[1][0].values['reasons']
             for _, data in sink.of(DIAGNOSTICS)))
-        beside.wait_for(lambda: 'simulated time waits at t = ' in caplog.text)
+        beside.wait_for(lambda: 'simulated time is waiting at t = ' in caplog.text)
         assert not advance.done() and runner.now == now
         # The wait is no part of the speed of a run.
         assert compile_notice.seconds > counted
         kernels.finish()
         assert advance.result(60.0) == now + 10_000_000
-        assert 'simulated time runs again' in caplog.text
+        assert 'simulated time has resumed' in caplog.text
         end = final(runner, beside)
         assert runner.status().waits == ''
     direct.advance_to(seconds(now))

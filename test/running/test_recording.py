@@ -238,7 +238,7 @@ def test_recording_is_switched_off_and_on(simulation, tmp_path):
     assert not any(sink.wants(topic) for topic in TOPICS)
     sink.send(CLOCK, 6, b'\0\1\0\0' + bytes(8))
     sink.send_input('/icofabric/wrench', WrenchStampedBytes.TYPE, 6, b'')
-    assert sink.switch(False, simulation, in_force, ended) == 'nothing was being recorded'
+    assert sink.switch(False, simulation, in_force, ended) == 'recording was not active'
     (tmp_path / 'bag_1').mkdir()  # of another owner
     said = sink.switch(True, simulation, in_force, status_of(simulation, 0.5))
     assert said == f'recording to {tmp_path / "bag_2"}'
@@ -272,13 +272,14 @@ def test_recording_cannot_be_switched_on_without_a_path(simulation, tmp_path):
     with pytest.raises(BagError, match='record.path is empty.*param set /lab/left record.path'):
         sink.switch(True, simulation, in_force, status_of(simulation))
     assert sink.switch(False, simulation, in_force, status_of(simulation)) == (
-        'nothing was being recorded')
+        'recording was not active')
     sink.time_jumped_back(simulation, in_force, status_of(simulation))
     # Set while it runs.
     in_force = in_force.with_changes({
         'record.path': str(tmp_path / 'late'), 'record.storage': 'sqlite3'})
     assert sink.switch(True, simulation, in_force, status_of(simulation)) == (
-        f'recording to {tmp_path / "late"}, whole only once it is closed (mcap survives a kill)')
+        f'recording to {tmp_path / "late"}, complete only after it is closed '
+        '(mcap survives a kill)')
     sink.close()
     sink.close()
     with BagReader(tmp_path / 'late' / 'late_0.db3') as bag:
@@ -387,7 +388,7 @@ def test_a_hanging_disk_does_not_stop_a_live_run(tmp_path, monkeypatch, hanging_
     """It drops and counts, says so at once, and jumps, switches and ends without waiting."""
     monkeypatch.setattr('icofabric_sim.bag.recorder.BagRecorder.__init__.__kwdefaults__', {
         **BagRecorder.__init__.__kwdefaults__, 'queue_bytes': 5000})
-    monkeypatch.setattr('icofabric_sim.running.recording._PATIENCE', 0.05)
+    monkeypatch.setattr('icofabric_sim.running.recording._DISK_WAIT_S', 0.05)
     simulation = make_simulation(duration=0.5, reset_time=True)
     warned = []
     sink = make_sink(tmp_path / 'bag', simulation, on_warning=warned.append)
@@ -402,7 +403,7 @@ def test_a_hanging_disk_does_not_stop_a_live_run(tmp_path, monkeypatch, hanging_
     in_force = simulation.scene.parameters
     said = sink.switch(True, simulation, in_force, runner.status())
     assert said == (f'recording to {tmp_path / "bag_1"}; {tmp_path / "bag"} is still being '
-                    'written: its disk is slow')
+                    'written: the disk is slow')
     sink.time_jumped_back(simulation, in_force, runner.status())
     assert sink.path == tmp_path / 'bag_2' and sink.dropped == dropped
     hanging_disk.set()

@@ -210,8 +210,8 @@ def test_many_changes_a_second_become_few_builds(builds):
 
 def test_a_run_that_has_no_time_is_changed_less_often(monkeypatch):
     free_at = {}
-    monkeypatch.setattr(reweave, '_REST', (1e6, 1.0))
-    monkeypatch.setattr(reweave, '_BUSY_REST', (1e6, 100.0))
+    monkeypatch.setattr(reweave, '_PAUSE', (1e6, 1.0))
+    monkeypatch.setattr(reweave, '_BUSY_PAUSE', (1e6, 100.0))
     for has_time in (True, False):
         runner, now = Runner(has_time=has_time), time.monotonic()
         runner.reweaver.want(with_density(1000.0))

@@ -135,7 +135,7 @@ def test_advance_ends_with_the_duration():
         assert runner.advance().result(60.0) == 7_000_000
         with pytest.raises(RuntimeError, match='advanced by 0.003000000 of 0.0070.*is over'):
             runner.advance().result(60.0)
-        with pytest.raises(RuntimeError, match='not advanced: the duration of 0.01 s is over'):
+        with pytest.raises(RuntimeError, match='not advanced: the duration of 0.01 s has passed'):
             runner.advance().result(60.0)
 
 

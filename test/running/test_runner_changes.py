@@ -260,7 +260,7 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
     [warning] = warnings_said(caplog)
     assert warning.startswith(
         '1 waiting wrench was dropped (~/wrench; the first for t = 0.01 s): ')
-    assert 'the weave changed before' in warning
+    assert 'the weave has changed' in warning
 
 
 def test_what_parameters_say_is_read_in_the_order_of_the_commands(tmp_path):

@@ -22,7 +22,7 @@ from icofabric_sim.bag import BagError
 from icofabric_sim.messages import decode_pose_array, decode_string, decode_uint8_multi_array
 from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, POSES, TOPICS, WEAVE
 from icofabric_sim.running import received_inputs, reweave
-from icofabric_sim.running.run_records import begins_anew
+from icofabric_sim.running.run_records import is_initial
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.checkpoint import Checkpoint
 from icofabric_sim.simulation.simulation import compile_scene
@@ -128,7 +128,7 @@ def test_wrenches_survive_a_change_where_they_have_a_place(caplog):
     [(_, facts)] = events(sink, 'reweave')
     assert facts['restarts'] and facts['lost'] == [f'body {last}'] and facts['dropped'] == 1
     texts = [record.getMessage() for record in caplog.records]
-    assert any(f'wrenches ended with the change, which leaves no place for them: body {last}'
+    assert any(f'because their targets no longer exist: body {last}'
                in text for text in texts)
 
 
@@ -232,14 +232,14 @@ def test_wrench_of_a_sender_that_is_gone_stays_or_ends_with_its_hold_time():
 
 
 def test_queue_of_those_that_wait_is_bounded(monkeypatch, caplog):
-    monkeypatch.setattr(received_inputs, 'LARGEST_QUEUE', 3)
+    monkeypatch.setattr(received_inputs, 'MAX_WAITING_INPUTS', 3)
     runner = paused_runner(ListSink())
     with Beside(runner):
         for stamp in range(1, 7):
             push(runner, stamp=stamp * 10**6)
         runner.take_steps().result(60.0)
     assert runner.dropped == 3
-    assert any('3 wrenches wait for their stamp already' in record.getMessage()
+    assert any('3 wrenches are already waiting for their stamps' in record.getMessage()
                for record in caplog.records)
 
 
@@ -327,18 +327,18 @@ def test_checkpoint_from_in_between_two_nanoseconds(tmp_path):
 
 def test_run_that_begins_elsewhere_is_recorded_from_a_checkpoint():
     simulation = ico.compile_scene(ico.Scene.from_parameters(SCENE))
-    assert begins_anew(simulation)
+    assert is_initial(simulation)
     simulation.apply_wrench('tip', time=0.05)
-    assert not begins_anew(simulation)
+    assert not is_initial(simulation)
     simulation.advance_to(0.02)
     bag = ListSink(CHECKPOINT, POSES, bag=True)
     runner = run(Runner(simulation, [bag]))
     assert [time for time, _ in bag.of(CHECKPOINT)] == [20_000_000]
     assert bag.of(POSES)[0][0] == 20_000_000 and runner.now == 100_000_000
     simulation.reset_time()
-    assert begins_anew(simulation)
+    assert is_initial(simulation)
     simulation.set_state(linear_velocity=np.ones((simulation.scene.body_count, 3)))
-    assert not begins_anew(simulation)
+    assert not is_initial(simulation)
 
 
 # Recording on and off.

@@ -246,7 +246,7 @@ def test_wrenches_that_a_reset_forgets_are_counted(caplog):
 def test_calls_that_are_broken_off_change_no_bit(method, monkeypatch):
     ends = []
     for patience in (1e9, 0.0):
-        monkeypatch.setattr(time_advance, '_PATIENCE', patience)
+        monkeypatch.setattr(time_advance, '_MAX_CALL_S', patience)
         sink = ListSink(POSES)
         # Fast enough for some hundred steps between two outputs, so for calls that take a while.
         runner = make_runner(

@@ -51,7 +51,7 @@ def test_many_evaluations_over_several_outputs_are_a_stall(rate, bodies, stalls)
     said = words(watch, rate, until=2.0)
     assert bool(said) == stalls
     if stalls:
-        assert 'takes 2e+07 evaluations' in said[0] and 'usually takes 1e+04' in said[0]
+        assert 'takes 2e+07 evaluations' in said[0] and 'usually needs 1e+04' in said[0]
         assert 'that of the drive' in said[0] and 'Reset the run' in said[0]
 
 
@@ -91,16 +91,16 @@ def test_contacts_that_the_scene_makes_stiff_are_usual():
 
 
 def test_run_that_stalls_stops_and_goes_on_after_a_reset(monkeypatch):
-    monkeypatch.setattr(stall, '_MOST_OF_BODIES', 0.0)
+    monkeypatch.setattr(stall, '_MAX_BODY_RATE', 0.0)
     runner = make_runner(ListSink(), duration=0.0, start_paused=True)
     assert runner._time.stall is None  # who runs it to its end is patient
     runner._time.stall = StallWatch()
     with Beside(runner) as beside:
         runner._time.stall.begin(0.0, 1, 1.0)
         future = runner.advance()
-        with pytest.raises(RuntimeError, match='advanced by.*nearly still'):
+        with pytest.raises(RuntimeError, match='advanced by.*almost stopped'):
             future.result(60.0)
-        assert 'nearly still' in runner.failure
+        assert 'almost stopped' in runner.failure
         runner.reset().result(60.0)
         assert not runner.failure
         runner.set_paused(False)

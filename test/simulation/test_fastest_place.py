@@ -72,7 +72,7 @@ class Fake:
 
 
 def test_it_is_said_since_when_it_is_that_place(monkeypatch):
-    monkeypatch.setattr(step_limit_reason, '_SHARE', 0.0)
+    monkeypatch.setattr(step_limit_reason, '_MAX_SEARCH_SHARE', 0.0)
     simulation = Fake(ico.compile_scene(ico.load_scene('hanging_slab')))
     limit = StepLimit()
     # Kernels that are not there yet are not waited for.

@@ -514,7 +514,7 @@ def test_a_record_of_a_device_repeats_on_it(tmp_path, capsys, more):
     assert main(['run', str(scene), '--record', str(tmp_path / 'bag')]) == 0
     said = capsys.readouterr().out
     # 221 bodies at about 331 bytes, or 1.9 kB by dop8, and slots without a body.
-    taken = re.search(r'device +the processor, by Warp; the run takes about (.*) MB there', said)
+    taken = re.search(r'device +the processor, by Warp; memory about (.*) MB', said)
     assert taken and (0.06 if 'leapfrog' in more else 0.4) < float(taken[1]) < (
         0.2 if 'leapfrog' in more else 0.8)
     assert main(['verify', str(tmp_path / 'bag')]) == 0

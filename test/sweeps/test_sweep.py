@@ -678,7 +678,7 @@ def test_a_study_of_a_file_writes_table_and_picture(verb, tmp_path):
         'elasticity.density', '--picture', 'runs/one.png')
     assert status == 0 and said.count('connector.stiffness') == 1, error
     status, _, error = verb('weaves.yaml', '--workers', '0', '--columns', 'elasticity.mass')
-    assert status == 2 and '--columns elasticity.mass: there is no such column' in error
+    assert status == 2 and '--columns elasticity.mass: unknown column' in error
 
 
 def test_planning_says_how_far_it_is(verb, monkeypatch):
@@ -688,7 +688,7 @@ def test_planning_says_how_far_it_is(verb, monkeypatch):
                         lambda self, done: said.append((self.unit, done, self.total)))
     status, *_ = verb('stiff_cantilever', '-p', 'weave.size:=[3, 3, 3]', '--verb', 'elasticity',
                       '--vary', 'connector.damping:=[0.0, 1.0, 2.0]', '--list')
-    assert status == 0 and said == [('runs judged', done, 3) for done in (1, 2, 3)]
+    assert status == 0 and said == [('runs validated', done, 3) for done in (1, 2, 3)]
 
 
 def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):

@@ -281,7 +281,7 @@ def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
     # As Ctrl-C on a terminal: to the whole group.
     os.killpg(client.pid, signal.SIGINT)
     _, error = client.communicate(timeout=60)
-    assert client.returncode == 130 and 'the same command goes on' in error
+    assert client.returncode == 130 and 'the same command continues' in error
     assert 'Traceback' not in error
     rows = (folder / 'store' / 'slow.csv').read_text().splitlines()
     assert len(rows) >= 3

@@ -101,7 +101,7 @@ def test_pages_get_frames_at_their_own_rates():
 
 
 def test_a_page_that_says_nothing_gets_a_frame_now_and_then(monkeypatch):
-    monkeypatch.setattr(flow, '_PATIENCE', 0.001)
+    monkeypatch.setattr(flow, '_MARK_WAIT_S', 0.001)
 
     async def check():
         frames, buffer = Flow(VIEW), Buffer()

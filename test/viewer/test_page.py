@@ -27,9 +27,9 @@ from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.report import ReplayReport
 from icofabric_sim.running.replay.source import ReplaySource
 from icofabric_sim.viewer import flow
-from icofabric_sim.viewer.local import ReplayHands, SightSink
+from icofabric_sim.viewer.local import ReplayActions, SightSink
 from icofabric_sim.viewer.page import Page
-from icofabric_sim.viewer.panel import _code
+from icofabric_sim.viewer.panel import _as_code
 from icofabric_sim.viewer.sight import Sight
 import numpy as np
 from page_client import PageClient
@@ -156,8 +156,8 @@ def test_buttons(shown, client):
     client.wait_for(lambda: client.shells() is not None, 'no shells')
     for label, answer in (
             ('Advance', 'advanced'), ('Step', 'solver steps taken'),
-            ('Reset', 'back at the initial state'),
-            ('Start recording', 'nothing to record with')):
+            ('Reset', 'reset to the initial state'),
+            ('Start recording', 'recording is not available')):
         client.press(label)
         client.wait_for(partial(client.shown, answer), answer)
 
@@ -221,7 +221,7 @@ def test_record_is_shown_and_scrubbed(tmp_path):
     sight = Sight()
     with ReplaySource(tmp_path / 'bag') as source:
         player = Player(source, SightSink(sight), stay=True, paused=True)
-        page = Page(sight, ReplayHands(player), port=18080)
+        page = Page(sight, ReplayActions(player), port=18080)
         thread = threading.Thread(target=player.run, daemon=True)
         thread.start()
         try:
@@ -248,8 +248,8 @@ def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run
         report = ReplayReport('/icofabric', source)
         player = Player(
             source, SightSink(sight), stay=True, report=report.message)
-        hands = ReplayHands(player)
-        page = Page(sight, hands, port=18080)
+        actions = ReplayActions(player)
+        page = Page(sight, actions, port=18080)
         thread = threading.Thread(target=player.run, daemon=True)
         thread.start()
         try:
@@ -267,13 +267,13 @@ def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run
                 client.set('Time [s]', 0.05)
                 client.wait_for(lambda: player.now == 50_000_000, 'not there')
                 client.press('Simulate from here')
-                client.wait_for(lambda: hands.going_on is not None, 'it does not go on')
-                client.wait_for(partial(client.shown, 'goes on as a simulation'), 'no answer')
+                client.wait_for(lambda: actions.going_on is not None, 'it does not go on')
+                client.wait_for(partial(client.shown, 'continues as a simulation'), 'no answer')
         finally:
             page.close()
             player.stop()
             thread.join(60.0)
-    simulation, parameters = hands.going_on
+    simulation, parameters = actions.going_on
     # The state of the recorded run at that moment, to the last bit.
     again = ico.compile_scene(ico.Scene.from_parameters(SCENE))
     again.advance_to(0.05)
@@ -331,13 +331,13 @@ def test_a_page_closes_without_the_answers_of_those_who_are_connected(capfd):
 
 @pytest.mark.parametrize('host', ['192.0.2.1', 'no such name'])
 def test_a_host_of_elsewhere_is_refused_and_not_waited_for(host):
-    with pytest.raises(ValueError, match='no address of this machine'):
+    with pytest.raises(ValueError, match='not an address of this machine'):
         Page(Sight(), None, host=host)
 
 
 def test_words_from_elsewhere_are_no_markup():
-    assert _code('<img src=x onerror=alert(1)>\n\n`b` ') == "`<img src=x onerror=alert(1)> 'b'`"
-    assert _code('') == '`-`'
+    assert _as_code('<img src=x onerror=alert(1)>\n\n`b` ') == "`<img src=x onerror=alert(1)> 'b'`"
+    assert _as_code('') == '`-`'
 
 
 def test_malformed_message_is_left_out(caplog):

@@ -121,7 +121,7 @@ def test_the_command_prints_writes_and_draws(monkeypatch, tmp_path, capsys):
     words = ['stress', '--map', '--steps', '500', '--output', str(table), '--picture',
              str(picture)]
     assert main(words) == 0
-    assert '3 runs of 500 steps, 0 against the theory' in capsys.readouterr().out
+    assert '3 runs of 500 steps, 0 contradict the theory' in capsys.readouterr().out
     with table.open() as file:
         assert [row['outcome'] for row in csv.DictReader(file)] == ['ran', 'stopped', 'refused']
     assert picture.read_bytes().startswith(b'\x89PNG')

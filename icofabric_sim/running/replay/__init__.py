@@ -11,4 +11,4 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Recorded runs: played, simulated again, compared."""
+"""Recorded runs: playback, simulation again, comparison."""

@@ -11,9 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""
-Recorded outputs beside those of the run simulated again: bit by bit, or as close as can be asked.
-"""
+"""Comparison of recorded outputs with a second simulation: bit by bit, or within error bounds."""
 
 from collections.abc import Callable
 import math
@@ -48,38 +46,38 @@ _TENSION = 'connector', 'tension [N]'
 _CONTACT = (
     'first body', 'second body', *(f'point {axis} [m]' for axis in 'xyz'),
     *(f'force {axis} [N]' for axis in 'xyz'), 'overlap [m]')
-# The growth is that of one displacement, and a run may add some times what it was asked to: so
-# many times the bound that follows is still called consistent.
-_ROOM = 10.0
-# What roundings make of the same numbers, over a.
-_ROUNDING = 1e-11
+# Factor on the error bound for consistent runs: growth is measured for one displacement, and a run
+# may exceed its requested error several times.
+_BOUND_FACTOR = 10.0
+# Effect of round-off on equal values, over a.
+_ROUND_OFF = 1e-11
 
 
 class ExactComparison:
-    """Outputs that must have the same bits."""
+    """Comparison of outputs that must be bit-identical."""
 
     def __init__(self, run: RecordedRun, simulation: Callable[[], Simulation]) -> None:
-        """Compare outputs of `run` with the present state of what `simulation` returns."""
+        """Compare outputs of `run` with the present state of the result of `simulation`."""
         self._run, self._simulation = run, simulation
         self._outputs: Outputs | None = None
         self._lists: tuple[Snapshot | None, int, dict[int, bytes]] = None, 0, {}
         self._several = len(run.nodes) > 1
 
     def acted(self, act: Act) -> None:
-        """Inputs are in the simulation already."""
+        """Do nothing: inputs are already in the simulation."""
 
     def jumped(self, goes_on: bool) -> None:
-        """Lay messages out again: the bodies may be others."""
+        """Create new message layouts, because the bodies may differ."""
         self._outputs = None
 
     def difference(self, topic: Topic, time: int, data: bytes) -> str | None:
-        """What differs from the message `data` of `time` [ns], '' nothing; None: not compared."""
+        """Describe the difference from `data` at `time` [ns], '' if equal; None: not compared."""
         simulation = self._simulation()
         if self._outputs is None or self._outputs.scene is not simulation.scene:
             self._outputs = Outputs(simulation.scene)
         snapshot, decoded = simulation.snapshot, self._run.decoded
         if topic is topics.CLOCK:
-            # Of several fabrics any may have published it.
+            # With several fabrics any of them may have published it.
             return None if self._several else _scalar(decoded(decode_clock, data), time)
         if topic is topics.CHECKPOINT:
             stored = decoded(decode_uint8_multi_array, data)
@@ -103,7 +101,7 @@ class ExactComparison:
                 lambda message: decoded(decode_float64_multi_array, message),
                 _STATE if is_state else _SPIN, numbers=simulation.scene.published_bodies)
         if topic is topics.TF:
-            # Of several fabrics all have their frames there.
+            # With several fabrics all of them publish frames there.
             if self._several or simulation.scene.framed_bodies is None:
                 return None
             return _whole(data, self._outputs.tf(snapshot(), time), 'frames')
@@ -121,7 +119,7 @@ class ExactComparison:
                 tuple(f'{label} energy [J]' for label in topics.ENERGIES))
         if topic in topics.MEASURED:
             return self._measured(topic, simulation, data)
-        raise ValueError(f'nothing compares {topic.name}')
+        raise ValueError(f'no comparison for {topic.name}')
 
     def _measured(self, topic: Topic, simulation: Simulation, data: bytes) -> str:
         assert self._outputs is not None
@@ -143,19 +141,19 @@ class ExactComparison:
         else:
             lists = self._connector_lists(simulation, time)
             if recorded.marker_id not in lists:
-                return f'list {recorded.marker_id} is in the bag, and no list simulated again'
+                return f'list {recorded.marker_id} is in the bag, not in the simulation'
             again = lists[recorded.marker_id]
             is_empty = decode_marker_points(again).action == MarkerAction.DELETE
             if recorded.action == MarkerAction.DELETE and not is_empty:
-                return f'list {recorded.marker_id} is empty in the bag, not simulated again'
+                return f'list {recorded.marker_id} is empty in the bag, not in the simulation'
             if recorded.action != MarkerAction.DELETE and is_empty:
-                return f'list {recorded.marker_id} is in the bag, but empty simulated again'
+                return f'list {recorded.marker_id} is empty in the simulation, not in the bag'
         return _values(
             data, again, lambda message: self._run.decoded(decode_marker_points, message),
             ('x [m]', 'y [m]', 'z [m]'), what='point')
 
     def _connector_lists(self, simulation: Simulation, time: int) -> dict[int, bytes]:
-        """All lists of one snapshot, or their removals, by their id; laid out together."""
+        """Return all lists of one snapshot, or their removals, by id."""
         snapshot = simulation.snapshot()
         if self._lists[0] is not snapshot or self._lists[1] != time:
             assert self._outputs is not None
@@ -168,34 +166,36 @@ class ExactComparison:
 
 class CloseComparison:
     """
-    Poses that must be as close as the tolerance, grown as a small disturbance grows, lets them be.
+    Comparison of poses within the tolerance, amplified by error growth.
 
-    For another processor, other libraries or another version, where roundings differ.
+    For another processor, other libraries or another version, where round-off differs.
     """
 
     def __init__(self, run: RecordedRun, simulation: Callable[[], Simulation]) -> None:
-        """Compare poses of `run` with the present state of what `simulation` returns."""
+        """Compare poses of `run` with the present state of the result of `simulation`."""
         self._run, self._simulation = run, simulation
         self._companion: Companion | None = None
         self._since, self._before = 0.0, 0.0
-        # Largest distance seen, and of the bound that belonged to it: over a, or [rad].
+        # Largest distance and its bound: over a, or [rad].
         self.largest, self.bound_there = 0.0, 0.0
         self.meaningless_since: int | None = None  # [ns]
 
     def acted(self, act: Act) -> None:
-        """Have an input act on the disturbed run too."""
+        """Apply an input to the disturbed run too."""
         if self._companion is not None:
             self._companion.look()
             self._companion.act(act)
 
     def jumped(self, goes_on: bool) -> None:
-        """Disturb the new simulation; where its state `goes_on`, errors so far grow further."""
+        """Disturb the new simulation; if its state `goes_on`, earlier errors keep growing."""
         self._before = self._bound() if goes_on and self._companion is not None else 0.0
         self._companion = None
         self._since = self._simulation().time
 
     def difference(self, topic: Topic, time: int, data: bytes) -> str | None:
-        """What is too far from the message `data` of `time` [ns]; None: not compared."""
+        """
+        Describe the difference from `data` at `time` [ns] if it is too large; None: not compared.
+        """
         if topic is not topics.POSES:
             return None
         simulation = self._simulation()
@@ -203,7 +203,7 @@ class CloseComparison:
             self._companion = Companion(simulation)
         self._companion.look()
         bound = self._before if simulation.time <= self._since else self._bound()
-        bound = _ROOM * bound + _ROUNDING
+        bound = _BOUND_FACTOR * bound + _ROUND_OFF
         if not bound < MEANINGFUL:
             if self.meaningless_since is None:
                 self.meaningless_since = time
@@ -217,7 +217,7 @@ class CloseComparison:
             return _counts(len(recorded), len(rows), 'body')
         orientation = state.orientation[rows]
         shift = np.linalg.norm(recorded[:, :3] - state.position[rows], axis=1) / half_edge
-        # Both signs of a quaternion are one orientation.
+        # Both signs of a quaternion are the same orientation.
         turn = 2.0 * np.minimum(
             np.linalg.norm(recorded[:, 3:] - orientation, axis=1),
             np.linalg.norm(recorded[:, 3:] + orientation, axis=1))
@@ -227,14 +227,14 @@ class CloseComparison:
             row = int(np.flatnonzero(~(distance <= bound))[0])
             return (
                 f'body {rows[row]}: {shift[row] * half_edge:.3g} m and {turn[row]:.3g} rad apart, '
-                f'while tolerance and growth explain {bound * half_edge:.3g} m and {bound:.3g} '
+                f'tolerance and growth explain {bound * half_edge:.3g} m and {bound:.3g} '
                 'rad')
         if distance[worst] >= self.largest:
             self.largest, self.bound_there = float(distance[worst]), bound
         return ''
 
     def _bound(self) -> float:
-        """Distance of two runs that both err as much as they may, over a or [rad]."""
+        """Return the bound of the distance of two runs, over a or [rad]."""
         assert self._companion is not None
         simulation, growth = self._companion.simulation, self._companion.result()
         if growth.ended or growth.at_least:
@@ -249,12 +249,13 @@ def _scalar(recorded: int, simulated: int) -> str:
 
 
 def _whole(recorded: bytes, simulated: bytes | None, what: str) -> str:
-    return '' if recorded == simulated else f'its {what} are not those simulated again'
+    return '' if recorded == simulated else f'its {what} differ from the second simulation'
 
 
 def _counts(recorded: int, simulated: int, what: str) -> str:
     return (
-        f'{counted(recorded, what)} in the bag, {counted(simulated, what)} simulated again')
+        f'{counted(recorded, what)} in the bag, {counted(simulated, what)} in the second '
+        'simulation')
 
 
 def _values(
@@ -262,7 +263,7 @@ def _values(
     *, what: str = 'body', numbers: np.ndarray | None = None,
 ) -> str:
     """
-    The first number that differs in two messages of one kind, in words; '': none.
+    Describe the first number that differs in two messages of one type; '' if equal.
 
     `numbers` of the rows; None: from 0.
     """
@@ -276,7 +277,7 @@ def _values(
         return _counts(len(first), len(second), what)
     places = np.argwhere(first.view(np.int64) != second.view(np.int64))
     if not len(places):
-        return f'its head differs: {_head(one)} in the bag, {_head(two)} simulated again'
+        return f'its header differs: {_head(one)} in the bag, {_head(two)} simulated again'
     place = tuple(int(index) for index in places[0])
     row = place[0] if numbers is None else numbers[place[0]]
     name = f'{what} {row}: ' if len(place) > 1 else ''
@@ -287,7 +288,7 @@ def _values(
 
 
 def _head(message: Any) -> str:
-    """All but the numbers."""
+    """Return everything except the numbers."""
     fields = message._asdict()
     return ', '.join(
         f'{name} {fields[name]!r}' for name in fields if name not in ('values', 'points'))

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Whether a record holds every output that its run sent, and none that it did not send.
+Check that a bag contains exactly the outputs that its run sent.
 
-Which outputs a run sends follows from its rates, its pauses and what was done to it, and all of
-that is recorded (broadcast.py sends by the same rules). A bag that was closed also says how many
-messages of each topic it was given, and how many a slow disk has cost.
+The outputs of a run follow from its rates, pauses and events, all of which are recorded
+(broadcast.py sends by the same rules). A closed bag also has the number of messages of each topic
+passed to it, and the number dropped because of a slow disk.
 """
 
 from collections import Counter
@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from icofabric_sim.bag import STOPPED
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
-from icofabric_sim.bag.storage import PART
+from icofabric_sim.bag.storage import FILE_INDEX
 from icofabric_sim.messages import (
     decode_float64_multi_array,
     decode_marker_points,
@@ -45,48 +45,49 @@ from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_a
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.version import __version__
 
-# What follows the wall clock, or the writing.
+# Topics that depend on wall time or on the writing.
 _BESIDE = ('~/recording', topics.DIAGNOSTICS.name)
 
 
 class Gap(NamedTuple):
-    """Messages of one topic that a record lacks."""
+    """Missing messages of one topic."""
 
     topic: str  # full name
     messages: int
-    nanoseconds: int | None  # of the first; None: the bag only says how many it was given
+    nanoseconds: int | None  # of the first; None: only the number is known
 
     def __str__(self) -> str:
-        """Sentence of all that."""
+        """Return a sentence."""
         what = f'{self.messages:,} message{"" if self.messages == 1 else "s"} of {self.topic}'
         if self.nanoseconds is None:
-            return f'{what} (the bag was given more than it holds)'
+            return f'{what} (more were passed to the bag than it contains)'
         first = '' if self.messages == 1 else 'the first '
         return f'{what} ({first}at t = {seconds(self.nanoseconds):.9f} s)'
 
 
 class Completeness:
-    """Follows a record message by message, beside the simulation that repeats it."""
+    """Check of a bag, message by message, beside the simulation that repeats its run."""
 
     def __init__(
         self, run: RecordedRun, simulation: Callable[[], Simulation | None], *, exact: bool
     ) -> None:
         """
-        Follow `run`; `simulation` returns the present one, None while there is none yet.
+        Follow `run`; `simulation` returns the present simulation, None if there is none yet.
 
-        `exact`: it has the bits of the recorded one, so that also breaks come in its time.
+        `exact`: the simulation is bit-identical to the recorded one, so that breakages occur at
+        the same times.
         """
         self._run, self._simulation, self._exact = run, simulation, exact
         custom = run.custom
         self.dropped, self._given = (_counts(custom.get(name, '')) for name in (DROPPED, GIVEN))
         # A full disk ends a bag early, and a killed recorder writes no end.
         self._is_whole = GIVEN in custom and STOPPED not in custom
-        # Without it outputs that were due are unknown, and other versions may have other rules. A
-        # later file of a split bag does not tell the pauses before it.
+        # Required to know the due outputs, whose rules may differ in other versions. A later file
+        # of a split bag lacks the pauses before it.
         self._says_pauses = (
-            PAUSED in custom and PART not in custom and custom.get('version') == __version__)
+            PAUSED in custom and FILE_INDEX not in custom and custom.get('version') == __version__)
         self._is_running = custom.get(PAUSED) == 'false'
-        # Of several fabrics any may have published the time, and all have their frames there.
+        # With several fabrics any may have published the time, and all publish their frames there.
         self._left_out = (topics.CLOCK, topics.TF) if len(run.nodes) > 1 else ()
         is_measured = 'scene' in custom and run.parameters_of(custom['scene'])['record.measured']
         self._sent = {topic.name: topic for topic in MOVING if (
@@ -97,19 +98,19 @@ class Completeness:
         self._schedules: dict[Topic, Schedule] = {}
         self._now: int | None = None
         self._has_begun = False
-        # What is still to come of what is shown now, and lists of connectors that have come.
+        # Messages still expected of the present state, and the connector lists received.
         self._owed: set[Topic] = set()
         self._has_come = False
         self._lists: set[int] = set()
         self._clears = self._may_clear = False
-        # Breaks that were sent, None while unknown; whether the present state tells them, and
-        # whether it does so in any case.
+        # Breakages sent, None while unknown; whether the present state should send them, and
+        # whether it certainly does.
         self._breaks_told: int | None = None
         self._tells_breaks = self._anew = False
         self._is_over = self._has_failed = False
 
     def begin_at(self, time: int) -> None:
-        """Begin with the first checkpoint of `time` [ns], after what the record says before it."""
+        """Start at the first checkpoint of `time` [ns], after the messages before it."""
         for name, when, data in self._run.messages(
                 stop=time, names=(topics.EVENTS.name, topics.WEAVE.name)):
             if name == topics.WEAVE.name:
@@ -117,7 +118,7 @@ class Completeness:
             else:
                 self._follow(self._run.event(when, data))
         if self._has_begun:
-            # What was due before is not in the bag.
+            # Outputs due before are not in the bag.
             self._owed.clear()
             self._clears = self._anew = False
             self._now = time - 1
@@ -129,7 +130,9 @@ class Completeness:
         self._first.clear()
 
     def take(self, name: str, time: int, data: bytes) -> None:
-        """Note a message before it is done again; raises Departure for one that was never sent."""
+        """
+        Register a message before it is repeated; raise Departure for one that was never sent.
+        """
         self._counted[name] += 1
         if not self._says_pauses or name in _BESIDE:
             return
@@ -146,10 +149,10 @@ class Completeness:
 
     def end(self, stop: int | None, *, whole: bool) -> list[Gap]:
         """
-        Return what is missing up to the end of the record, or up to `stop` [ns] before it.
+        Return the missing messages up to the end of the bag, or up to `stop` [ns].
 
-        `whole`: the record was followed from its begin to its end. Raises Departure where it
-        holds more than it was given.
+        `whole`: the bag was followed from start to end. Raises Departure if it contains more
+        messages than were passed to it.
         """
         if self._says_pauses and self._now is not None and (
                 stop is not None and stop < self._run.end):
@@ -157,7 +160,7 @@ class Completeness:
         given = self._own_given() if self._is_whole and whole else {}
         if self._says_pauses and any(
                 self._counted[self._own(name)] < count for name, count in given.items()):
-            # It may be what was shown last: then the time of that can be said.
+            # The last state shown may be incomplete; then its time is known.
             self._settle()
         gaps = []
         for name in sorted({*given, *(self._full(topic.name) for topic in self._missing)}):
@@ -167,7 +170,7 @@ class Completeness:
             if more > 0:
                 raise Departure(
                     self._run.end, f'{more:,} more than the {given[name]:,} messages that the bag '
-                    'was given', name)
+                    'received', name)
             count, first = 0, None
             if topic is not None:
                 count = max(self._missing[topic] - self.dropped.get(name, 0), 0)
@@ -177,14 +180,14 @@ class Completeness:
         return gaps
 
     def _own_given(self) -> dict[str, int]:
-        """Return how many messages of each topic the bag was given, without other fabrics'."""
+        """Return the number of messages of each topic passed to the bag, without other fabrics."""
         own, others = f'{self._run.node}/', [
             f'{node}/' for node in self._run.nodes if node != self._run.node]
         return {name: count for name, count in self._given.items()
                 if name.startswith(own) or not name.startswith(tuple(others))}
 
     def _take_weave(self, data: bytes) -> None:
-        """Take the rates in force; the first scene of a record is followed by its state."""
+        """Set the rates in force; the first scene of a bag is followed by its state."""
         parameters = self._run.parameters_of(self._run.decoded(decode_string, data))
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
@@ -194,17 +197,17 @@ class Completeness:
             self._has_begun = self._may_clear = True
             self._show(anew=True)
         elif self._anew and topics.POSES in self._owed:
-            # After a reset or another weave: its rates are those of now.
+            # After a reset or a re-weave, with the present rates.
             self._show(anew=True)
 
     def _follow(self, event: RecordedEvent) -> None:
-        """Expect what a run shows after an event."""
+        """Expect the messages that a run sends after an event."""
         self._is_running = runs_after(event.name, running=self._is_running)
         shown = shown_after(event.name, running=self._is_running)
         if shown is Shown.NOTHING or is_jump(event.name, event.facts):
-            return  # after a jump the next bag has it
+            return  # after a jump they are in the next bag
         if not self._has_come:
-            # Time had waited for the kernels of what was due, and this is shown in its place.
+            # Time waited for the kernels of the due outputs; the event is shown instead.
             self._owed.clear()
         self._settle()
         self._has_failed = event.name == 'failed'
@@ -219,10 +222,10 @@ class Completeness:
 
     def _go_on(self, time: int, *, failed: bool = False, instead: bool = False) -> None:
         """
-        Go on to `time` [ns]: what was shown before is complete, and what is due then is expected.
+        Advance to `time` [ns]: earlier outputs are complete, outputs due then are expected.
 
-        A run that `failed` on its way shows nothing of that; and `instead` says that what is due
-        comes with an event.
+        A run that `failed` on the way sends none of them; `instead` means that the event replaces
+        the due outputs.
         """
         if self._now is None:
             self._now = time
@@ -247,13 +250,13 @@ class Completeness:
                 self._owed.add(topic)
 
     def _settle(self) -> None:
-        """What was expected of the present state and has not come is missing."""
+        """Register expected messages of the present state that are missing."""
         now = self._now
         if now is None:
             return
         shows_poses = topics.POSES not in self._owed
         if self._has_failed and not shows_poses and not self._is_finite():
-            # Nothing of that is shown.
+            # None of them is sent.
             self._owed.clear()
         self._has_failed = False
         for topic in self._owed - {topics.BROKEN, topics.CONNECTORS}:
@@ -267,7 +270,7 @@ class Completeness:
             if self._anew:
                 self._miss(topics.BROKEN, now, 1)
             elif simulation is not None and shows_poses and self._exact:
-                # It stands where the state is shown.
+                # It is sent with the state.
                 if self._breaks_told not in (None, simulation.status.broken_count):
                     self._miss(topics.BROKEN, now, 1)
                 self._breaks_told = simulation.status.broken_count
@@ -281,13 +284,13 @@ class Completeness:
         if topic is topics.BROKEN:
             count = len(self._run.decoded(decode_float64_multi_array, data).values)
             if not self._tells_breaks and (self._anew or count != self._breaks_told):
-                # What is not due is reported when the run ends.
+                # Outputs that are not due are reported when the run ends.
                 self._has_come = self._tells_breaks = True
                 self._is_over = topic not in self._owed
                 self._breaks_told = count
                 return
             raise Departure(
-                time, 'a message that was not sent: nothing has broken since the last one',
+                time, 'a message that was not sent: no connector has broken since the last one',
                 self._full(topic.name))
         if topic is topics.CONNECTORS:
             marker = self._run.decoded(decode_marker_points, data)
@@ -305,11 +308,11 @@ class Completeness:
             self._owed.remove(topic)
             return
         raise Departure(
-            time, 'a message that was not sent, or one that is there twice',
+            time, 'a message that was not sent, or a duplicate',
             self._full(topic.name))
 
     def _is_finite(self) -> bool:
-        """Whether the state in which the simulation has failed can be shown."""
+        """Return whether the state in which the simulation failed is finite."""
         simulation = self._simulation()
         return simulation is None or math.isfinite(simulation.snapshot().position.sum())
 
@@ -318,7 +321,7 @@ class Completeness:
         self._first.setdefault(topic, time)
 
     def _all_lists(self, time: int) -> set[int]:
-        """Numbers of the lists in which the connectors of a state come."""
+        """Return the ids of the connector lists of a state."""
         simulation = self._simulation()
         return list_numbers(
             self._run.scene_at(time) if simulation is None else simulation.scene)
@@ -332,7 +335,7 @@ class Completeness:
 
 
 def _between(schedule: Schedule, before: int, time: int) -> Iterator[int]:
-    """Times [ns] of outputs after `before` and before `time`."""
+    """Yield the times [ns] of outputs after `before` and before `time`."""
     due = schedule.after(before)
     while due < time:
         yield due
@@ -340,7 +343,7 @@ def _between(schedule: Schedule, before: int, time: int) -> Iterator[int]:
 
 
 def _counts(text: str) -> dict[str, int]:
-    """Counts by topic, as a bag holds them; none where that is no such text."""
+    """Return counts by topic from the text in a bag; empty for other texts."""
     try:
         found = json.loads(text or '{}')
         return {str(name): int(count) for name, count in found.items()}

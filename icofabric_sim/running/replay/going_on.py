@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""From a recorded moment to a simulation that goes on from there."""
+"""Continuation of a recorded run with a simulation."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,8 +28,8 @@ def simulate_from(
     """
     Simulate the recorded run of `fabric` in the bag `path` again up to `time` [ns].
 
-    Returns the simulation there, ready to go on, and the parameters in force at that time.
-    ValueError (mostly BagError) where it cannot be repeated, and what `on_time` raises to end it.
+    Returns the simulation at that time and the parameters in force. Raises ValueError (mostly
+    BagError) if the run cannot be repeated, and exceptions of `on_time`, which can cancel.
     """
     with RecordedRun(path, fabric) as run:
         simulation = resimulate_to(run, time, on_time=on_time)

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Plays a recorded run at a steady pace: pause, seek, loop and single frames; no ROS."""
+"""Playback of a recorded run in real time: pause, seek, loop and single frames; without ROS."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -29,27 +29,27 @@ from icofabric_sim.running.pace import Pace
 from icofabric_sim.running.replay.source import describe_time, Frame, ReplaySource
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# Wall time between repeated messages while the replay stands still, or is very slow [s].
+# Wall time between repeated messages while the replay is paused or very slow [s].
 _IDLE_REFRESH = 0.5
-# Wall time after which the recorded time moves on, also where nothing was recorded [s].
+# Wall time after which the recorded time advances even without messages [s].
 _RESPONSE = 0.02
-# Wall time for which the end is shown before a loop starts over [s].
+# Wall time for which the end is shown before a loop restarts [s].
 _END_SHOWN = 0.1
 _REPORT_INTERVAL = 1.0
 
 
 class ReplaySink(Protocol):
-    """Where messages go."""
+    """Receiver of messages."""
 
     def wants(self, topic: Topic) -> bool:
-        """Whether anything would come of a message on `topic` now."""
+        """Return whether a message on `topic` would be used now."""
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
-        """Take a message of recorded time `nanoseconds`."""
+        """Accept a message of recorded time `nanoseconds`."""
 
 
 class ReplayStatus(NamedTuple):
-    """What diagnostics report of a replay."""
+    """Status of a replay for diagnostics."""
 
     time: int  # [ns] of recorded time
     start: int
@@ -57,15 +57,15 @@ class ReplayStatus(NamedTuple):
     paused: bool
     at_end: bool
     failure: str  # '': none
-    rate: float  # recorded over wall time, lately
+    rate: float  # recent ratio of recorded to wall time
     wanted_rate: float
-    loops: int  # how often it has started over
+    loops: int  # number of restarts
     sent: int  # messages with a subscriber
     recorded_report: bytes | None  # the last /diagnostics of the recorded run
 
 
 class Player:
-    """Plays one source; all methods but `run` may be called from any thread."""
+    """Player of one source; all methods except `run` are thread-safe."""
 
     def __init__(
         self,
@@ -82,10 +82,10 @@ class Player:
         report: Callable[[ReplayStatus], bytes] | None = None,
     ) -> None:
         """
-        Begin at the recorded time `begin` [ns], by default with the first message.
+        Start at the recorded time `begin` [ns], by default at the first message.
 
-        At the end `loop` starts over from there, `stay` stands still, else `run` returns. Rate 0
-        is as fast as possible. `report` lays out /diagnostics.
+        At the end `loop` restarts from there, `stay` pauses, otherwise `run` returns. Rate 0 is as
+        fast as possible. `report` formats /diagnostics.
         """
         self.source = source
         self.begin = source.start if begin is None else begin
@@ -109,10 +109,10 @@ class Player:
         self._loops = self._sent = 0
         self._last_shown = self._last_report = self._end_reached = 0.0
 
-    # Called from any thread.
+    # Thread-safe methods.
 
     def set_paused(self, paused: bool) -> 'Future[int]':
-        """Stand still or play on; the result is the recorded time [ns] at which that was."""
+        """Pause or resume; the result is the recorded time [ns] of the change."""
 
         def act() -> int:
             self.paused = paused
@@ -123,12 +123,12 @@ class Player:
 
     def seek(self, time: int) -> 'Future[int]':
         """
-        Go to a recorded time [ns] and show the state there; a ValueError names the recorded span.
+        Go to a recorded time [ns] and show the state; raise ValueError outside the recorded span.
         """
         return self._post(lambda: self._jump(self.judge_time(time)))
 
     def reset(self) -> 'Future[int]':
-        """Go to where the replay began."""
+        """Go to the start of the replay."""
         return self._post(lambda: self._jump(self.begin))
 
     def step(self) -> 'Future[int]':
@@ -136,7 +136,7 @@ class Player:
         return self._post(self._step)
 
     def set_rate(self, rate: float) -> 'Future[None]':
-        """Play at another rate from here on."""
+        """Set another rate."""
 
         def act() -> None:
             self.rate = rate
@@ -145,11 +145,11 @@ class Player:
         return self._post(act)
 
     def judge_time(self, time: int) -> int:
-        """Return `time` [ns] where it lies in the recorded run."""
+        """Return `time` [ns] if it is in the recorded run."""
         source = self.source
         if not source.start <= time <= source.end:
             raise ValueError(
-                f'{describe_time(time)} is not in {source.path}, which goes from '
+                f'{describe_time(time)} is not in {source.path}, which spans '
                 f'{describe_time(source.start)} to {describe_time(source.end)}')
         return time
 
@@ -159,7 +159,7 @@ class Player:
         self._wake.set()
 
     def status(self) -> ReplayStatus:
-        """Present figures; each is read on its own."""
+        """Return the present status; each value is read separately."""
         return ReplayStatus(
             self.now, self.source.start, self.source.end, self.paused, self.at_end, self.failure,
             self._pace.factor(self.now), self.rate, self._loops, self._sent,
@@ -173,13 +173,13 @@ class Player:
             self._give_up_commands()
         return future
 
-    # Called from the thread of `run` only.
+    # Methods for the thread of `run`.
 
     def run(self) -> None:
         """
-        Play until stopped, or to the end where it neither loops nor stays there.
+        Play until stopped, or to the end unless the replay loops or stays there.
 
-        A bag that turns out to be damaged ends it too, with the reason in `failure`.
+        A damaged bag also ends it, with the reason in `failure`.
         """
         try:
             self._jump(self.begin, cleared=False)
@@ -194,8 +194,8 @@ class Player:
         self._tell(at_once=True)
 
     def _turn(self) -> bool:
-        """Do what is to be done next; False when that is nothing ever more."""
-        # Cleared before the requests are read, so that none that comes later is missed.
+        """Perform the next action; return False if there is none left."""
+        # Cleared before the requests are read, so that later ones are not missed.
         self._wake.clear()
         if self._stopping:
             return False
@@ -214,7 +214,7 @@ class Player:
         delay = self._pace.delay(target)
         if delay > 0.0:
             self._repeat()
-            self._wake.wait(min(delay, _IDLE_REFRESH))  # whatever arrives wakes it
+            self._wake.wait(min(delay, _IDLE_REFRESH))  # any request wakes it
         else:
             self._go_to(target)
 
@@ -265,12 +265,12 @@ class Player:
         self._pace.restart(self.now)
         if not found:
             raise RuntimeError(
-                f'no poses follow {describe_time(self.now)}; call ~/reset, or set the parameter '
+                f'no poses after {describe_time(self.now)}; call ~/reset, or set the parameter '
                 'seek, to go back')
         return self.now
 
     def _jump(self, time: int, *, cleared: bool = True) -> int:
-        """Show the state at `time`; `cleared` removes the markers that were shown before."""
+        """Show the state at `time`; `cleared` removes the earlier markers."""
         state = self.source.state_at(time)
         self._frames = self.source.frames(time + 1)
         self._next = next(self._frames, None)
@@ -321,13 +321,13 @@ class Player:
         self._wake.wait(_IDLE_REFRESH)
 
     def _repeat(self) -> None:
-        """Send the present state again where it has long been the same, for later subscribers."""
+        """Repeat a state that has not changed for long, for later subscribers."""
         if wall.monotonic() - self._last_shown < _IDLE_REFRESH:
             return
         self._last_shown = wall.monotonic()
         self._tick()
         for topic, frame in self._current.items():
-            if not topic.latched:  # those wait for late joiners as they are
+            if not topic.latched:  # latched messages stay available to late subscribers
                 for _, data in frame.messages:
                     self._send(topic, data)
 
@@ -341,7 +341,7 @@ class Player:
             self._sink.send(topics.DIAGNOSTICS, self.now, self._report(self.status()))
 
     def _run_commands(self) -> None:
-        # Only those that are there now: endless requests must not stop time.
+        # Only the present requests: endless requests must not stop time.
         for _ in range(self._commands.qsize()):
             command, future = self._commands.get_nowait()
             try:
@@ -349,7 +349,7 @@ class Player:
             except BagError as error:
                 future.set_exception(error)
                 raise
-            except Exception as error:  # noqa: BLE001 - passed on in the answer
+            except Exception as error:  # passed on in the answer
                 future.set_exception(error)
 
     def _give_up_commands(self) -> None:

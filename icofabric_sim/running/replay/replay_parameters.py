@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Parameters of the replay: their defaults and meaning, and the judgement of what is given."""
+"""Parameters of the replay: defaults, descriptions and validation."""
 
 from collections.abc import Mapping
 import difflib
@@ -22,11 +22,11 @@ from icofabric_sim.bag.storage import STORAGES
 from icofabric_sim.messages.schedule import NANOSECONDS
 
 # Recorded times are integer nanoseconds in 63 bits.
-_LATEST = 9.2e9  # [s]
+_MAX_TIME_S = 9.2e9  # [s]
 
 
 class Option(NamedTuple):
-    """One parameter; its type is that of its default."""
+    """Replay parameter, with the type of its default."""
 
     default: Any
     description: str
@@ -42,36 +42,36 @@ OPTIONS = {
     'rate': Option(
         1.0, 'recorded over wall time; 0: as fast as possible', 0.0, 1e6, live=True),
     'start_offset': Option(
-        0.0, 'how far into the bag the replay begins [s]', 0.0, _LATEST),
+        0.0, 'start offset into the bag [s]', 0.0, _MAX_TIME_S),
     'seek': Option(
-        -1.0, 'recorded time to go to [s]; at the start: begin there; -1: nowhere yet', -1.0,
-        _LATEST, live=True),
-    'loop': Option(False, 'start over at the end', live=True),
-    'stay': Option(False, 'stand still at the end, instead of ending the node', live=True),
-    'start_paused': Option(False, 'begin paused'),
+        -1.0, 'recorded time to seek [s]; at the start: initial time; -1: none', -1.0,
+        _MAX_TIME_S, live=True),
+    'loop': Option(False, 'restart at the end', live=True),
+    'stay': Option(False, 'pause at the end instead of ending the node', live=True),
+    'start_paused': Option(False, 'start paused'),
     'inputs': Option(
-        False, 'also publish the recorded wrenches and twists, on the topics they came on'),
+        False, 'also publish the recorded wrenches and twists, on their topics'),
     'publish_clock': Option(True, 'publish /clock with the recorded time'),
     'clock_rate': Option(100.0, 'of /clock [Hz of recorded time]', 1e-3, 1e6),
     'record.path': Option(
-        '', 'bag folder for the simulation that ~/continue starts; empty: records nothing'),
-    'record.storage': Option('mcap', 'its storage, mcap or sqlite3'),
+        '', 'bag folder for the simulation that ~/continue starts; empty: no recording'),
+    'record.storage': Option('mcap', 'storage of that bag: mcap or sqlite3'),
 }
 
 
 class ReplayParameterError(ValueError):
-    """A parameter that the replay does not take; the text names it, its value and the way out."""
+    """Invalid replay parameter; the message has name, value and remedy."""
 
 
 def judge_option(name: str, value: Any) -> Any:
-    """Return the value of one parameter in its type."""
+    """Return the value of one parameter, converted to its type."""
     option = OPTIONS.get(name)
     if option is None:
         near = difflib.get_close_matches(name, OPTIONS, 1)
         hint = f'did you mean {near[0]}? ' if near else ''
         raise ReplayParameterError(
-            f'unknown parameter {name!r}; {hint}replay_node takes {", ".join(OPTIONS)}; the '
-            'parameters of the fabric are those that were recorded')
+            f'unknown parameter {name!r}; {hint}replay_node has {", ".join(OPTIONS)}; the '
+            'parameters of the fabric are as recorded')
     kind = type(option.default)
     if kind is float and type(value) is int:
         value = float(value)
@@ -92,7 +92,7 @@ def judge_option(name: str, value: Any) -> Any:
 
 def judge_options(given: Mapping[str, Any], bag: str | None = None) -> dict[str, Any]:
     """
-    Return all parameters, those that are not given at their defaults.
+    Return all parameters, with defaults for missing ones.
 
     `bag` is the plain argument of the command line.
     """
@@ -101,20 +101,20 @@ def judge_options(given: Mapping[str, Any], bag: str | None = None) -> dict[str,
     if bag is not None:
         if options['bag'] not in ('', bag):
             raise ReplayParameterError(
-                f'two bags are given, {bag!r} and the parameter bag: {options["bag"]!r}; name one')
+                f'two bags given, {bag!r} and the parameter bag: {options["bag"]!r}; choose one')
         options['bag'] = bag
     if not options['bag']:
         raise ReplayParameterError(
-            'no bag is given; write replay_node BAG, or set the parameter bag')
+            'no bag given; run replay_node BAG, or set the parameter bag')
     if options['seek'] >= 0.0 and options['start_offset'] > 0.0:
         raise ReplayParameterError(
             f'start_offset: {options["start_offset"]:g} s and seek: {options["seek"]:g} s both '
-            'say where to begin; give one of them')
+            'set the start; give only one')
     return options
 
 
 def begin_of(options: Mapping[str, Any], start: int, end: int) -> int:
-    """Recorded time [ns] at which to begin, in a bag that goes from `start` to `end`."""
+    """Return the recorded start time [ns] of the replay, in a bag from `start` to `end`."""
     if options['seek'] >= 0.0:
         return judge_seek(options['seek'], start, end)
     begin = start + round(options['start_offset'] * NANOSECONDS)
@@ -126,7 +126,7 @@ def begin_of(options: Mapping[str, Any], start: int, end: int) -> int:
 
 
 def judge_seek(time: float, start: int, end: int) -> int:
-    """Return the nanoseconds of a recorded `time` [s] to go to."""
+    """Return the nanoseconds of a recorded `time` [s] to seek."""
     nanoseconds = round(time * NANOSECONDS)
     if not start <= nanoseconds <= end:
         raise ReplayParameterError(

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Diagnostics of a replay: level, sentence and figures."""
+"""Diagnostics of a replay: level, message and values."""
 
 from collections.abc import Mapping
 
@@ -28,16 +28,16 @@ from icofabric_sim.running.diagnostics import headline
 from icofabric_sim.running.replay.player import ReplayStatus
 from icofabric_sim.running.replay.source import ReplaySource
 
-# A pace below this part of the wanted one is worth a warning.
-_SLOW = 0.9
+# A rate below this ratio of the requested one causes a warning.
+_SLOW_RATIO = 0.9
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
 class ReplayReport:
-    """Lays out /diagnostics of one replay."""
+    """Formatter of /diagnostics of one replay."""
 
     def __init__(self, name: str, source: ReplaySource) -> None:
-        """Report under the node's full `name`."""
+        """Report under the full node name `name`."""
         self.name = name
         self._source = source
         self._message = DiagnosticArrayBytes()
@@ -45,24 +45,24 @@ class ReplayReport:
     def message(
         self, status: ReplayStatus, notes: Mapping[str, str] | None = None, warning: str = ''
     ) -> bytes:
-        """Message for the present `status`, with more figures in `notes`."""
+        """Return the message for the present `status`, with further values in `notes`."""
         described = self.describe(status, notes or {}, warning)
         return self._message.stamped(status.time, [described])
 
     def describe(
         self, status: ReplayStatus, notes: Mapping[str, str], warning: str = ''
     ) -> DiagnosticStatus:
-        """Summary of `status`; `warning` is a reason for WARN beside the replay itself."""
+        """Return the diagnostics of `status`; `warning` is a further reason for WARN."""
         level, sentence = OK, 'playing a recorded run'
         if status.at_end:
             sentence = 'at the end of the recorded run'
         if status.paused:
             sentence = 'paused in a recorded run'
         moving = not (status.at_end or status.paused)
-        if moving and 0.0 < status.rate < _SLOW * status.wanted_rate:
+        if moving and 0.0 < status.rate < _SLOW_RATIO * status.wanted_rate:
             level = WARN
             sentence = (
-                f'slower than wanted: rate {status.rate:.3g}, reading the bag takes that long')
+                f'below the requested rate: {status.rate:.3g}, limited by reading the bag')
         if warning:
             level, sentence = WARN, warning
         if status.failure:
@@ -85,10 +85,10 @@ class ReplayReport:
             level, self.name, headline([sentence]), 'icofabric_sim', values)
 
     def _recorded(self, data: bytes | None) -> Mapping[str, str]:
-        """What the fabric said of itself at that time."""
+        """Return level and message that the fabric reported at that time."""
         try:
             statuses = decode_diagnostic_array(data)[1] if data is not None else []
-        except ValueError:  # of another type, or malformed: only a side note
+        except ValueError:  # of another type, or malformed: only additional information
             return {}
         for entry in statuses:
             if entry.name == self._source.fabric:

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-A recorded run simulated again: its scene, inputs, changes and resets, from the record.
+Second simulation of a recorded run from its scene, inputs, changes and resets.
 
-The record holds everything that touched the motion, in the order in which it did and before any
-state that it changed (runner.py), so taking its messages one after the other is all there is to
-do. Pauses, steps, rates and pace are not done again: they do not touch the motion.
+The bag contains everything that affected the motion, in order and before any state that it changed
+(runner.py). So it suffices to process its messages one after the other. Pauses, steps, output
+rates and the real-time factor do not affect the motion and are ignored.
 """
 
 from collections import Counter
@@ -27,7 +27,7 @@ from typing import Any
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
-from icofabric_sim.bag.storage import PART
+from icofabric_sim.bag.storage import FILE_INDEX
 from icofabric_sim.messages import decode_string, decode_uint8_multi_array, topics
 from icofabric_sim.messages.input_topics import decode_input, input_type, INPUT_TYPES
 from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
@@ -40,30 +40,26 @@ from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.input_types import require_target
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
-# What an input does to a simulation.
+# Effect of an input on a simulation.
 Act = Callable[[Simulation], object]
-# States of the run that can be read again.
+# States of the run that can be read back.
 OUTPUTS = (
     topics.POSES, topics.STATE, topics.BODY_SPIN, topics.ENERGY, topics.BROKEN, topics.CONNECTORS,
     topics.CLOCK, topics.CHECKPOINT, topics.TF, topics.BODIES, *topics.MEASURED)
 _BY_NAME = {topic.name: topic for topic in OUTPUTS}
 # Wall time between two calls of `on_time` [s].
-_RESPONSE = 0.1
+_REPORT_INTERVAL_S = 0.1
 
 
 class NotRepeatable(BagError):
-    """
-    A bag that is whole, but does not hold what a run can be simulated again from, or not here.
-    """
+    """Error for a complete bag without the data for simulating its run again, at least here."""
 
 
 class Departure(Exception):
-    """The simulation cannot follow the record: one of them failed where the other went on."""
+    """Divergence from the bag: either the simulation or the recorded run failed alone."""
 
     def __init__(self, nanoseconds: int, text: str, topic: str = '') -> None:
-        """
-        Note when, beside the `text` that says what happened, and on which `topic`, if on one.
-        """
+        """Store the time, the `text` that describes the divergence, and its `topic`, if any."""
         super().__init__(text)
         self.nanoseconds, self.topic = nanoseconds, topic
 
@@ -73,7 +69,7 @@ class Departure(Exception):
 
 
 class Resimulation:
-    """Follows one record; `simulation` stands where the record was read to."""
+    """Second simulation of one recorded run; `simulation` is at the time read so far."""
 
     def __init__(
         self,
@@ -87,12 +83,12 @@ class Resimulation:
         on_message: Callable[[str, int, bytes], None] = lambda name, time, data: None,
     ) -> None:
         """
-        Begin where the record begins, or at its last checkpoint not after `start` [ns].
+        Start at the start of the bag, or at its last checkpoint not after `start` [ns].
 
-        `threads` other than 0 replaces the scene's own. `on_time` gets the time [ns] now and
-        then. `on_input` gets each input before it acts, `on_jump` that the simulation was
-        replaced or set, and whether its state goes on from the one before. `on_message` gets
-        every message before it is done again.
+        `threads` other than 0 replaces the scene's number. `on_time` receives the time [ns] from
+        time to time. `on_input` receives each input before it acts. `on_jump` is called when the
+        simulation was replaced or set, with a flag whether its state continues. `on_message`
+        receives every message before it is repeated.
         """
         self.run, self.parameters = run, Parameters({}, frozenset())
         self.counts: Counter[str] = Counter()
@@ -100,7 +96,7 @@ class Resimulation:
         self._threads, self._on_time = threads, on_time
         self._on_input, self._on_jump, self._on_message = on_input, on_jump, on_message
         self._simulation: Simulation | None = None
-        # What the scene is built from once something happens.
+        # Parameters from which the scene is built when something happens.
         self._first: Parameters | None = None
         self._begin = run.start
         self._skip_to_checkpoint = self._begins_later = False
@@ -114,13 +110,13 @@ class Resimulation:
 
     @property
     def simulation(self) -> Simulation:
-        """The simulation, built when first needed."""
+        """Return the simulation, built on first use."""
         if self._simulation is None:
-            if PART in self.run.custom:
+            if FILE_INDEX in self.run.custom:
                 raise NotRepeatable(
-                    f'{self.run.path} is file {self.run.custom[PART]} of a split bag, the run '
-                    'began before it: only the folder with all its files, or a time after a '
-                    'checkpoint in this file, can be simulated again')
+                    f'{self.run.path} is file {self.run.custom[FILE_INDEX]} of a split bag, '
+                    'and the run starts before it: only the folder with all its files, or a time '
+                    'after a checkpoint in this file, can be simulated again')
             if self._first is None:
                 raise NotRepeatable(
                     f'{self.run.path} does not begin with its scene ({self.run.node}/weave); only '
@@ -131,22 +127,24 @@ class Resimulation:
 
     @property
     def present(self) -> Simulation | None:
-        """The simulation, None where none was needed so far."""
+        """Return the simulation, or None if none was needed so far."""
         return self._simulation
 
     @property
     def begins_later(self) -> bool:
-        """Whether it begins at a checkpoint, not where the record does."""
+        """
+        Return whether the second simulation starts at a checkpoint, not at the start of the bag.
+        """
         return self._begins_later
 
     @property
     def start(self) -> int:
-        """Time [ns] at which it begins."""
+        """Return the start time [ns]."""
         return self._begin
 
     def outputs(self, stop: int | None = None) -> Iterator[tuple[Topic, int, bytes]]:
         """
-        Do again what the record holds before `stop` [ns]; yields its outputs, each at its moment.
+        Repeat the run before `stop` [ns]; yield its outputs at their times.
 
         Raises Departure where that is not possible.
         """
@@ -171,30 +169,30 @@ class Resimulation:
 
     def reach(self, time: int) -> None:
         """Advance to `time` [ns], unless the run has failed."""
-        self._require_told()
+        self._require_recorded_failure()
         simulation = self.simulation
-        # In pieces, which give the same bits, so that the time is reported now and then.
+        # In pieces, which give identical bits, so that the time is reported from time to time.
         while not self.failure and simulation.time < seconds(time):
             now, began = nanoseconds_not_before(simulation.time), wall.perf_counter()
             piece = seconds(min(now + self._chunk, time))
             self._guarded(partial(simulation.advance_to, piece))
             passed = wall.perf_counter() - began
-            if passed < 0.5 * _RESPONSE:
+            if passed < 0.5 * _REPORT_INTERVAL_S:
                 self._chunk *= 2
-            elif passed > _RESPONSE:
+            elif passed > _REPORT_INTERVAL_S:
                 self._chunk = max(self._chunk // 2, 1)
             self._on_time(nanoseconds_not_before(simulation.time))
-        self._require_told()
+        self._require_recorded_failure()
 
-    def _require_told(self) -> None:
-        """Give up where the simulation has failed and the record does not say so."""
+    def _require_recorded_failure(self) -> None:
+        """Raise Departure if the simulation has failed and the bag has no failure."""
         if not self._failure_told:
             raise Departure(
                 nanoseconds_not_before(self.simulation.time),
-                f'the simulation fails ({self.failure}), the recorded run went on')
+                f'the simulation fails ({self.failure}), the recorded run continued')
 
     def _guarded(self, call: Callable[[], object]) -> None:
-        """Note that the simulation has failed, which the record must have next."""
+        """Record a failure of the simulation, which the bag must contain next."""
         try:
             call()
         except SimulationError as error:
@@ -208,7 +206,7 @@ class Resimulation:
             return compile_scene(scene)
         except ValueError as error:
             raise NotRepeatable(
-                f'{self.run.path} holds a scene that this version cannot compile: {error}'
+                f'{self.run.path} contains a scene that this version cannot compile: {error}'
             ) from error
 
     def _begin_at(self, data: bytes) -> None:
@@ -221,7 +219,7 @@ class Resimulation:
             raise
         except (ValueError, KeyError) as error:
             raise NotRepeatable(
-                f'{self.run.path} begins with a checkpoint that cannot be gone on from: {error}'
+                f'{self.run.path} starts with a checkpoint that cannot be restored: {error}'
             ) from error
         self._simulation, self.parameters = simulation, self._first
         self.counts['begun at a checkpoint'] += 1
@@ -242,14 +240,14 @@ class Resimulation:
             restarts = replace_simulation(
                 self.simulation, changed, time, self.parameters, parameters)
         except (ValueError, SimulationError) as error:
-            raise Departure(time, f'the recorded change fails here: {error}') from error
+            raise Departure(time, f'the recorded change fails: {error}') from error
         self._simulation, self.failure = changed, ''
         self.counts['re-weaves'] += 1
         self._on_jump(not restarts)
 
     def _take_event(self, event: RecordedEvent) -> None:
         if is_jump(event.name, event.facts):
-            return  # the record ends here
+            return  # the bag ends
         if event.name == 'reset':
             self.reach(event.nanoseconds)
             self.failure = ''
@@ -272,7 +270,7 @@ class Resimulation:
             self._do(event)
         except (IndexError, KeyError, TypeError, ValueError, SimulationError) as error:
             raise Departure(
-                event.nanoseconds, f'recorded bodies cannot be put there: {error}') from error
+                event.nanoseconds, f'recorded body states cannot be set: {error}') from error
         self.counts['states set'] += 1
         self._on_jump(True)
 
@@ -283,14 +281,14 @@ class Resimulation:
                 self._guarded(lambda: self._do(event))
             except (KeyError, TypeError, ValueError) as error:
                 raise Departure(
-                    event.nanoseconds, f'the recorded failure does not say its target: {error!r}'
+                    event.nanoseconds, f'the recorded failure has no target: {error!r}'
                 ) from error
         reason = event.facts.get('reason')
         if self.failure != reason:
             raise Departure(
                 event.nanoseconds,
                 f'the recorded run fails ({reason}), the simulation ' + (
-                    f'otherwise ({self.failure})' if self.failure else 'goes on'))
+                    f'fails differently ({self.failure})' if self.failure else 'continues'))
         self._failure_told = True
         self.counts['failures'] += 1
 
@@ -300,8 +298,8 @@ class Resimulation:
             return
         if type_name != input_type(name):
             raise NotRepeatable(
-                f'{self.run.path} holds inputs on {self.run.node}{name[1:]} ({type_name}), which '
-                'this version cannot repeat')
+                f'{self.run.path} contains inputs on {self.run.node}{name[1:]} ({type_name}), '
+                'which this version cannot repeat')
         target, value, _, _ = self.run.decoded(partial(decode_input, name), data)
 
         def act(simulation: Simulation) -> None:
@@ -323,10 +321,11 @@ def resimulate_to(
     run: RecordedRun, nanoseconds: int, *, on_time: Callable[[int], None] = lambda time: None
 ) -> Simulation:
     """
-    The simulation of a recorded run at a recorded time [ns], to go on from: the same bits.
+    Return the simulation of a recorded run at a time [ns], bit-identical, ready to continue.
 
-    It is reached from the last checkpoint before, or from the start. Raises ValueError (mostly
-    BagError) where that is not possible, and KeyboardInterrupt or what `on_time` raises to end it.
+    It is computed from the last checkpoint before, or from the start. Raises ValueError (mostly
+    BagError) if that is impossible, and KeyboardInterrupt or exceptions of `on_time`, which can
+    cancel.
     """
     again = Resimulation(run, start=nanoseconds, on_time=on_time)
     try:

@@ -11,7 +11,9 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""One fabric of a recorded run, as a player wants it: its state at any time, and what follows."""
+"""
+Data source of a player: the state of one recorded fabric at any time, and the messages after.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,18 +28,18 @@ from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import Topic
 
 _POSES = outputs.POSES.name[1:]
-# What happened at its time, and does not last: never repeated at another.
+# Events are never repeated at another time.
 _EVENTS = (outputs.EVENTS.name[1:], outputs.CHECKPOINT.name[1:])
-# What a bag says of itself; the node publishes no such topic.
-_OF_THE_BAG = '/recording'
+# Description of a bag; the node publishes no such topic.
+_BAG_TOPIC = '/recording'
 _WEAVE = outputs.WEAVE.name.removeprefix('~')
-# How far back the last message of each topic is searched at first [ns]; doubled each time.
-_FIRST_REACH = 50_000_000
+# Initial search interval for the last message of each topic [ns], doubled each time.
+_INITIAL_SEARCH_NS = 50_000_000
 _SMALLEST_DEPTH = 10
 
 
 class Frame(NamedTuple):
-    """All messages of one recorded time [ns], in the order in which they were written."""
+    """All messages of one recorded time [ns], in the order of writing."""
 
     time: int
     messages: list[tuple[Topic, bytes]]
@@ -45,22 +47,21 @@ class Frame(NamedTuple):
 
 class ReplaySource:
     """
-    A bag of rosbag2, open from the construction to `close`; one thread at a time.
+    rosbag2 bag, open until `close`; not thread-safe.
 
-    Topics are named as those of any node: what was recorded as /icofabric/poses is ~/poses.
+    Topics are named as private names: /icofabric/poses is ~/poses.
     """
 
     def __init__(self, path: str | Path, *, fabric: str = '', inputs: bool = False) -> None:
         """
-        Open the bag; BagError says what is wrong with it.
+        Open the bag; raise BagError if it is unreadable.
 
-        `fabric` is the name of the recorded node, a ValueError where there is none such; '': the
-        first of those that recorded poses.
-        `inputs` says whether wrenches and twists that were received are played too.
+        `fabric` is the name of the recorded node, ValueError if unknown; '': the first one that
+        recorded poses. With `inputs`, received wrenches and twists are played too.
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
-        self._unknown: set[str] = set()  # what the player cannot publish
+        self._unknown: set[str] = set()  # topics that the player cannot publish
         try:
             self.fabrics = self._find_fabrics()
             self.fabric = self._choose(fabric)
@@ -72,47 +73,47 @@ class ReplaySource:
 
     @property
     def start(self) -> int:
-        """Time of the first message [ns]."""
+        """Return the time of the first message [ns]."""
         return self._reader.start_time
 
     @property
     def end(self) -> int:
-        """Time of the last message [ns]."""
+        """Return the time of the last message [ns]."""
         return self._reader.end_time
 
     @property
     def left_out(self) -> list[str]:
-        """Topics that are not this fabric's."""
+        """Return the topics of other nodes."""
         known = {outputs.CLOCK.name, outputs.DIAGNOSTICS.name, *self.topics, *self._unknown}
         return sorted(
             name for name in self._reader.topics
             if name not in known and self._owner(name) != self.fabric
-            and not name.endswith(_OF_THE_BAG))
+            and not name.endswith(_BAG_TOPIC))
 
     @property
     def has_poses(self) -> bool:
-        """Whether there are poses to step along."""
+        """Return whether there are poses to step through."""
         return f'{self.fabric}{_POSES}' in self.topics
 
     @property
     def lacks(self) -> str:
-        """Sentence that the scene, which pages draw, is missing; '': it is there."""
+        """Return a sentence if the scene, which viewer pages need, is missing; otherwise ''."""
         stored = self._reader.topics.get(f'{self.fabric}{_WEAVE}')
         if stored is not None and stored.message_count:
             return ''
-        return (f'{self.path} does not hold its scene ({self.fabric}{_WEAVE}), so pages have '
-                'nothing to draw; if it is a file of a split bag, take the folder')
+        return (f'{self.path} does not contain its scene ({self.fabric}{_WEAVE}), so pages have '
+                'nothing to draw; if it is a file of a split bag, use the folder')
 
     def state_at(self, time: int) -> Frame:
         """
-        What is in force at `time` [ns]: of each topic the last messages at or before it.
+        Return the state at `time` [ns]: of each topic the last messages at or before it.
 
-        Those of one topic and time belong together, as lists of markers do. Beside them come the
-        inputs and events of exactly this time.
+        Messages of one topic and time belong together, as marker lists do. Inputs and events of
+        exactly this time are included.
         """
         latest: dict[str, tuple[int, list[bytes]]] = {}
         missing = {name for name in self._lasting if self._reader.topics[name].message_count}
-        stop, reach = time + 1, _FIRST_REACH
+        stop, reach = time + 1, _INITIAL_SEARCH_NS
         while missing and stop > self.start:
             begin = max(stop - reach, self.start)
             found: dict[str, tuple[int, list[bytes]]] = {}
@@ -124,7 +125,7 @@ class ReplaySource:
             latest.update(found)
             missing -= found.keys()
             stop, reach = begin, 2 * reach
-        # The scene goes before what is shown of it.
+        # The scene precedes the messages that depend on it.
         order = sorted(latest, key=lambda name: (not self.topics[name].latched, name))
         state = [(self.topics[name], data) for name in order for data in latest[name][1]]
         happening = self.topics.keys() - self._lasting
@@ -133,7 +134,7 @@ class ReplaySource:
         return Frame(time, state)
 
     def frames(self, start: int) -> Iterator[Frame]:
-        """Yield what was recorded at `start` [ns] and later, read as it is asked for."""
+        """Yield the frames from `start` [ns] on, read on demand."""
         frame = Frame(start, [])
         for name, time, data in self._reader.messages(self.topics, start=start):
             if time != frame.time:
@@ -145,17 +146,19 @@ class ReplaySource:
             yield frame
 
     def leave_out(self, name: str) -> None:
-        """Do not play the topic recorded as `name`, which the player cannot publish."""
+        """Skip the topic recorded as `name`, which the player cannot publish."""
         del self.topics[name]
         self._unknown.add(name)
         self._lasting.discard(name)
 
     def lasts(self, topic: Topic) -> bool:
-        """Whether the last message of `topic` holds until the next; not so inputs and events."""
+        """
+        Return whether the last message of `topic` holds until the next; inputs and events do not.
+        """
         return topic.name.removeprefix('~') not in _EVENTS and not input_type(topic.name)
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._reader.close()
 
     def __enter__(self) -> Self:
@@ -177,14 +180,14 @@ class ReplaySource:
         if not fabric:
             if not self.fabrics:
                 raise BagError(
-                    f'{self.path} holds no poses (a geometry_msgs/PoseArray on .../poses) to tell '
-                    'the name of its fabric; name it with the parameter fabric. Topics: '
+                    f'{self.path} contains no poses (a geometry_msgs/PoseArray on .../poses) to '
+                    'find the name of its fabric; name it with the parameter fabric. Topics: '
                     + (', '.join(names) or 'none'))
             return self.fabrics[0]
         if not any(name.startswith(f'{fabric}/') for name in names):
             known = ', '.join(self.fabrics) or 'none that recorded poses'
             raise ValueError(
-                f'fabric: {self.path} holds no topics of {fabric!r}; fabrics in it: {known}')
+                f'fabric: {self.path} contains no topics of {fabric!r}; fabrics in it: {known}')
         return fabric
 
     def _find_topics(self, inputs: bool) -> dict[str, Topic]:
@@ -192,15 +195,15 @@ class ReplaySource:
         for name, topic in self._reader.topics.items():
             if name == outputs.DIAGNOSTICS.name:
                 topics[name] = outputs.DIAGNOSTICS
-            # Of several fabrics nothing says whose frames they are.
+            # With several fabrics the owner of a frame is unknown.
             if (name == outputs.TF.name and topic.type_name == outputs.TF.type
                     and self.fabrics == [self.fabric]):
                 topics[name] = outputs.TF
-            # A node may have another in the namespace of its own name.
+            # A node may have another node in the namespace of its name.
             if self._owner(name) != self.fabric:
                 continue
             private = name.removeprefix(self.fabric)
-            if private != _OF_THE_BAG and (inputs or not input_type(f'~{private}')):
+            if private != _BAG_TOPIC and (inputs or not input_type(f'~{private}')):
                 topics[name] = Topic(
                     f'~{private}', topic.type_name, topic.latched,
                     topic.depth or _SMALLEST_DEPTH, True)
@@ -213,5 +216,5 @@ class ReplaySource:
 
 
 def describe_time(nanoseconds: int) -> str:
-    """A time of the recorded run in words."""
+    """Return a recorded time as text."""
     return f't = {seconds(nanoseconds):.9f} s'

@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Whether a record is what its scene and its inputs lead to: all of it is simulated again.
+Verification of a bag: its scene and inputs are simulated again and all outputs compared.
 
-On the processor type and with the versions that recorded it every output must have the same bits.
-Elsewhere roundings differ, so poses must agree within the tolerance, grown as a small disturbance
-grows in this motion, as long as that says anything. No output may be missing, and none may be
-there that the run did not send.
+On the same processor type and with the same versions every output must be bit-identical. Otherwise
+round-off differs, so poses must agree within the tolerance, amplified by the error growth of this
+motion, as long as the amplified error is meaningful. No output may be missing, and no additional
+one may exist.
 """
 
 from collections import Counter
@@ -45,32 +45,32 @@ from icofabric_sim.version import __version__
 
 __all__ = ['Difference', 'Resimulation', 'resimulate_to', 'Verification', 'verify_run']
 
-# What the bits depend on, beside the version.
+# Libraries that affect the results, besides the version.
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'llvmlite')
 
 
 class Difference(NamedTuple):
-    """The first output that is not what was simulated again."""
+    """First output that differs from the second simulation."""
 
     nanoseconds: int
-    step: int  # solver steps taken again until then
-    topic: str  # '': the runs parted
+    step: int  # solver steps repeated until then
+    topic: str  # '': the runs diverged
     text: str  # body, quantity, both values
 
     def __str__(self) -> str:
-        """Sentence of all that."""
+        """Return a sentence."""
         topic = f', {self.topic}' if self.topic else ''
         return f't = {seconds(self.nanoseconds):.9f} s (step {self.step:,}){topic}: {self.text}'
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What came out for one fabric of a bag."""
+    """Result of the verification of one fabric in a bag."""
 
     path: Path
     node: str
     recorded_by: str
-    elsewhere: tuple[str, ...]  # how version and machine differ; empty: bits were compared
+    elsewhere: tuple[str, ...]  # differences of version and machine; empty: bits were compared
     start: int  # [ns]
     end: int
     body_count: int
@@ -78,13 +78,13 @@ class Verification:
     left_out: Counter[str]  # outputs that could not be compared
     repeated: Counter[str]  # inputs, re-weaves, ...
     difference: Difference | None
-    gaps: tuple[Gap, ...]  # outputs that were recorded and are not there
-    dropped: Counter[str]  # outputs that the disk was too slow for, as the bag says
+    gaps: tuple[Gap, ...]  # recorded outputs that are missing
+    dropped: Counter[str]  # outputs dropped because of a slow disk, as recorded in the bag
     note: str
 
     @property
     def verdict(self) -> str:
-        """One word: identical, consistent, incomplete, or differs."""
+        """Return the verdict: identical, consistent, incomplete, or differs."""
         if self.difference is not None:
             return 'differs'
         if self.gaps:
@@ -93,30 +93,30 @@ class Verification:
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing differs, and nothing is missing."""
+        """Return whether nothing differs or is missing."""
         return self.difference is None and not self.gaps
 
     def lines(self) -> list[str]:
-        """Text of everything; the verdict is the first word of the last line."""
+        """Return the report as text; the verdict is the first word of the last line."""
         return [*as_lines(self.rows()), self.conclusion()]
 
     def rows(self) -> list[Row]:
-        """Label and text of what was compared."""
+        """Return label and text of the compared messages."""
         rows: list[Row] = [
             ('bag', str(self.path)),
             ('fabric', f'{self.node}, {counted(self.body_count, "body")}'),
             ('recorded by', self.recorded_by),
-            ('compared', 'bit by bit: the same version, processor type and libraries'
+            ('compared', 'bit by bit: same version, processor type and libraries'
              if not self.elsewhere else
              'within tolerance and growth, because ' + '; '.join(self.elsewhere)),
-            ('done again', ', '.join(_counted(self.repeated)) or 'no inputs, no changes'),
+            ('repeated', ', '.join(_counted(self.repeated)) or 'no inputs, no changes'),
         ]
         if self.left_out:
             rows.append(('not compared', ', '.join(_counted(self.left_out))))
         if self.dropped:
             rows.append(('not recorded', ', '.join(
                 f'{count:,} of {name}' for name, count in self.dropped.items())
-                + ': the disk was too slow, as the bag says'))
+                + ': the disk was too slow, according to the bag'))
         rows += [('missing' if number == 0 else '', str(gap))
                  for number, gap in enumerate(self.gaps)]
         if self.note:
@@ -124,7 +124,7 @@ class Verification:
         return rows
 
     def conclusion(self) -> str:
-        """The verdict, and what it is about."""
+        """Return the verdict with the span and the numbers."""
         count = sum(self.compared.values())
         span = f't = {seconds(self.start):.9g} s to {seconds(self.end):.9g} s'
         kinds = ', '.join(_counted(self.compared))
@@ -135,7 +135,7 @@ class Verification:
             missing = sum(gap.messages for gap in self.gaps)
             what = 'message is' if missing == 1 else 'messages are'
             last = (f'{self.verdict}: {missing:,} recorded {what} missing; the {count:,} outputs '
-                    f'of {span} that are there ({kinds}) are '
+                    f'of {span} present ({kinds}) are '
                     f'{"consistent" if self.elsewhere else "identical"}')
         return last
 
@@ -149,11 +149,11 @@ def verify_run(
     on_time: Callable[[int], None] = lambda time: None,
 ) -> Verification:
     """
-    Simulate a record again and compare, up to the first difference.
+    Simulate a recorded run again and compare, up to the first difference.
 
-    `start` begins at the last checkpoint not after that time [ns], `stop` ends there. `threads`
-    replaces the scene's own. `on_time` gets the time [ns] now and then. Raises NotRepeatable
-    where the record cannot be simulated again.
+    `start` selects the last checkpoint not after that time [ns], `stop` ends there. `threads`
+    replaces the scene's number. `on_time` receives the time [ns] from time to time. Raises
+    NotRepeatable if the run cannot be simulated again.
     """
     elsewhere = foreign_parts(run)
     compared: Counter[str] = Counter()
@@ -189,7 +189,7 @@ def verify_run(
         body_count = again.simulation.scene.body_count
     if found is None and not compared:
         raise NotRepeatable(
-            f'{run.path} holds nothing of {run.node} to compare between t = '
+            f'{run.path} contains nothing of {run.node} to compare between t = '
             f'{seconds(again.start):.9g} s and {seconds(run.end if stop is None else stop):.9g} s')
     return Verification(
         run.path, run.node, _recorded_by(run), elsewhere, again.start, end, body_count, compared,
@@ -198,20 +198,20 @@ def verify_run(
 
 
 def resolved(run: RecordedRun, topic: Topic) -> str:
-    """Full name of a topic in the bag."""
+    """Return the full name of a topic in the bag."""
     return run.node + topic.name[1:] if topic.name.startswith('~') else topic.name
 
 
 def foreign_parts(run: RecordedRun) -> tuple[str, ...]:
     """
-    How the version and the machine that recorded differ from those here, in words.
+    Return the differences of version and machine between recording and verification.
 
-    Raises NotRepeatable for records of other tools, which lack the times at which inputs acted.
+    Raises NotRepeatable for bags of other tools, which lack the times at which inputs acted.
     """
     if 'version' not in run.custom:
         raise NotRepeatable(
-            f'{run.path} was not recorded by this simulator, so it does not say when inputs '
-            'acted; record with the parameter record.path, or with ~/record')
+            f'{run.path} was not recorded by this simulator, so it lacks the times at which '
+            'inputs acted; record with the parameter record.path, or with ~/record')
     from icofabric_sim.kernels.runtime.target import host_processor, kernel_target
     here = {
         'version': __version__, 'processor': host_processor(),
@@ -239,20 +239,20 @@ def _recorded_by(run: RecordedRun) -> str:
 def _note(comparison: ExactComparison | CloseComparison, again: Resimulation) -> str:
     notes = []
     if again.failure:
-        notes.append(f'the recorded run had failed at its end, and so does this: {again.failure}')
+        notes.append(f'the recorded run failed at its end, and so does this one: {again.failure}')
     if isinstance(comparison, CloseComparison):
         notes.append(
             f'at most {comparison.largest:.2g} apart (position over a, or rad), where '
             f'{comparison.bound_there:.2g} is explained')
         if comparison.meaningless_since is not None:
             notes.append(
-                f'from t = {seconds(comparison.meaningless_since):.6g} s on small differences '
-                'have grown so much that poses say nothing')
+                f'from t = {seconds(comparison.meaningless_since):.6g} s on, small differences '
+                'have grown so much that poses are meaningless')
     return '; '.join(notes)
 
 
 def _counted(counts: Counter[str]) -> list[str]:
-    """Each kind with its count, in words."""
+    """Return each kind with its count as text."""
     return [
         name if name.startswith('begun') else
         f'{count:,} {(name.removeprefix("~/").removeprefix("/") if count != 1 else _one(name))}'

@@ -362,7 +362,7 @@ def test_event_that_never_was_is_found(pushed: Path, tmp_path: Path, event: str)
 
     result = verify(changed_copy(pushed, tmp_path / 'copy', invented))
     assert result.difference is not None and result.difference.nanoseconds >= at
-    assert ('the simulation goes on' in result.difference.text) == (event == 'failed')
+    assert ('the simulation continues' in result.difference.text) == (event == 'failed')
 
 
 # Elsewhere.
@@ -395,7 +395,7 @@ def test_other_machine_is_compared_within_tolerance_and_growth(
     far = verify(shaken(pushed, tmp_path / 'far', 1e-4, version='0.0.1'))
     assert far.verdict == 'differs' and far.difference is not None
     assert far.difference.nanoseconds == pose_times(pushed)[1]
-    assert 'while tolerance and growth explain' in far.difference.text
+    assert 'tolerance and growth explain' in far.difference.text
     assert any('0.0.1' in part for part in far.elsewhere)
 
 
@@ -418,7 +418,7 @@ def test_chaotic_run_elsewhere_says_how_far_it_means_something(tmp_path: Path) -
         tmp_path / 'bag', tmp_path / 'copy', lambda message: message, processor='abacus')
     result = verify(copy)
     assert result.verdict == 'consistent' and result.left_out['~/poses'] > 5
-    assert 'poses say nothing' in result.note and result.compared['~/poses'] > 5
+    assert 'poses are meaningless' in result.note and result.compared['~/poses'] > 5
 
 
 # Anywhere in between.
@@ -516,7 +516,7 @@ def bags_that_are_none(folder: Path, pushed: Path) -> Iterator[tuple[list[str], 
         lambda message: None if message[0].endswith('/weave') else message)
     yield [str(folder / 'bare')], 'does not begin with its scene'
     changed_copy(pushed, folder / 'twist', lambda message: message)
-    yield [str(pushed), '--node', '/other'], 'no such fabric in'
+    yield [str(pushed), '--node', '/other'], 'unknown fabric; '
     yield [str(pushed), '--start', '5'], '--start 5 s lies after the end'
     yield [str(pushed), '--start', '-1'], '--start must be'
     yield [str(pushed), '--start', '0.2', '--stop', '0.1'], '--stop 0.1 s lies before'

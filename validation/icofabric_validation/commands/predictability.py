@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric stress --predictability`: how a change of the start grows, from rounding up."""
+"""`icofabric stress --predictability`: growth of a change of the start, from round-off up."""
 
 import argparse
 from pathlib import Path
@@ -22,15 +22,15 @@ from icofabric_validation.commands.named_problems import is_given, OF_RANDOM_SCE
 
 
 def add_predictability_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         '--predictability', action='store_true',
-        help='instead of random scenes: how displacements of the start grow, from a rounding '
-        'unit up, and what rounding adds')
+        help='instead of random scenes: growth of displacements of the start, from a round-off '
+        'unit up, and the errors added by round-off')
 
 
 def main_predictability(arguments: argparse.Namespace) -> int:
-    """Run all scenes; returns 1 where small displacements grow otherwise than larger ones."""
+    """Run all scenes; return 1 if small displacements grow at another rate than larger ones."""
     from icofabric_validation.predictability import (
         CASES,
         HEAD,
@@ -40,7 +40,7 @@ def main_predictability(arguments: argparse.Namespace) -> int:
     )
     for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list', 'map', 'steps', 'picture'):
         if is_given(arguments, name):
-            raise InputError(f'--{name} does not go with --predictability; leave it out')
+            raise InputError(f'--{name} cannot be combined with --predictability')
     table = None
     if arguments.output is not None:
         table = require_place('--output', Path(arguments.output).expanduser())
@@ -58,5 +58,5 @@ def main_predictability(arguments: argparse.Namespace) -> int:
                 faults.add((row.scene, row.method))
             take(row, len(runs))
     if not arguments.json:
-        print(f'{len(runs)} runs, {len(faults)} with growth that is not of the motion')
+        print(f'{len(runs)} runs, {len(faults)} with growth that the motion does not explain')
     return int(bool(faults))

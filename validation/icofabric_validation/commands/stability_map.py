@@ -23,14 +23,14 @@ from icofabric_sim.commands.rest_outputs import picture_path
 from icofabric_sim.terminal import InputError, require_place
 from icofabric_validation.commands.named_problems import is_given, OF_RANDOM_SCENES
 
-_MOST = 10**9
+_MAX_STEPS = 10**9
 
 
 def add_map_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         '--map', action='store_true',
-        help='a map of stability instead of random scenes: all methods, steps up to and beyond '
+        help='a stability map instead of random scenes: all methods, steps up to and beyond '
         'the limit, drifts of energy, momentum and norms')
     parser.add_argument(
         '--steps', type=int, metavar='N',
@@ -47,7 +47,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main_map(arguments: argparse.Namespace) -> int:
-    """Run the map; returns 1 where a step is refused or runs against the theory."""
+    """Run the map; return 1 if a step is rejected or a run contradicts the theory."""
     from icofabric_validation.stability_map import (
         Cell,
         cell_line,
@@ -60,10 +60,10 @@ def main_map(arguments: argparse.Namespace) -> int:
     )
     for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list'):
         if is_given(arguments, name):
-            raise InputError(f'--{name} does not go with --map; leave it out')
+            raise InputError(f'--{name} cannot be combined with --map')
     steps = STEPS if arguments.steps is None else arguments.steps
-    if not 100 <= steps <= _MOST:
-        raise InputError(f'--steps must be from 100 to {_MOST}, got {steps}')
+    if not 100 <= steps <= _MAX_STEPS:
+        raise InputError(f'--steps must be from 100 to {_MAX_STEPS}, got {steps}')
     fabrics = _fabrics(arguments.fabrics, tuple(FABRICS))
     products = _products(arguments.products)
     table, picture = None, picture_path(arguments, 'picture')
@@ -87,12 +87,12 @@ def main_map(arguments: argparse.Namespace) -> int:
         draw_map(picture, cells)
     faults = sum(bool(cell.fault) for cell in cells)
     if not arguments.json:
-        print(f'{len(cells)} runs of {steps} steps, {faults} against the theory')
+        print(f'{len(cells)} runs of {steps} steps, {faults} contradict the theory')
     return int(faults > 0)
 
 
 def _fabrics(text: str | None, known: tuple[str, ...]) -> tuple[str, ...]:
-    """The fabrics that are asked for, in the order of the map."""
+    """Return the requested fabrics in the order of the map."""
     if text is None:
         return known
     names = [name.strip() for name in text.split(',')]
@@ -103,7 +103,7 @@ def _fabrics(text: str | None, known: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _products(text: str | None) -> tuple[float, ...] | None:
-    """The steps times the largest frequency that are asked for; None: those of each method."""
+    """Return the requested products of step and largest frequency; None: those of each method."""
     if text is None:
         return None
     try:

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""`icofabric stress`: random scenes, judged; known answers; stability; predictability."""
+"""`icofabric stress`: tests with random scenes, known answers, stability and predictability."""
 
 import argparse
 from functools import partial
@@ -36,37 +36,38 @@ _SCENES = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         '--scenes', type=int, metavar='N',
-        help=f'judge N scenes (default {_SCENES}; with --seed alone: that one)')
+        help=f'test N scenes (default {_SCENES}; with --seed alone: that one)')
     parser.add_argument(
         '--seed', type=int, metavar='S',
-        help='the first seed, from which others are counted; alone: run that scene again and say '
-        'its class and figures')
+        help='first seed; the others follow it; alone: run that scene again and report '
+        'its class and results')
     parser.add_argument(
         '--kinds', metavar='K,K-K,...',
         help='kinds of scenes by number, e.g. 0-5,12; the others are skipped (default: all; '
         '--list names them)')
     parser.add_argument(
-        '--list', action='store_true', help='list the kinds of scenes by number, and run nothing')
+        '--list', action='store_true', help='list the kinds of scenes by number without running '
+                                            'them')
     parser.add_argument(
         '--processes', type=int, metavar='P',
-        help='judge in P processes (default: one for each core)')
+        help='test in P processes (default: one for each core)')
     parser.add_argument(
         '--output', metavar='FILE',
         help='write a table of all scenes (CSV); with --shrink the scene (YAML)')
-    parser.add_argument('--json', action='store_true', help='print the findings as JSON lines')
+    parser.add_argument('--json', action='store_true', help='print the results as JSON lines')
     parser.add_argument(
         '--shrink', action='store_true',
-        help='make the scene of --seed minimal: take features away one at a time while its class '
-        'stays, and write it to --output (default: stress_SEED.yaml)')
+        help='minimise the scene of --seed: remove features one at a time while its class '
+        'remains, and write it to --output (default: stress_SEED.yaml)')
     parser.add_argument(
         '--coverage', action='store_true',
-        help='say, too, in how many scenes each parameter was not at its default')
+        help='also report in how many scenes each parameter was not at its default')
     parser.add_argument(
         '--peer', choices=('mujoco', 'lammps'),
-        help='judge that program instead, with those scenes that it can express (loads are left '
+        help='test that program instead, with the scenes that it can express (loads are left '
         'out)')
     add_named_arguments(parser)
     add_map_arguments(parser)
@@ -74,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Judge; returns 1 where a scene is of a class that must not occur."""
+    """Run the tests; return 1 if a scene is in a class that must not occur."""
     from icofabric_validation.stress.kinds import KINDS
     from icofabric_validation.stress.scenes import LARGEST_SEED, seeds_of
     if arguments.predictability:
@@ -106,7 +107,7 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.peer is not None:
         _require_peer(arguments, single)
     if arguments.shrink and not single:
-        raise InputError('--shrink needs --seed, without --scenes: it makes one scene minimal')
+        raise InputError('--shrink needs --seed, without --scenes: it minimises one scene')
     if arguments.output is not None:
         require_place('--output', Path(arguments.output).expanduser())
     if arguments.shrink:
@@ -128,27 +129,28 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _require_peer(arguments: argparse.Namespace, single: bool) -> None:
-    """Refuse what does not go with --peer, and a program that is not installed."""
+    """Reject options that cannot be combined with --peer, and a program that is not installed."""
     from icofabric_validation.stress.peers import PEERS
     peer = PEERS[arguments.peer]
     if arguments.shrink:
-        raise InputError('--shrink does not go with --peer; leave one out')
+        raise InputError('--shrink cannot be combined with --peer')
     if not peer.is_installed:
         raise InputError(f'--peer {arguments.peer} is not installed: {peer.install}')
     if single and not peer.can_express(arguments.seed):
         raise InputError(f'--peer {arguments.peer} cannot express the scene of --seed '
-                         f'{arguments.seed}; give --scenes N, too, to begin there')
+                         f'{arguments.seed}; add --scenes N to start there')
 
 
 def _kinds(text: str | None, count: int) -> set[int]:
-    """Numbers of kinds from a text such as 0-5,12."""
+    """Parse numbers of kinds from a text such as 0-5,12."""
     if text is None:
         return set(range(count))
     found: set[int] = set()
     for part in text.split(','):
         first, dash, last = part.strip().partition('-')
         if not (first.isdecimal() and (last.isdecimal() if dash else not last)):
-            raise InputError(f'--kinds {text}: {part!r} is no number and no range; e.g. 0-5,12')
+            raise InputError(f'--kinds {text}: {part!r} is neither a number nor a range, e.g. '
+                             '0-5,12')
         numbers = range(int(first), int(last or first) + 1)
         if not numbers or not numbers[-1] < count:
             raise InputError(f'--kinds {text}: {part!r} must be within 0 to {count - 1}; --list '
@@ -160,7 +162,7 @@ def _kinds(text: str | None, count: int) -> set[int]:
 def _judge(
     arguments: argparse.Namespace, seeds: list[int]
 ) -> tuple[list['Finding'], bool]:
-    """What was found, and whether the user ended it."""
+    """Return the findings, and whether the user interrupted the tests."""
     from icofabric_validation.stress.judge import judge
     from icofabric_validation.stress.peers import judge_peer
     from icofabric_validation.stress.workers import judge_all
@@ -186,7 +188,7 @@ def _judge(
 
 
 def _write(path: Path, findings: list['Finding']) -> None:
-    """Replace the table as a whole, so that it can be read at any time."""
+    """Replace the table atomically, so that it can be read at any time."""
     from icofabric_validation.stress.report import write_table
     part = path.with_name(f'.{path.name}.part')
     write_table(part, sorted(findings))
@@ -210,12 +212,12 @@ def _show(arguments: argparse.Namespace, findings: list['Finding'], single: bool
     print()
     print('\n'.join(term_lines(findings)))
     if arguments.coverage:
-        print('\nscenes in which a parameter was not at its default')
+        print('\nnumber of scenes in which a parameter was not at its default')
         print('\n'.join(coverage_lines(findings)))
 
 
 def _describe(finding: 'Finding') -> None:
-    """One scene, with its figures."""
+    """Print one scene with its results."""
     from icofabric_validation.stress.kinds import KINDS
     print(f'seed {finding.seed}: {finding.verdict.value}')
     print(f'kind {finding.kind}: {KINDS[finding.kind]}')
@@ -226,15 +228,15 @@ def _describe(finding: 'Finding') -> None:
             f'{finding.bodies} bodies, {finding.steps} steps of {finding.method} to t = '
             f'{finding.time:.6g} s')
         print(
-            f'errors added, growth apart: {finding.added:.3g}; promised: {finding.promised:.3g}; '
-            f'the run itself said {finding.estimate:.3g}')
+            f'added errors without growth: {finding.added:.3g}; promised: {finding.promised:.3g}; '
+            f'estimate of the run {finding.estimate:.3g}')
         grown = f'{finding.growth:.3g} times' if finding.growth else 'was not measured'
         print(f'growth of a small displacement: {grown}')
-        print(f'windows beside a tighter run: {finding.windows}, of which {finding.unjudged} '
-              'could not be judged')
+        print(f'windows compared with a run of tighter tolerance: {finding.windows}, of which '
+              f'{finding.unjudged} could not be judged')
         bits = 'compared bit by bit' if finding.compared else 'not compared'
         if finding.compared and not finding.shared:
-            bits += '; one of the threads has all bodies, they are so few'
+            bits += '; one thread has all bodies, because they are few'
         print(f'two threads and a checkpoint: {bits}')
 
 
@@ -247,8 +249,8 @@ def _shrink(arguments: argparse.Namespace) -> int:
     whole = draw_scene(arguments.seed).with_files_named(f'{path.stem}_')
     for place in (path, *(path.parent / name for name in whole.files)):
         if place.exists():
-            raise InputError(f'{place} exists and is never overwritten; name another with '
-                             '--output, after which the files of the scene are named, too')
+            raise InputError(f'{place} exists and is never overwritten; choose another with '
+                             '--output, which also names the files of the scene')
     referee = Referee()
     try:
         with Progress(MOST_RUNS, 'runs at most', foreseen=False) as progress:

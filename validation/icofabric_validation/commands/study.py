@@ -44,44 +44,44 @@ _OUTPUT, _STORE = 'runs/study', 'runs/sweep'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb takes."""
+    """Declare the arguments of the verb."""
     parser.add_argument(
         '--part', action='append', metavar='NAME', default=[],
-        help='this part only; may be repeated (default: all; --list names them)')
+        help='run only this part; may be repeated (default: all; --list names them)')
     how_much = parser.add_mutually_exclusive_group()
     how_much.add_argument(
         '--quick', action='store_true',
-        help='few values: three minutes of one core, where the usual study takes ten')
+        help='fewer values: three minutes of one core instead of ten')
     how_much.add_argument(
         '--large', action='store_true', help='larger slabs and more values: hours of one core')
     parser.add_argument(
         '--output', default=_OUTPUT, metavar='FOLDER',
-        help='folder of figures (PART.png), tables (PART.txt) and all that was found '
+        help='folder of figures (PART.png), tables (PART.txt) and results '
              '(PART.STAGE.csv) (%(default)s)')
     parser.add_argument(
         '--store', default=_STORE, metavar='FOLDER',
-        help='folder of finished runs, which are not done again; that of icofabric sweep '
+        help='folder of finished runs, which are not repeated; shared with icofabric sweep '
              '(%(default)s)')
     parser.add_argument(
         '--workers', type=int, metavar='N',
-        help='processes on this machine (default: one for each core where Dask is installed, '
-             'extra `sweep`); 0: this one alone')
+        help='processes on this machine (default: one for each core if Dask is installed, '
+             'extra `sweep`); 0: only this process')
     parser.add_argument(
-        '--retry', action='store_true', help='do again what has failed')
+        '--retry', action='store_true', help='repeat failed runs')
     parser.add_argument(
         '--list', action='store_true',
-        help='name the parts, say how much of each is finished, and run nothing')
+        help='list the parts and their progress without running them')
     add_json_numbers_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Do what the store lacks, then write tables and figures; 1 where a run has failed."""
+    """Run what the store lacks, then write tables and figures; return 1 if a run has failed."""
     from icofabric_sim.sweeps.sweep import how_to_run
     from icofabric_validation.material.catalogue import make_study, PARTS
     from icofabric_validation.material.part import Level
     for name in arguments.part:
         if name not in PARTS:
-            raise InputError(f'--part {name}: there is no such part; there are: '
+            raise InputError(f'--part {name}: unknown part; choose from '
                              f'{", ".join(PARTS)}')
     store = require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
     output = require_place('--output', Path(arguments.output).expanduser(), is_folder=True)
@@ -112,27 +112,27 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 class _Work:
-    """The studies of all stages, and what is foreseen for them."""
+    """Studies of all stages, and their expected cost."""
 
     def __init__(self) -> None:
         self.stages: dict[tuple[str, str], tuple[Stage, Study]] = {}
-        self.done = 0.0  # seconds of one core that were foreseen for what is done
+        self.done = 0.0  # expected seconds of one core of the finished work
 
     def add(self, part: 'Part', name: str, stage: 'Stage', study: 'Study') -> None:
         self.stages[part.name, name] = stage, study
 
     def of(self, part: 'Part') -> dict[str, tuple['Stage', 'Study']]:
-        """Stages of a part by their names."""
+        """Return the stages of a part by name."""
         return {name: found for (owner, name), found in self.stages.items()
                 if owner == part.name}
 
     @property
     def whole(self) -> float:
-        """Seconds of one core that are foreseen."""
+        """Return the expected seconds of one core."""
         return sum(stage.seconds * len(stage.cases) for stage, _ in self.stages.values())
 
     def numbers(self, part: 'Part') -> dict[str, Any]:
-        """What a part has, is to have, and takes."""
+        """Return the finished and total runs of a part, and its expected cost."""
         stages = self.of(part).values()
         return {
             'title': part.title, 'runs': sum(len(study.orders) for _, study in stages),
@@ -141,7 +141,7 @@ class _Work:
                 stage.seconds * len(stage.cases) for stage, _ in stages)}
 
     def line(self, part: 'Part') -> str:
-        """A line about a part."""
+        """Return a line about a part."""
         found = self.numbers(part)
         return (f'{part.name:10} {part.title}: {found["runs"]} runs, {found["finished"]} '
                 f'finished; about {duration_text(found["seconds_of_one_core"])} of one core for '
@@ -152,11 +152,11 @@ def _carry_out(
     work: _Work, parts: Sequence['Part'], how: 'How', output: Path, *, retry: bool,
     as_json: bool
 ) -> int:
-    """Part after part, so that what is interrupted has whole parts."""
+    """Run part after part, so that an interrupted study has complete parts."""
     from icofabric_validation.material.part import rows_of
     began = time.monotonic()
-    say(f'{_NAME}: about {duration_text(work.whole)} of one core where nothing is finished; what '
-        'is finished is kept, and the same command goes on')
+    say(f'{_NAME}: about {duration_text(work.whole)} of one core if nothing is finished; finished '
+        'runs are kept, and the same command continues')
     written: 'dict[str, tuple[str, list[Table]]]' = {}
     failed = reused = runs = 0
     try:
@@ -176,7 +176,7 @@ def _carry_out(
                                       f'{study.plan.describe(outcome.number)}: {outcome.reason}')
                 written[part.name] = _write(part, found, output, progress)
     except KeyboardInterrupt:
-        say(f'{_NAME}: what is finished is kept; the same command goes on')
+        say(f'{_NAME}: finished runs are kept; the same command continues')
         raise
     if as_json:
         print_json({
@@ -204,14 +204,14 @@ def _outcomes(
                 work.done += stage.seconds
                 progress.update(work.done)
         except (SchedulerLost, WorkersDiffer) as error:
-            raise FileSaysNo(f'{error}; the same command goes on') from error
+            raise FileSaysNo(f'{error}; the same command continues') from error
     return found
 
 
 def _write(
     part: 'Part', found: 'Found', output: Path, progress: Progress
 ) -> 'tuple[str, list[Table]]':
-    """Write figure and tables of a part; returns these, as text and as they are."""
+    """Write figure and tables of a part; return the tables as text and as data."""
     from icofabric_validation.pictures.material_figures import draw_part
     lines, tables = [f'# {part.name}: {part.title}', ''], []
     try:
@@ -222,7 +222,7 @@ def _write(
                 lines += [table.note, '']
         draw_part(output / f'{part.name}.png', part.name, found)
     except (KeyError, ValueError, TypeError, ArithmeticError, StopIteration) as error:
-        # A stage of which all runs have failed has no columns.
+        # A stage in which all runs have failed has no columns.
         progress.note(f'{part.name}: no tables, because runs that they need have failed ({error})')
     text = '\n'.join(lines)
     _replace(output / f'{part.name}.txt', text)
@@ -230,7 +230,7 @@ def _write(
 
 
 def _replace(path: Path, text: str) -> None:
-    """A reader never meets half of it."""
+    """Replace a file atomically."""
     aside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         aside.write_text(f'{text}\n', encoding='utf-8')

@@ -37,7 +37,7 @@ from typing import NamedTuple
 import icofabric_sim as ico
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.ready_scenes import ready_scenes
-from icofabric_sim.running.diagnostics import what_helps
+from icofabric_sim.running.diagnostics import remedies
 from icofabric_sim.running.run_records import errors_of, figures, Status
 from icofabric_sim.running.step_limit_reason import StepLimit
 from icofabric_validation.benchmarks.machine import describe_machine
@@ -106,7 +106,7 @@ def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = 
         factors.append(PUSH / took)
         if factors[-1] == min(factors):
             worst = limit.describe(simulation, round(simulation.time * 1e9))
-            helps = what_helps(_status(simulation, worst))
+            helps = remedies(_status(simulation, worst))
         if spent > PATIENCE:
             end = f'given up after {PATIENCE:g} s of processor time'
             break

@@ -71,7 +71,7 @@ def test_a_part_goes_on_where_it_was_interrupted_and_does_nothing_twice(
 
     monkeypatch.setattr(single_run, 'carry_out', counted)
     assert study(tmp_path, '--part', 'constants') == 130
-    assert 'what is finished is kept' in capsys.readouterr().err
+    assert 'finished runs are kept' in capsys.readouterr().err
     assert study(tmp_path, '--list') == 0
     assert re.search(r'^constants .*: 24 runs, 5 finished', capsys.readouterr().out, re.MULTILINE)
     monkeypatch.setattr(single_run, 'carry_out', carry_out)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-What a page can do to a fabric, and the pull of a mouse that is held.
+Actions of a page on a fabric, and the drag of a held mouse button.
 
-Two do it: a run in this process (local.py), and a node elsewhere (ros/viewer.py).
+They are implemented for a run in this process (local.py) and for a node (ros/viewer.py).
 """
 
 from collections.abc import Callable
@@ -25,45 +25,47 @@ from typing import Any, Protocol
 
 import numpy as np
 
-# How often a pull is repeated while the mouse is held still [s].
-_REPEAT = 0.1
+# Interval at which a drag is repeated while the mouse is held still [s].
+_REPEAT_INTERVAL_S = 0.1
 
 
-class Hands(Protocol):
-    """What can be done; each answer is a sentence, or an exception that says why not."""
+class Actions(Protocol):
+    """
+    Actions on a run; each answers with a sentence, or with an exception that gives the reason.
+    """
 
     @property
     def is_replay(self) -> bool:
-        """Whether a record is shown: then nothing can be pulled at."""
+        """Return whether a recorded run is shown, whose shells cannot be dragged."""
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
-        """Draw a body towards a point [m] of the world, or let it go."""
+        """Drag a body towards a point [m] in the world frame, or release it with None."""
 
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
-        """Call a service by its name, e.g. pause; `on` where it takes a flag."""
+        """Call the service `name`, e.g. pause; `on` is the flag of a SetBool service."""
 
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set a parameter."""
 
 
-class Grip:
-    """The shell that each page holds: its point follows the mouse, and is sent again and again."""
+class MouseDrags:
+    """Shells held by the mice of all pages; the target points are sent repeatedly."""
 
     def __init__(
         self, pull: Callable[[int, tuple[float, float, float] | None], None],
         is_silent: Callable[[int], bool] = lambda page: False
     ) -> None:
-        """Send by `pull`; `is_silent`: whether a page has stopped answering."""
+        """Send through `pull`; `is_silent` tells whether a page has stopped answering."""
         self._pull, self._is_silent = pull, is_silent
         self._lock = threading.Lock()
         self._held: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}  # by page
-        self._sent: dict[int, float] = {}  # of those that pull
+        self._sent: dict[int, float] = {}  # of pages whose drag is active
 
     def take(
         self, page: int, body: int, centre: np.ndarray, grasp: np.ndarray, point: np.ndarray
     ) -> None:
         """
-        Begin to hold a body at `grasp`, drawn towards `point`; world [m], centre at that time.
+        Start to drag a body at `grasp` towards `point`; world frame [m], body centre at that time.
         """
         with self._lock:
             offset = np.asarray(centre, float) - np.asarray(grasp, float)
@@ -71,7 +73,7 @@ class Grip:
         self._send(page)
 
     def move(self, page: int, point: np.ndarray) -> None:
-        """Draw what this page holds towards a point [m]; the shell stays in the mouse's hand."""
+        """Move the target of a page's drag to a point [m]; the grasped point follows the mouse."""
         with self._lock:
             if page not in self._held:
                 return
@@ -79,8 +81,8 @@ class Grip:
             self._held[page] = (body, offset, np.asarray(point, float) + offset)
         self._send(page)
 
-    def let_go(self, page: int) -> None:
-        """End it, also when the page closes."""
+    def release(self, page: int) -> None:
+        """Release the shell, also when the page closes."""
         with self._lock:
             held, sent = self._held.pop(page, None), self._sent.pop(page, None)
             if held is not None and sent is not None:
@@ -88,19 +90,19 @@ class Grip:
 
     def repeat(self) -> None:
         """
-        Send again what was not sent for a while, and end what silent pages hold; called often.
+        Resend old targets and end the drags of silent pages; call often.
 
-        A page whose mouse still holds the shell pulls again once that mouse moves.
+        A page whose mouse still holds the shell drags again once that mouse moves.
         """
         now = time.monotonic()
         for page, sent in list(self._sent.items()):
             if self._is_silent(page):
                 self._interrupt(page)
-            elif now - sent > _REPEAT:
+            elif now - sent > _REPEAT_INTERVAL_S:
                 self._send(page)
 
     def lines(self, poses: np.ndarray) -> np.ndarray:
-        """From each held shell to where it is drawn, (m, 2, 3) [m]."""
+        """Return lines from each dragged shell to its target, (m, 2, 3) [m]."""
         with self._lock:
             held = [self._held[page] for page in self._sent]
         ends = [
@@ -108,13 +110,14 @@ class Grip:
         return np.array(ends, float).reshape(-1, 2, 3)
 
     def _interrupt(self, page: int) -> None:
-        """Let go of what a page pulls; the mouse there may still hold the shell."""
+        """Release the shell of a silent page; its mouse may still hold it."""
         with self._lock:
             if self._sent.pop(page, None) is not None:
                 self._pull(self._held[page][0], None)
 
     def _send(self, page: int) -> None:
-        # Under the lock: else an older point could go out after a newer one, or after the end.
+        # Under the lock, so that an older point cannot be sent after a newer one, or after the
+        # end.
         with self._lock:
             held = self._held.get(page)
             if held is not None:
