@@ -176,7 +176,7 @@ class BagRecorder:
             self._handover.give_up()
             self._fail(BagError(
                 f'recording to {self.path} stopped: the disk is too slow, the queue is full '
-                'and {topic} must not be dropped; choose a faster disk, lower rates or '
+                f'and {topic} must not be dropped; choose a faster disk, lower rates or '
                 'fewer outputs'))
             return False
 

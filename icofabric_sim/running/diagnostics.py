@@ -169,7 +169,7 @@ def _warnings(
             'health check')
     if status.balance_error > _BALANCE_WARNING_RATIO * status.energy_limit:
         found.append(
-            f'the energy-balance error is {status.balance_error:.3g}; the run stops at '
+            f'the energy balance error is {status.balance_error:.3g}; the run stops at '
             f'solver.energy_limit = {status.energy_limit:g}')
     if _margin(status) < 1.0:
         found.append(

@@ -387,7 +387,7 @@ def test_drop_never_waits_not_even_for_what_is_essential(
                 for index in range(25)]
         assert kept == [True] * 20 + [False] * 5
         assert errors == [recorder.error]
-        assert 'the disk is too slow, /wrench finds no room' in str(recorder.error)
+        assert 'the disk is too slow, the queue is full and /wrench' in str(recorder.error)
         allowed.set()
         recorder.close()
     statistics = recorder.statistics

@@ -144,7 +144,7 @@ def test_all_reasons_are_said(status):
     for words in ('bodies 1 and 2', 'energy balance', '/clock is published twice'):
         assert words in message.values['reasons']
     assert message.message == (
-        'bodies 1 and 2 meet; the energy-balance error is 1; /clock is published twice')
+        'bodies 1 and 2 meet; the energy balance error is 1; /clock is published twice')
     assert message.values['clock'] == '/clock is published twice'
     message = describe(
         bad._replace(failure='it stopped'), '/x', {'recording': 'disk full'}, {})
@@ -201,7 +201,7 @@ def test_what_was_dropped_since_the_last_report(status, figure, words):
 def test_recorder_that_lags(status):
     assert describe(status, '/x', {}, {RECORDER_LAG: '0.900'}).level == OK
     message = describe(status, '/x', {}, {RECORDER_LAG: '2.300'})
-    assert message.level == WARN and '2.3 s behind' in message.message
+    assert message.level == WARN and 'lags by 2.3 s' in message.message
 
 
 def test_everything_that_a_user_wants_to_watch(status):
@@ -246,13 +246,13 @@ def spend(clock, kept, *, steps, rest, waits=0.0, share=1.0, turns=40):
 def test_cause_of_a_slow_pace_is_the_steps(clock):
     factor, cause = spend(clock, pace.Pace(1.0), steps=0.018, rest=0.002)
     assert factor == pytest.approx(0.5, rel=0.05)
-    assert cause.startswith('90% of the time goes into the steps, 10% into messages')
+    assert cause.startswith('90% of the time is spent in steps, 10% in messages')
     assert 'shared' not in cause
 
 
 def test_cause_of_a_slow_pace_is_the_rest(clock):
     _, cause = spend(clock, pace.Pace(1.0), steps=0.005, rest=0.015)
-    assert cause.startswith('25% of the time goes into the steps, 75% into messages')
+    assert cause.startswith('25% of the time is spent in steps, 75% in messages')
 
 
 def test_cause_of_a_slow_pace_is_the_machine(clock):
@@ -264,5 +264,5 @@ def test_time_that_is_waited_for_counts_for_nothing(clock):
     """Steps that take a tenth of the time that they simulate."""
     factor, cause = spend(clock, pace.Pace(1.0), steps=0.001, rest=0.0, waits=0.009)
     assert factor == pytest.approx(1.0, rel=0.02)
-    assert cause.startswith('10% of the time goes into the steps, 0% into messages')
+    assert cause.startswith('10% of the time is spent in steps, 0% in messages')
     assert 'shared' not in cause

@@ -56,7 +56,7 @@ def test_input_that_the_scene_can_take(scene, topic, frame):
     ('~/drives/tip', {}, "no drive 'tip'; known: top.*drives.tip.group"),
     ('~/loads/tip', {'frame': 'icosahedron'}, "loads.tip.frame is world, .* '' or 'world'"),
     ('~/loads/grip', {'frame': 'world'}, "loads.grip.frame is body, .* '' or 'icosahedron'"),
-    ('~/drives/top', {'frame': 'map'}, "'map'; a drive moves in the world, .* '' or 'world'"),
+    ('~/drives/top', {'frame': 'map'}, "'map'; a drive moves in the world.* '' or 'world'"),
     ('~/loads/tip', {'first': (NAN, 0.0, 0.0)}, 'not finite .force .nan, 0.0, 0.0. N, torque'),
     ('~/drives/top', {'first': (NAN, 0.0, 0.0)}, 'not finite .linear .nan, 0.0, 0.0. m/s, ang'),
     ('~/loads/tip', {'first': (1e300, 0.0, 0.0)}, 'too large to integrate .force .*1e.300.* kg'),

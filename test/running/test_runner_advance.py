@@ -133,7 +133,7 @@ def test_advance_ends_with_the_duration():
     runner = make_runner(ListSink(POSES), **{**PAUSED, 'duration': 0.01}, advance_duration=0.007)
     with Beside(runner):
         assert runner.advance().result(60.0) == 7_000_000
-        with pytest.raises(RuntimeError, match='advanced by 0.003000000 of 0.0070.*is over'):
+        with pytest.raises(RuntimeError, match='advanced by 0.003000000 of 0.0070.*has passed'):
             runner.advance().result(60.0)
         with pytest.raises(RuntimeError, match='not advanced: the duration of 0.01 s has passed'):
             runner.advance().result(60.0)

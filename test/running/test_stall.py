@@ -51,7 +51,7 @@ def test_many_evaluations_over_several_outputs_are_a_stall(rate, bodies, stalls)
     said = words(watch, rate, until=2.0)
     assert bool(said) == stalls
     if stalls:
-        assert 'takes 2e+07 evaluations' in said[0] and 'usually needs 1e+04' in said[0]
+        assert 'needs 2e+07 force evaluations' in said[0] and 'usually needs 1e+04' in said[0]
         assert 'that of the drive' in said[0] and 'Reset the run' in said[0]
 
 
