@@ -177,7 +177,7 @@ def test_what_was_done_to_the_run_is_in_the_summary(tmp_path: Path) -> None:
     text = '\n'.join(summarise_bag(tmp_path / 'bag').lines())
     for words in (
         '2 re-weaves, 1 reset, 4 pauses, 1 call of ~/step, 1 checkpoint saved',
-        '5 solver steps taken', 't = 0.06 s  goes on with: connector.stiffness',
+        '5 solver steps taken', 't = 0.06 s  continued with: connector.stiffness',
         't = 0.09 s  fabric rebuilt with: weave.size; wrenches ended: body 13',
         f'a checkpoint was saved to {tmp_path}', 'checkpoints  t = 0.04 s (in the bag)',
     ):
