@@ -73,7 +73,7 @@ def from_page(tmp_path, monkeypatch):
     """Put a file of docs/adding_a_method.md into a folder of pieces, as a newcomer does."""
     def put(package, name):
         text = PAGE.read_text()
-        start = text.index('\n    """', text.index(f', as {name}.py in that folder'))
+        start = text.index('\n    """', text.index(f', saved as {name}.py in that folder'))
         block = re.match(r'(?:\n| {4}.*\n)+', text[start:])
         (tmp_path / f'{name}.py').write_text(textwrap.dedent(block.group()))
         monkeypatch.setattr(package, '__path__', [*package.__path__, str(tmp_path)])
