@@ -38,7 +38,8 @@ VAGUE = re.compile(
     r'ZERO)$')
 ODD = re.compile(
     r'\b(somebody|nobody|whoever|begin(s|ning)? anew|goes on|go on by|taken back|put elsewhere|'
-    r'is none|are none|as it is|by itself|beside (it|that|each|others)|(is|are) said|'
+    r'(?-i:(?<!there )is none|are none)|as it is|by itself|beside (it|that|each|others)|'
+    r'(is|are) said|'
     r'(is|are) told|(is|are) asked|(is|are) of (a|the|no)\b|of (its|their) own|'
     r'(of|from|by|with|to|for) what (touches|follows|is|was|acts|a|the)\b|'
     r'^\W*what (touches|follows|is|was|acts|a|the)\b|from nothing|so many|all else|'

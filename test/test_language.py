@@ -20,8 +20,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Pages are done. Breaches of docstrings, constants and words in code may only become fewer.
-CODE_CEILINGS = {'sections': 15, 'docstrings': 971, 'constants': 251, 'words': 565}
+# Rooms and pages without breaches; those of other rooms may only become fewer.
+ROOMS = (
+    'geometry', 'parameters', 'scene', 'messages', 'bag', 'running', 'pictures', 'viewer',
+    'commands', 'ros')
+CEILINGS = {'docstrings': 661, 'constants': 172, 'words': 327, 'sections': 0}
 
 
 @pytest.fixture(scope='module')
@@ -44,8 +47,12 @@ def test_pages_are_read_once(counts):
 
 
 def test_breaches_in_code_become_fewer(counts):
-    found = Counter(place.rule for place in counts.places if place.path.suffix == '.py')
-    assert {rule: found[rule] for rule, most in CODE_CEILINGS.items() if found[rule] > most} == {}
+    code = [place for place in counts.places if place.path.suffix == '.py']
+    found = Counter(place.rule for place in code)
+    assert {rule: found[rule] for rule, most in CEILINGS.items() if found[rule] > most} == {}
+    package = ROOT / 'icofabric_sim'
+    assert not [str(place) for place in code if place.path.is_relative_to(package)
+                and place.path.relative_to(package).parts[0] in ROOMS]
 
 
 @pytest.mark.parametrize('rule, text', [

@@ -194,7 +194,7 @@ class BagSummary:
         return rows
 
     def _accuracy(self) -> list[Row]:
-        """What was achieved; bags that were killed, and those of older versions, lack it."""
+        """Return the accuracy reached; bags of killed runs and of older versions lack it."""
         rows: list[Row] = []
         if 'tolerance' in self.custom:
             text = f'solver.tolerance is {self.number("tolerance"):g} per second'

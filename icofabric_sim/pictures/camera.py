@@ -28,7 +28,7 @@ _ROUNDS = 8
 
 
 class View(NamedTuple):
-    """Where the viewer stands, as seen from the fabric."""
+    """Direction of the viewer, as seen from the fabric."""
 
     azimuth: float = math.radians(-62.0)  # [rad] from +x towards +y
     elevation: float = math.radians(16.0)  # [rad] above the horizontal plane
@@ -51,7 +51,7 @@ class Area(NamedTuple):
     height: float
 
     def times(self, factor: float) -> 'Area':
-        """The same part of a picture with `factor` times as many pixels each way."""
+        """Return the same part of the picture with `factor` times as many pixels each way."""
         return Area(*(factor * value for value in self))
 
 
@@ -64,7 +64,7 @@ class Camera(NamedTuple):
 
     @property
     def eye(self) -> np.ndarray:
-        """Where the viewer stands (3,) [m]."""
+        """Position of the viewer (3,) [m]."""
         return np.asarray(self.target + self.distance * self.axes[2])
 
     def focal(self, area: Area) -> float:
@@ -93,11 +93,11 @@ class Camera(NamedTuple):
         return np.asarray(np.linalg.norm(points - self.eye, axis=-1))
 
     def is_before(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (..., 3) are far enough before the eye to be drawn."""
+        """Return True for points (..., 3) that are far enough in front of the eye to be drawn."""
         return np.asarray(self.distance - self.seen(points)[..., 2] > _NEAR_RATIO * self.distance)
 
     def moved_to(self, target: np.ndarray) -> 'Camera':
-        """The same camera looking at another point from the same side."""
+        """Return the same camera aimed at another point from the same side."""
         return self._replace(target=np.asarray(target, dtype=float))
 
 
@@ -135,7 +135,7 @@ def fit_camera(
 
 def near_ones(position: np.ndarray, reach: float) -> np.ndarray:
     """
-    Which bodies (n, 3) belong to what is shown: not those that were lost far away, (n,) bool.
+    Return True for bodies (n, 3) of the fabric, False for those lost far away, (n,).
 
     Lost is what is farther from the median than twice the `reach` of the fabric [m] and than six
     times the median distance.

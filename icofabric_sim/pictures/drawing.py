@@ -71,7 +71,7 @@ _ARROW, _CONTACT_ARROW = 4.5, 1.5  # edges
 
 
 class Framing:
-    """What pictures must show, gathered from the moments that will be drawn."""
+    """Region that pictures must show, collected from all states to be drawn."""
 
     def __init__(
         self, view: View | None = None, *, bodies: np.ndarray | None = None,
@@ -89,7 +89,7 @@ class Framing:
         self.radius = 0.0
 
     def add(self, moment: Moment) -> None:
-        """Have a moment in the picture."""
+        """Add a state to the region."""
         scene = moment.scene
         places = moment.position[shown_bodies(scene, self.bodies)]
         kept = places[near_ones(places, _reach(scene.position))]
@@ -106,7 +106,7 @@ class Framing:
             float(scene.body_half_edges.max(initial=scene.shell.half_edge))))
 
     def target_of(self, moment: Moment) -> np.ndarray:
-        """What the camera moves with (3,) [m]; 0 where it follows nothing."""
+        """Return the point that the camera follows (3,) [m]; 0 if it follows none."""
         if self.follow is None:
             return np.zeros(3)
         chosen = self.follow[self.follow < len(moment.position)]
@@ -128,7 +128,7 @@ class Framing:
 
 
 def _is_outward(moment: Moment, push: Push) -> bool:
-    """Whether a force points away from the middle of the fabric."""
+    """Return True if a force points away from the centre of the fabric."""
     return float(push.force @ (push.point - moment.position.mean(axis=0))) > 0.0
 
 
@@ -333,7 +333,7 @@ class Renderer:
         self, scene: Scene, camera: Camera, size: tuple[int, int], area: Area,
         around: list[Ground], backdrop: Any
     ) -> Any:
-        """What does not move: the backdrop, and planes that face the viewer, fading out."""
+        """Draw the static parts: the backdrop and the planes that face the viewer."""
         from PIL import Image, ImageDraw, ImageFilter
 
         key = (camera.target.tobytes(), camera.distance, size, id(scene))
@@ -367,7 +367,7 @@ class Renderer:
         return image
 
     def _contact_arrows(self, draw: Any, moment: Moment, camera: Camera, area: Area) -> None:
-        """Draw what contacts do to shells; the largest force is so many edges long."""
+        """Draw the forces of contacts on shells as arrows."""
         arrows = moment.contact_forces
         if arrows is None or not len(arrows):
             return
@@ -476,7 +476,7 @@ class Renderer:
     def _explain(
         self, draw: Any, label: str, color: np.ndarray, spot: tuple[float, float]
     ) -> None:
-        """Draw an item of the legend: a mark as it is in the picture, and its name."""
+        """Draw an item of the legend: a mark and its name."""
         size, (left, middle) = self._text, spot
         tone = tuple(round(255 * float(part)) for part in np.clip(color, 0.0, 1.0))
         if label in ('anchor', 'broken connector'):

@@ -78,7 +78,7 @@ def shown_bodies(scene: Scene, bodies: np.ndarray | None) -> np.ndarray:
 
 
 def driven_bodies(scene: Scene) -> np.ndarray:
-    """Whether a drive moves each body, (n,) bool."""
+    """Return True for bodies that a drive moves, (n,)."""
     driven = np.zeros(scene.body_count, dtype=bool)
     for drive in scene.drives.values():
         driven[drive.bodies] = True

@@ -46,7 +46,7 @@ _STYLE: dict[Any, Any] = {
 
 
 class LineStyle(NamedTuple):
-    """How one of several lines is drawn."""
+    """Style of one of several lines."""
 
     color: str
     line: Any
@@ -54,7 +54,7 @@ class LineStyle(NamedTuple):
 
 
 def line_styles(count: int) -> list[LineStyle]:
-    """Styles of so many lines: up to seven differ in colour, in line and in marker alike."""
+    """Return styles of several lines: up to seven differ in colour, line and marker."""
     many = len(COLORS)
     return [
         LineStyle(COLORS[k % many], _LINES[(k + k // many) % many],

@@ -55,7 +55,7 @@ def light_on(
     position: np.ndarray, half_edges: np.ndarray
 ) -> np.ndarray:
     """
-    What colours of facets are multiplied by, (m, 3).
+    Return the factors of the colours of facets, (m, 3).
 
     Their middles are `points` (m, 3), of the shells `body` (m,) at `position` (n, 3), with
     their half edges (n,) [m].
@@ -73,7 +73,7 @@ def _from_neighbours(
     lamp: np.ndarray, points: np.ndarray, normals: np.ndarray, body: np.ndarray,
     position: np.ndarray, half_edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of the lamp's light, and of the sky's, on each facet: 0 to 1."""
+    """Return the unshaded fractions of lamp light and sky light on each facet, 0 to 1."""
     count = min(len(position), _NEIGHBOURS + 1)
     if count < 2:
         return np.ones(len(points)), np.ones(len(points))

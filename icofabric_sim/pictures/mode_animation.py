@@ -66,7 +66,7 @@ def write_gif(
     progress: Progress = lambda count: None
 ) -> None:
     """
-    Draw a swing of a motion (n, 6) to a GIF that goes on for ever; HALF + 1 moments are drawn.
+    Draw a period of a motion (n, 6) to a GIF that repeats; HALF + 1 states are drawn.
     """
     from PIL import Image
 
@@ -92,7 +92,7 @@ def write_bag(
     path: Path, said: str, scene: Scene, rest: Snapshot, shape: np.ndarray
 ) -> None:
     """
-    Record swings of a motion (n, 6) to a bag, with what is `said` of it in the custom data.
+    Record periods of a motion (n, 6) to a bag, with the texts of `said` as custom data.
 
     Poses, connectors and the clock, as of a run; nothing was simulated, and nothing says so.
     """

@@ -66,9 +66,7 @@ def chosen_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
 
 
 def recorded_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
-    """
-    The same of a recorded run, which may lack some bodies: ValueError where it lacks one of these.
-    """
+    """Return the chosen bodies of a recorded run; raise ValueError if it lacks one of them."""
     bodies = chosen_bodies(scene, name, text)
     if scene.published_bodies is not None:
         lacking = np.setdiff1d(bodies, scene.published_bodies)
@@ -80,7 +78,7 @@ def recorded_bodies(scene: Scene, name: str, text: str) -> np.ndarray:
 
 
 class RunMoments:
-    """Moments of a recorded run, with what acts in them."""
+    """Yield states of a recorded run with the loads that act in them."""
 
     def __init__(self, run: RecordedRun) -> None:
         """Read what was received and what broke."""

@@ -56,7 +56,7 @@ _SMALL_RATIO = 1e-6
 
 
 class Series(NamedTuple):
-    """What a plot of a run is drawn from."""
+    """Data of a plot of a run."""
 
     times: np.ndarray  # (t,) [s]
     groups: dict[str, np.ndarray]  # numbers of bodies
@@ -312,7 +312,7 @@ def stress_strain(series: Series) -> tuple[np.ndarray, np.ndarray]:
     """
     if len(series.groups) != 2:
         raise ValueError(
-            f'groups: stress over strain needs two groups, the ends of what is pulled, got '
+            f'groups: stress over strain needs two groups, the ends of the pulled fabric, got '
             f'{", ".join(series.groups)}')
     one, other = series.groups
     middles = {name: series.position[:, bodies].mean(axis=1)

@@ -38,7 +38,7 @@ _THICKNESS, _MARGIN = 0.8, 1.6
 
 
 class Ground(NamedTuple):
-    """A plane as it is shown."""
+    """Drawn rectangle of a plane."""
 
     rim: np.ndarray  # (k, 3) [m]
     lines: np.ndarray  # (m, 2, 3) [m]
@@ -47,7 +47,7 @@ class Ground(NamedTuple):
     faces_viewer: bool  # then what is on its free side is nearer than the plane
 
     def shadows(self, points: np.ndarray, lighting: Lighting) -> np.ndarray:
-        """Where the lamp casts points (..., 3) [m] onto the plane; NaN where it does not."""
+        """Return the shadows of points (..., 3) [m] on the plane; NaN without a shadow."""
         height = points @ self.normal - self.offset
         falls = float(lighting.lamp @ self.normal)
         if falls <= 0.05:
@@ -104,7 +104,7 @@ def _grid(
 
 
 class Plate(NamedTuple):
-    """What holds or moves a layer of bodies at a side of the fabric."""
+    """Plate that holds or moves a layer of bodies at a side of the fabric."""
 
     bodies: np.ndarray  # (m,)
     corners: np.ndarray  # (8, 3) [m] at rest: four towards the fabric, four away from it

@@ -144,7 +144,7 @@ class NodeWatch:
 
 @contextmanager
 def watched_node(command: Sequence[str], ready: str) -> Iterator[NodeWatch]:
-    """Run a node that is told to stop when the block ends."""
+    """Run a node until the block ends, then stop it."""
     node = NodeWatch(command, ready)
     try:
         yield node

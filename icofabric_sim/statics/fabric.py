@@ -596,7 +596,7 @@ class Configuration:
 
     @cached_property
     def connectors(self) -> Any:
-        """The same model with the laws of connectors alone."""
+        """Return the model with the laws of connectors alone."""
         return without(self.tangent, *BESIDE_CONNECTORS)
 
     @cached_property
