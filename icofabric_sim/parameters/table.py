@@ -102,8 +102,8 @@ STATIC: tuple[Specification, ...] = (
     _s('shell.density', 1200.0, 'kg/m^3',
        'density rho of the shell material', RESTARTS, **_positive()),
     _s('shell.layers', '', '',
-       'CSV of layers: distance of the faces of a layer from the centre [m], density [kg/m^3]; '
-       'interpolated linearly; replaces shell.density',
+       'CSV of two columns: distance from the centre [m] of a layer parallel to the faces, '
+       'and its density [kg/m^3]; interpolated linearly; replaces shell.density',
        RESTARTS),
     _s('shell.mass', 0.0, 'kg',
        'mass of a shell; 0: from geometry and density; a given mass also scales the inertia',
@@ -145,7 +145,8 @@ STATIC: tuple[Specification, ...] = (
        'length L of a connector as woven; a value above 0 determines the angle',
        RESTARTS, minimum=0.0),
     _s('weave.connector_angle', 0.0, 'rad',
-       'connector angle theta, used while weave.connector_length is 0', RESTARTS),
+       'angle theta between a connector as woven and the nearest grid axis, used while '
+       'weave.connector_length is 0', RESTARTS),
     _s('connector.stiffness', 500.0, 'N/m',
        'stiffness k in extension and compression (eq 1)', minimum=0.0),
     _s('connector.stiffness_extension', -1.0, 'N/m',
@@ -171,12 +172,12 @@ STATIC: tuple[Specification, ...] = (
        'above 0 if connector.maxwell_stiffness is',
        minimum=0.0),
     _s('connector.bending_stiffness', 0.0, 'N m/rad',
-       'stiffness kappa_b against a change of the angle of attachment at each end; energy '
-       'kappa_b (1 - cos)',
+       'stiffness kappa_b against bending at each end; energy kappa_b (1 - cos phi) at an angle '
+       'phi between the connector and its direction as woven, fixed in the body',
        minimum=0.0),
     _s('connector.twisting_stiffness', 0.0, 'N m/rad',
-       'stiffness kappa_t against a relative rotation of the two bodies; energy kappa_t (1 - '
-       'cos)',
+       'stiffness kappa_t against a relative rotation of the two bodies by an angle phi; energy '
+       'kappa_t (1 - cos phi)',
        minimum=0.0),
     _s('connector.obstruction', 'warn', '',
        'response to a connector that enters the shell it is attached to: warn once, stop the '
@@ -187,7 +188,8 @@ STATIC: tuple[Specification, ...] = (
        'factor by which edge midpoints are multiplied to give attachment points', **_positive()),
     *(
         _s(f'connector.attachment.{edge}', _ZERO3, 'm',
-           f'attachment point at edge {edge}, body axes; zeros: the scaled edge midpoint')
+           f'attachment point of connectors at the edge named {edge}, from the centre, body axes; '
+           'zeros: the scaled edge midpoint')
         for edge in ('up', 'down', 'north', 'south', 'west', 'east')
     ),
     _s('connector.law', '', '',
@@ -240,7 +242,8 @@ STATIC: tuple[Specification, ...] = (
        'random start: standard deviation of each angular velocity component', minimum=0.0),
     _s('initial_random.seed', 0, '', 'seed of the random start', minimum=0, maximum=2**32 - 1),
     _s('equilibrium.objective', 'energy', '',
-       'what equilibrium solves minimise; energy: potential energy, with contacts as springs; '
+       'quantity that an equilibrium solve minimises; energy: potential energy, with contacts as '
+       'springs; '
        'resultants: force and moment resultants without overlap, as the document states (no '
        'follower loads)',
        AT_ONCE, choices=OBJECTIVES),
@@ -297,8 +300,8 @@ STATIC: tuple[Specification, ...] = (
        '`publish_rate`; empty: none; requires the package tf2_msgs',
        FIXED),
     _s('publish.connectors', '', '',
-       'connectors in `~/tensions`: two group names, as in `connector_groups.NAME.between`, '
-       'select the connectors between these groups (`all`: any body); empty: all connectors',
+       'connectors in `~/tensions`: empty: all; two names of groups, separated by a space: those '
+       'that join a body of one to a body of the other; `all` stands for every body',
        FIXED),
     _s('publish_clock', True, '', 'publish /clock', FIXED),
     _s('frame_id', 'world', '',
@@ -358,7 +361,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     'groups': (
         _s('', '', '',
            'selector: x_min, z_max, ..., level K, row K, column K, ids K K, box x0 y0 z0 x1 y1 '
-           f'z1, all; with and, or, not; of drives, a change {RESTARTS.value}',
+           f'z1, all; with and, or, not; driven groups: {RESTARTS.value}',
            required=True),
     ),
     'connector_groups': (
@@ -420,7 +423,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     ),
     'supports': (
         _s('group', '', '', 'supported group', required=True),
-        _s('fix', 'all', '', 'fixed degrees of freedom: tx ty tz rotation, or all'),
+        _s('fix', 'all', '',
+           'fixed degrees of freedom: tx ty tz (along world axes) rotation, or all'),
     ),
     'loads': (
         _s('group', '', '', 'group that the wrench acts on', required=True),
@@ -456,17 +460,18 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     'drives': (
         _s('group', '', '', 'group that moves as one rigid body', RESTARTS, required=True),
         _s('freedoms', 'all', '',
-           'degrees of freedom that the drive prescribes: tx ty tz rotation, or all; the others '
-           'stay free',
+           'degrees of freedom that the drive prescribes: tx ty tz (along world axes) rotation, '
+           'or all; the others stay free',
            RESTARTS),
         _s('motion', 'hold', '',
-           'hold; velocity: constant twist; ramp: from rest to that twist; sine: harmonic about '
-           'the start; table: path from a file',
+           'hold: no motion; velocity: constant twist (linear, angular); ramp: from rest to that '
+           'twist; sine: harmonic about the start; table: path from a file',
            RESTARTS, choices=('hold', 'velocity', 'ramp', 'sine', 'table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the centroid of the group, world axes; sine: amplitude [m]', RESTARTS),
         _s('angular', _ZERO3, 'rad/s',
-           'angular velocity about the centroid; sine: amplitude of the rotation vector [rad]',
+           'angular velocity about the centroid, world axes; sine: amplitude of the rotation '
+           'vector [rad]',
            RESTARTS),
         _s('start', 0.0, 's',
            'start time, from the start of the motion', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
@@ -486,15 +491,17 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('offset', 0.0, 'm', 'the free side is normal . x >= offset'),
     ),
     'anchors': (
-        _s('body', 0, '', 'number of the anchored body', minimum=0),
+        _s('body', 0, '',
+           'number of the body that this connector joins to a point of the world', minimum=0),
         _s('edge', 'up', '',
            'edge of the body where the connector is attached',
            choices=('up', 'down', 'north', 'south', 'west', 'east')),
-        _s('position', _ZERO3, 'm', 'world point where the connector ends', required=True),
-        _s('velocity', _ZERO3, 'm/s', 'velocity of that point, from the start of the motion'),
+        _s('position', _ZERO3, 'm', 'point where the connector ends, world frame', required=True),
+        _s('velocity', _ZERO3, 'm/s',
+           'velocity of that point from the start of the motion, world axes'),
         _s('file', '', '',
-           'CSV of time [s] and displacement x, y, z [m] of that point; interpolated by a smooth '
-           'curve that starts and ends at rest'),
+           'CSV of time [s] and displacement x, y, z [m] of that point, world axes; interpolated '
+           'by a smooth curve that starts and ends at rest'),
         _s('stiffness', -1.0, 'N/m',
            'k in extension and compression; negative: as in connector.*'),
         _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
@@ -507,20 +514,22 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     ),
     'initial': (
         _s('group', '', '', 'group with an initial state other than the woven one', required=True),
-        _s('displacement', _ZERO3, 'm', 'displacement added to the woven positions'),
+        _s('displacement', _ZERO3, 'm', 'displacement added to the woven positions, world axes'),
         _s('rotation', _ZERO3, 'rad', 'rotation vector about each centre, world axes'),
-        _s('linear_velocity', _ZERO3, 'm/s', 'added velocity'),
-        _s('angular_velocity', _ZERO3, 'rad/s', 'added angular velocity'),
+        _s('linear_velocity', _ZERO3, 'm/s', 'added velocity, world axes'),
+        _s('angular_velocity', _ZERO3, 'rad/s', 'added angular velocity, world axes'),
         _s('file', '', '',
            'CSV with header, as snapshot.to_csv writes: body, any of x_m y_m z_m; qx qy qz qw; '
            'vx_m_s vy_m_s vz_m_s; wx_rad_s ... or wx_body_rad_s ...; replaces the woven state '
            'before the values above are added'),
     ),
     'bodies': (
-        _s('position', _ZERO3, 'm', 'centre of a loose body', RESTARTS, required=True),
+        _s('position', _ZERO3, 'm',
+           'centre of a loose body, which is no part of the weave; world frame',
+           RESTARTS, required=True),
         _s('orientation', [0.0, 0.0, 0.0, 1.0], '', 'quaternion x y z w, body to world', RESTARTS),
-        _s('linear_velocity', _ZERO3, 'm/s', 'velocity', RESTARTS),
-        _s('angular_velocity', _ZERO3, 'rad/s', 'angular velocity', RESTARTS),
+        _s('linear_velocity', _ZERO3, 'm/s', 'velocity, world axes', RESTARTS),
+        _s('angular_velocity', _ZERO3, 'rad/s', 'angular velocity, world axes', RESTARTS),
         _s('edge_length', 0.0, 'm',
            'outer edge length 2a of the shell; 0: shell.edge_length', RESTARTS, minimum=0.0),
         _s('mass', 0.0, 'kg',
