@@ -102,7 +102,7 @@ def integrate_rays(
         Increasing; the integrals run from the first to the last, and the density may be
         expected to jump at those between.
     tolerance
-        Error that a jump next to an end may hide, relative to the largest possible integral.
+        Of what a jump next to an end may hide, relative to the largest integral possible.
     panels
         Intervals to start with between two depths.
 

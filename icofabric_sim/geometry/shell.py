@@ -94,16 +94,7 @@ class Shell:
     def from_inner_edge_length(
             cls, edge_length: float, inner_edge_length: float, density: float, *,
             mass: float | None = None, inertia: float | None = None) -> 'Shell':
-        """
-        Make a shell from its outer and its inner edge.
-
-        Parameters
-        ----------
-        edge_length, inner_edge_length
-            2a and 2b [m].
-        density, mass, inertia
-            As in `from_thickness`.
-        """
+        """Make a shell from its outer and its inner edge, 2a and 2b [m]; see `from_thickness`."""
         half_edge = _half('shell.edge_length', edge_length)
         inner = _half('shell.inner_edge_length', inner_edge_length)
         return cls._uniform(
