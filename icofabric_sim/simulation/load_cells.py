@@ -51,10 +51,16 @@ _SPAN, _RADIANS = 1e-4, 1e-3
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ContactForces(AsTable):
-    """What touches in one state, with all that acts between the two."""
+    """
+    Contacts of one state, with all forces and torques between the two bodies.
+
+    Forces and torques about the centres are exact. The line of action of a normal force need not
+    pass through `point`, the centre of depth of the overlap, at which friction acts: the force is
+    the gradient of the energy of the overlap.
+    """
 
     bodies: np.ndarray  # (m, 2) int32; the second one -1 - k: plane k
-    point: np.ndarray  # (m, 3) [m] where the force acts, world
+    point: np.ndarray  # (m, 3) [m] centre of depth of the overlap, world
     force: np.ndarray  # (m, 3) [N] on the first body, damping and friction included, world
     overlap: np.ndarray  # (m,) [m]
     planes: tuple[str, ...]  # names
@@ -70,11 +76,11 @@ class ContactForces(AsTable):
     margin: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        """Leave out torques on planes."""
+        """Set torques on planes to 0."""
         self.second[self.bodies[:, 1] < 0, 3:] = 0.0
 
     def __repr__(self) -> str:
-        """Say how many there are, without the numbers."""
+        """Return the number of contacts in words."""
         planes = int(np.count_nonzero(self.bodies[:, 1] < 0))
         return (f'<ContactForces: {len(self.bodies) - planes:,} pairs of shells and '
                 f'{planes:,} of a shell and a plane touch>')
