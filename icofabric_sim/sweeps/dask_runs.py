@@ -165,7 +165,7 @@ class Pool:
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
-        """What Dask raises while a scheduler dies becomes one error."""
+        """Convert errors of Dask about a lost scheduler to SchedulerLost."""
         try:
             yield
         except SchedulerLost:
@@ -182,7 +182,7 @@ class Pool:
             return sum(self._client.nthreads().values())
 
     def _outcome(self, order: Order, future: Any) -> Outcome:
-        """What a future holds; what a worker cannot be blamed for is raised."""
+        """Return the outcome of a future. Raise if the scheduler is lost or a worker differs."""
         if future.status == 'cancelled' or not self._is_alive:
             raise self._gone()
         again = Outcome(order.number, order.key, State.BUSY)
@@ -212,7 +212,7 @@ class Pool:
 @contextmanager
 def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
     """
-    A local cluster of so many processes, or the workers of a scheduler.
+    Yield the workers of a new local cluster or of a running scheduler.
 
     `scheduler`: an address (tcp://host:8786), or the scheduler file of Dask (.json). ValueError
     where Dask is not installed, or none answers there; SchedulerLost where no processes can be
@@ -266,7 +266,7 @@ def _local_client(distributed: Any, workers: int, stack: ExitStack) -> tuple[Any
 
 
 def _address_of(scheduler: str) -> str:
-    """The address that was given, or stands in a file of Dask; ValueError where it is none."""
+    """Return a valid address, read from a scheduler file if given. Raise ValueError."""
     addressing = import_module('distributed.comm.addressing')
     get_backend = import_module('distributed.comm.registry').get_backend
     address, where = scheduler, 'scheduler'
@@ -326,7 +326,7 @@ def _about(store: str, identity: str) -> tuple[dict[str, str], bool]:
 
 
 def _drain(came: 'queue.SimpleQueue[Any]', patience: float) -> list[Any]:
-    """All that has come, or nothing after a while."""
+    """Return all finished futures; wait at most `patience` [s] for the first."""
     found = []
     with suppress(queue.Empty):
         found.append(came.get(timeout=patience))
@@ -337,7 +337,7 @@ def _drain(came: 'queue.SimpleQueue[Any]', patience: float) -> list[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What Dask logs about workers that come and go is said by the study itself."""
+    """Silence the log of Dask, because the sweep reports lost workers."""
     loggers = [logging.getLogger(name) for name in ('distributed', 'tornado', 'asyncio')]
     before = [logger.level for logger in loggers]
     for logger in loggers:

@@ -206,7 +206,7 @@ class PlainSlab:
         return self._k * float(np.abs(np.linalg.norm(reach, axis=1) - self._rest).max())
 
     def overlapping(self, place: np.ndarray) -> int:
-        """How many pairs overlap."""
+        """Count the pairs of shells that overlap."""
         position, turn = self.pose(place)
         return sum(self._push(position[b] - position[a], turn[a], turn[b])[0] > 0.0
                    for a, b in self._near(position))
@@ -271,7 +271,7 @@ class _Moment(NamedTuple):
 
 
 def _overlap(normals: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """The deepest point within all faces, and how deep it is; None where there is none."""
+    """Return the deepest point within all faces and its depth, or None without overlap."""
     found = linprog(
         [0.0, 0.0, 0.0, -1.0], A_ub=np.hstack([normals, np.ones((len(normals), 1))]),
         b_ub=heights, bounds=[(None, None)] * 4)
@@ -311,7 +311,7 @@ class _Polytope:
 
     def __init__(self, rows: np.ndarray, inside: np.ndarray, back: np.ndarray) -> None:
         """
-        Of rows (normal, -height) around a point within, in coordinates that `back` takes to ours.
+        Build from rows (normal, -height) and an inner point; `back` maps to outer coordinates.
         """
         size = np.linalg.norm(rows[:, :3], axis=1)
         kept = np.flatnonzero(size > 0.0)

@@ -47,13 +47,13 @@ _OF_CURVES: Final = ('curve', 'strength', 'cycle', 'independent')
 
 
 class Work(NamedTuple):
-    """What is done in each run."""
+    """Verbs and kept results of each run."""
 
     verbs: tuple[str, ...]
     keep: tuple[Phrase, ...]
 
     def of(self, verb: str) -> list[Phrase]:
-        """What is kept of a verb."""
+        """Return the kept results of a verb."""
         return [phrase for phrase in self.keep if verb in WORDS[phrase.word].verbs]
 
 
@@ -159,7 +159,7 @@ def _parse(text: Any) -> Phrase:
 
 
 def frequency_count(phrase: Phrase) -> int:
-    """How many frequencies a phrase asks for."""
+    """Return the requested number of frequencies."""
     if not phrase.arguments:
         return _FREQUENCIES
     text = phrase.arguments[0]
@@ -169,7 +169,7 @@ def frequency_count(phrase: Phrase) -> int:
 
 
 def sample_count(phrase: Phrase) -> int:
-    """How many waves along each axis of the zone a phrase asks for."""
+    """Return the requested number of waves along each axis of the Brillouin zone."""
     given = phrase.arguments[:-1] if phrase.arguments[-1:] == (_RELAXED,) else phrase.arguments
     if not given:
         return _BAND_SAMPLES
@@ -182,7 +182,7 @@ def sample_count(phrase: Phrase) -> int:
 
 
 def is_relaxed(phrases: Sequence[Phrase]) -> bool:
-    """Whether phrases of the endless fabric are about its rest; ValueError: some are."""
+    """Return True if all results are at the periodic equilibrium; ValueError if only some."""
     found = {phrase.arguments[-1:] == (_RELAXED,) for phrase in phrases}
     if len(found) > 1:
         raise ValueError(

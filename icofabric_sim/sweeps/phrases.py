@@ -39,7 +39,7 @@ class Phrase(NamedTuple):
     arguments: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return it as it is written."""
+        """Return the text of the phrase."""
         return ' '.join((self.word, *self.arguments))
 
 
@@ -58,7 +58,7 @@ class SlabCurve(NamedTuple):
 
 
 def curve_arguments(phrase: Phrase) -> SlabCurve:
-    """Load case of a phrase such as `curve pull 0.1 10 x` or `curve shear 0.1 10 xz`."""
+    """Return the load case of a phrase such as `curve shear 0.1 10 xz`."""
     kind, largest, points, axes = (*phrase.arguments, *('10', 'x')[len(phrase.arguments) - 2:])
     name = f'keep: {phrase.word}'
     checks.choice(f'{name}: KIND', kind, _CURVES)

@@ -49,7 +49,7 @@ ALONE: dict[str, Any] = {
 
 
 class Sample(NamedTuple):
-    """How ranges without a count are drawn from."""
+    """Sampling method, count and seed for ranges without a count."""
 
     method: str
     points: int
@@ -206,6 +206,6 @@ def _refuse_overlap(names: Sequence[str]) -> None:
 
 
 def _whole(base: Parameters, name: Name) -> list[Any]:
-    """The list of which one element varies, as it is in the base, or by default."""
+    """Return the full list, from the base or by default, of which one element varies."""
     found = base.get(name.parameter, find_specification(name.parameter).default)
     return list(found)  # type: ignore[arg-type]

@@ -56,7 +56,7 @@ def source_digest() -> str:
 
 @functools.cache
 def surroundings() -> dict[str, str]:
-    """What a result depends on beside its run: source, libraries, what kernels are made for."""
+    """Return the fingerprint of source, libraries and processor that results depend on."""
     from icofabric_sim.kernels.runtime.target import kernel_target
     from icofabric_sim.running.recording import library_versions
     return {

@@ -40,7 +40,7 @@ _WARNINGS = 20
 
 
 class Order(NamedTuple):
-    """What a worker has to know."""
+    """Input of a worker for one run."""
 
     number: int
     key: str
@@ -54,7 +54,7 @@ class Order(NamedTuple):
 
 
 class State(Enum):
-    """What became of an order."""
+    """Status of a run."""
 
     DONE = 'done'
     FAILED = 'failed'  # kept in the store, with the reason
@@ -63,7 +63,7 @@ class State(Enum):
 
 
 class Outcome(NamedTuple):
-    """What became of a run."""
+    """Status and results of a run."""
 
     number: int
     key: str
@@ -121,7 +121,7 @@ def store_unseen(who: str, store: Store) -> WorkersDiffer:
 
 
 def outcome_of(number: int, key: str, found: Finished, *, reused: bool) -> Outcome:
-    """What a store holds of a run, as an outcome."""
+    """Return the outcome of a run from its stored result."""
     return Outcome(
         number, key, State.FAILED if found.reason else State.DONE, found.columns, found.reason,
         reused)

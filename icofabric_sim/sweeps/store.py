@@ -44,7 +44,7 @@ _THERE_ALREADY = (errno.EEXIST, errno.ENOTEMPTY)
 
 
 class Finished(NamedTuple):
-    """What a store holds of a run."""
+    """Stored results of a run."""
 
     columns: tuple[Column, ...]
     reason: str  # why it failed; '': it did not
@@ -69,13 +69,13 @@ class Store:
 
     @property
     def identity(self) -> str:
-        """What tells it from every other store; '' where there is none."""
+        """Unique identifier of the store, '' without a store."""
         with suppress(FileNotFoundError, NotADirectoryError):
             return (self.path / _IDENTITY).read_text('ascii')
         return ''
 
     def is_one(self, identity: str = '') -> bool:
-        """Whether the folder is a store, and the one with an identity where that is given."""
+        """Return True if the folder is a store, with `identity` if given."""
         found = self.identity
         return bool(found) and identity in ('', found)
 
@@ -97,7 +97,7 @@ class Store:
             aside.unlink(missing_ok=True)
 
     def folder(self, key: str) -> Path:
-        """Where a run is, once it is finished."""
+        """Return the folder of a finished run."""
         return self.path / key
 
     def keys(self) -> set[str]:
@@ -108,7 +108,7 @@ class Store:
         return set()
 
     def read(self, key: str) -> Finished | None:
-        """A finished run; None where there is none, or a power failure has cut it short."""
+        """Return a finished run, or None if missing or truncated by a power failure."""
         folder = self.folder(key)
         for name in (_RESULT, _FAILURE):
             try:
@@ -165,7 +165,7 @@ class Store:
 
     @contextmanager
     def claim(self, key: str) -> Iterator[bool]:
-        """Whether this process may do a run; another one is at it, or was quicker, where not."""
+        """Yield True if this process may compute the run, False if another process does."""
         path = self.path / _LOCKS / key
         with open(path, 'ab') as file:
             try:
@@ -200,7 +200,7 @@ class Store:
         aside.replace(path)
 
     def file(self, total: str) -> bytes:
-        """What was kept under a SHA-256; OSError where it is damaged, or not there."""
+        """Return the file with a SHA-256. Raise OSError if missing or damaged."""
         path = self.path / _FILES / total
         content = path.read_bytes()
         if hashlib.sha256(content).hexdigest() != total:

@@ -38,7 +38,7 @@ _LARGEST = 16 * 2**20
 
 
 class StudyText(NamedTuple):
-    """What a study file says; parameters are not judged yet."""
+    """Contents of a sweep file, before validation of the parameters."""
 
     path: Path
     scene: Path
@@ -51,7 +51,7 @@ class StudyText(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """As SafeLoader, but 1e-3 is a number, and a name that is given twice an error."""
+    """SafeLoader that reads 1e-3 as a number and rejects duplicate keys."""
 
 
 _Loader.add_implicit_resolver(
@@ -76,7 +76,7 @@ _Loader.add_constructor('tag:yaml.org,2002:map', _mapping)
 
 
 def is_study(path: Path) -> bool:
-    """Whether a file describes a study; a parameter file of ROS has nodes at its top."""
+    """Return True for a sweep file; a parameter file of ROS starts with node names."""
     if path.suffix not in ('.yaml', '.yml') or not path.is_file():
         return False
     try:
@@ -87,7 +87,7 @@ def is_study(path: Path) -> bool:
 
 
 def parse_yaml(text: str) -> Any:
-    """What a text of YAML says, as in a study."""
+    """Parse YAML by the rules of sweep files."""
     return yaml.load(text, _Loader)
 
 

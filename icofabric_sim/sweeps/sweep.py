@@ -103,7 +103,7 @@ def sweep(
 
 
 class How(NamedTuple):
-    """Who does the runs."""
+    """Number of local workers, and address of a scheduler."""
 
     workers: int
     scheduler: str
@@ -144,9 +144,9 @@ class Study:
         store: str | os.PathLike[str] = _PLACE, judged: Judged | None = None
     ) -> 'Study':
         """
-        The same of parameters that need not be a scene without what varies.
+        Make a study of parameters that may be incomplete without the varied ones.
 
-        `judged` hears how many runs of how many are judged.
+        `judged` is called with the number of validated runs and of all runs.
         """
         study = cls.__new__(cls)
         study._prepare(parameters, {}, vary, verbs, keep, cases, sample, store, judged)
@@ -204,7 +204,7 @@ class Study:
             number, key, parameters.given(), known, self.work, around, str(self.store.path))
 
     def finished(self) -> dict[int, Outcome]:
-        """What the store has of this study."""
+        """Return the runs of this study that the store has, by number."""
         keys = self.store.keys()
         found: dict[int, Outcome] = {}
         for order in self.orders:
@@ -272,9 +272,9 @@ class Study:
 
 def _kind(parameters: Parameters) -> tuple[Any, ...]:
     """
-    What kernels depend on: words, and which terms are there at all.
+    Return the key of the kernel variant: texts, flags, and which numbers differ from 0.
 
-    Of what is counted (`weave.size`, seeds) none compiles anything.
+    Integers (`weave.size`, seeds) do not change kernels.
     """
     found: list[Any] = []
     for name, value in sorted(parameters.items()):

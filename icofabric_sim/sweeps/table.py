@@ -35,7 +35,7 @@ _RUN, _STATE, _REASON, _KEY = 'run', 'state', 'reason', 'key'
 
 class SweepTable(AsTable):
     """
-    What a study found: columns by their names, with units.
+    Results of a sweep: columns by name, with units.
 
     `table['elasticity.density']` is an array, NaN where a run has failed; `units` says what in.
     `to_csv`, `to_parquet` and `to_pandas` name columns with their units, as in

@@ -39,7 +39,7 @@ class Name(NamedTuple):
 
     @property
     def is_integer(self) -> bool:
-        """Whether it counts something."""
+        """True if the parameter is an integer."""
         default = find_specification(self.parameter).default
         return type(default[0] if isinstance(default, list) else default) is int
 
@@ -50,7 +50,7 @@ class Name(NamedTuple):
 
 
 class Range(NamedTuple):
-    """From `low` to `high`, in so many `parts`; None: to be sampled."""
+    """Range from `low` to `high` in `parts` values; None: to be sampled."""
 
     low: float
     high: float
