@@ -258,7 +258,8 @@ def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
         if scale > 0.0:
             parts.append(f'{label} {float(np.linalg.norm(after - before)) / scale:.1e}')
     if parts:
-        rows.append(('', f'relative change {", ".join(parts)} of the sum over the bodies'))
+        rows.append(('', f'relative change: {", ".join(parts)} '
+                         '(of the sum of magnitudes over the bodies)'))
     return rows
 
 

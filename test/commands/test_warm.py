@@ -51,7 +51,7 @@ def test_a_run_finds_what_was_compiled(tmp_path):
     scene.write_text(SMALL)
     done = icofabric('warm', str(scene), '--processes', '2', cache=cache)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith('1 kind of kernels is ready')
+    assert done.stdout.startswith('1 kernel variant is ready')
     entries = {path.name for path in cache.rglob('*.nbc')}
     assert len(entries) > 20
     ran = icofabric(
@@ -116,7 +116,7 @@ def test_a_kind_that_cannot_be_compiled_is_named_and_the_others_are(monkeypatch,
     monkeypatch.setattr(warm, 'variants_of', lambda scenes: iter([kind for kind, _ in results]))
     assert main(['warm']) == FAILED
     said = capsys.readouterr()
-    assert said.out.startswith('1 kind of kernels is ready')
+    assert said.out.startswith('1 kernel variant is ready')
     assert said.err.strip() == 'icofabric warm: not compiled: b, x 1.0: no memory'
 
 

@@ -95,7 +95,7 @@ def test_what_chooses_nobody_is_refused(changes, words):
 
 
 @pytest.mark.parametrize('changes, words', [
-    ({'frame_id': '', 'tf.group': 'tip'}, "frame_id is '': tf2 refuses an empty one"),
+    ({'frame_id': '', 'tf.group': 'tip'}, "frame_id is '': tf2 refuses an empty parent frame"),
     ({'frame_id': '/world'}, "frame_id is '/world': tf2 refuses a leading /"),
     ({'frame_id': 'icosahedron_3'}, 'this is the frame of a body'),
     ({'frame_id': 'icosahedron'}, 'this is the frame of a body')])

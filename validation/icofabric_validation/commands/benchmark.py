@@ -25,7 +25,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 import warnings
 
-from icofabric_sim.checks import number_in
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, Progress, require_place
@@ -131,6 +130,8 @@ def read_tables(paths: list[Path]) -> dict[str, list[dict[str, Any]]]:
 
 
 def _number(text: str) -> Any:
+    from icofabric_sim.checks import number_in
+
     try:
         value = number_in(text)
     except ValueError:

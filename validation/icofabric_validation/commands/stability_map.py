@@ -17,7 +17,6 @@ import argparse
 import math
 from pathlib import Path
 
-from icofabric_sim.checks import number_in
 from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.commands.rest_outputs import picture_path
 from icofabric_sim.terminal import InputError, require_place
@@ -106,6 +105,8 @@ def _products(text: str | None) -> tuple[float, ...] | None:
     """Return the requested products of step and largest frequency; None: those of each method."""
     if text is None:
         return None
+    from icofabric_sim.checks import number_in
+
     try:
         products = tuple(number_in(word) for word in text.split(','))
     except ValueError:

@@ -391,8 +391,8 @@ def test_step_speed_from_end_to_end(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize('words, told', [
-    (['seconds'], "no measurement 'seconds'"),
-    (['speed', '--peers', 'bullet'], "no peer 'bullet'"),
+    (['seconds'], "unknown measurement 'seconds'"),
+    (['speed', '--peers', 'bullet'], "unknown peer 'bullet'"),
     (['speed', '--rounds', '0'], '--rounds must be at least 1'),
     (['scaling', '--largest', '5'], '--largest must be 63 to'),
 ])

@@ -123,7 +123,7 @@ def test_a_part_whose_runs_fail_says_so_and_ends_with_1(tmp_path, capsys, monkey
     pytest.param(level, marks=[pytest.mark.long] if level else []) for level in Level])
 def test_all_parts_are_judged_before_anything_starts(level, tmp_path, capsys):
     assert study(tmp_path, '--part', 'nothing') == 2
-    assert 'there are: constants, slabs' in capsys.readouterr().err
+    assert 'unknown part; choose from constants, slabs' in capsys.readouterr().err
     for part in PARTS.values():
         for name, stage in part.stages(level).items():
             judged = make_study(stage, tmp_path / 'none')
@@ -192,7 +192,7 @@ def test_places_of_mechanisms_add_up_to_their_number(weave):
 
 def test_where_mechanisms_are_is_refused_for_large_fabrics_by_name():
     scene = ico.Scene.from_parameters({'weave.size': [11, 11, 11], 'contact.mode': 'never'})
-    with pytest.raises(ParameterError, match='weave.size: .* at most 3,000 freedoms'):
+    with pytest.raises(ParameterError, match='weave.size: .* at most 3,000 degrees of freedom'):
         find_floppy(scene)
 
 

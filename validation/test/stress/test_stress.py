@@ -769,7 +769,7 @@ def test_many_random_scenes():
 
 
 @pytest.mark.parametrize('words, status, said', [
-    (['--kinds', '3-99'], 2, 'must be within 0 to'), (['--kinds', 'x'], 2, 'no number'),
+    (['--kinds', '3-99'], 2, 'must be within 0 to'), (['--kinds', 'x'], 2, 'neither a number nor'),
     (['--scenes', '0'], 2, '--scenes must be'), (['--seed', '-1'], 2, '--seed must be'),
     (['--shrink'], 2, '--shrink needs --seed'), (['--processes', '0'], 2, '--processes must be')])
 def test_words_that_make_no_sense(words, status, said, capsys):
