@@ -333,7 +333,7 @@ def test_what_cannot_be_recovered(tmp_path: Path) -> None:
     with pytest.raises(BagError, match='does not exist'):
         recover_bag(tmp_path / 'nothing', tmp_path / 'whole')
     (tmp_path / 'empty').mkdir()
-    with pytest.raises(BagError, match='holds no .mcap or .db3 file'):
+    with pytest.raises(BagError, match='contains no .mcap or .db3 file'):
         recover_bag(tmp_path / 'empty', tmp_path / 'whole')
     for name in ('noise.mcap', 'noise.db3', 'none.mcap', 'none.db3'):
         (tmp_path / name).write_bytes(b'noise' * 100 if 'noise' in name else b'')
@@ -355,7 +355,7 @@ def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
     with BagReader(tmp_path / 'bag') as reader, pytest.raises(BagError, match='is damaged'):
         list(reader.messages())
     report = recover_bag(tmp_path / 'bag', tmp_path / 'whole')
-    assert 'bag_0.mcap: the chunk at byte' in report.damage and 'left out' in report.damage
+    assert 'bag_0.mcap: the chunk at byte' in report.damage and 'skipped' in report.damage
     with BagReader(tmp_path / 'whole') as reader:
         found = list(reader.messages())
     kept = iter(records)

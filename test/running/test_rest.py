@@ -137,7 +137,7 @@ def test_what_contacts_bear_is_told_and_recorded():
     runner = Runner(ico.compile_scene(scene), [sink])
     with Beside(runner):
         said = runner.solve_equilibrium().result(LIMIT)
-    assert '1 contact, the largest force 29.4 N, on body 0, largest resultant ' in said
+    assert '1 contact, largest force 29.4 N, on body 0, largest resultant ' in said
     [facts] = events(sink)
     assert facts['contacts']['second'] == ['planes.floor']
     rubs = Runner(ico.compile_scene(scene.with_changes({'contact.friction': 0.3})), [])

@@ -62,7 +62,8 @@ class ReplayReport:
         if moving and 0.0 < status.rate < _SLOW_RATIO * status.wanted_rate:
             level = WARN
             sentence = (
-                f'below the requested rate: {status.rate:.3g}, limited by reading the bag')
+                f'rate {status.rate:.3g}, below the requested {status.wanted_rate:.3g}: limited '
+                'by reading the bag')
         if warning:
             level, sentence = WARN, warning
         if status.failure:

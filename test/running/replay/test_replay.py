@@ -235,7 +235,7 @@ def test_frames_are_played_where_it_is_clear_whose_they_are(tmp_path):
 def test_bag_without_poses_needs_a_name(tmp_path):
     found = [record for record in RECORDS if not record[1].endswith('/poses')]
     write_bag(tmp_path / 'bag', found)
-    with pytest.raises(BagError, match='holds no poses .* the parameter fabric. Topics: /b/fab'):
+    with pytest.raises(BagError, match='contains no poses .* the parameter fabric. Topics: /b/fa'):
         ReplaySource(tmp_path / 'bag')
     with ReplaySource(tmp_path / 'bag', fabric=NODE) as source:
         assert play(source).of('~/connectors') == recorded('~/connectors')
@@ -378,7 +378,7 @@ def test_steps_go_from_poses_to_poses(source):
         assert decode_clock(sink.of('/clock')[-1]) == POSE_TIMES[5]
         assert sorted(set(sink.of('~/poses'))) == sorted(pose(t) for t in POSE_TIMES[:6])
         now(beside.player.seek(END))
-        with pytest.raises(RuntimeError, match='no poses follow t = 2.000000000 s; call ~/reset'):
+        with pytest.raises(RuntimeError, match='no poses after t = 2.000000000 s; call ~/reset'):
             now(beside.player.step())
         assert now(beside.player.reset()) == 0
         assert now(beside.player.step()) == POSE_TIMES[1]
