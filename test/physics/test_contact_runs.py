@@ -409,7 +409,7 @@ def test_a_given_step_too_long_for_what_may_touch_is_refused_at_the_start():
 
 
 def test_a_plane_without_a_direction_is_refused():
-    with pytest.raises(ico.ParameterError, match=r'planes\.floor\.normal must point somewhere'):
+    with pytest.raises(ico.ParameterError, match=r'planes\.floor\.normal must be a nonzero'):
         make_scene((1, 1, 1), {'planes.floor.normal': [0.0, 0.0, 0.0]})
 
 

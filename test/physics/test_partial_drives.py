@@ -181,7 +181,7 @@ def test_reactions_are_those_of_driven_freedoms():
     ({'drives.d.freedoms': 'tx', 'drives.e.group': 'high', 'drives.e.freedoms': 'tx ty'},
      ['drives.e.group', 'already moved by drives.d', 'different freedoms']),
     ({'drives.d.freedoms': 'tx', 'drives.e.group': 'corner', 'drives.e.freedoms': 'ty'},
-     ['drives.e.group', 'must have the same ones']),
+     ['drives.e.group', 'must have the same bodies']),
     ({'drives.d.freedoms': 'tx', 'anchors.a.body': 13, 'anchors.a.position': [0.0, 0.0, 1.0]},
      ['anchors.a.body', 'drives.d']),
     ({'drives.d.freedoms': 'tx rotation', 'tractions.t.group': 'corner',

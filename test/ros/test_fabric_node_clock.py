@@ -145,7 +145,7 @@ def test_clock_of_a_fabric_that_is_paused_at_the_start_is_0_until_its_first_step
         client.wait_for(lambda: len(ticks) > 2, 'repeated ticks')
         assert set(ticks) == {0}
         [said] = node.lines('started paused')
-        assert '[INFO]' in said and '/clock stays 0 until ~/pause' in said
+        assert '[INFO]' in said and '/clock stays at 0 until ~/pause' in said
         assert client.call('~/step').success
         client.wait_for(lambda: ticks[-1] > 0, 'a time')
         assert node.stop() == 0

@@ -121,7 +121,7 @@ def test_nothing_to_record_to(client):
     assert not answer.success
     assert 'record.path' in answer.message and '/icofabric' in answer.message
     answer = client.call('~/record', 'std_srvs/srv/SetBool', data=False)
-    assert answer.success and 'nothing' in answer.message
+    assert answer.success and 'not active' in answer.message
 
 
 def test_nowhere_to_keep_checkpoints(client):
@@ -252,7 +252,7 @@ def test_too_many_requests_are_refused(client):
     client.settle()
     assert len(futures) - len(refused()) >= MAX_PENDING_REQUESTS
     for answer in refused():
-        assert not answer.success and f'{MAX_PENDING_REQUESTS} requests wait' in answer.message
+        assert not answer.success and f'{MAX_PENDING_REQUESTS} requests are' in answer.message
     # The parameter services do not wait, and neither does what was begun.
     client.set(step_count=1)
     assert client.get('step_count') == [1]

@@ -208,7 +208,7 @@ def test_arguments_that_nobody_declared_are_refused(launched, tmp_path, monkeypa
     file = f'{name}.launch.py'
     with pytest.raises(RuntimeError, match=rf'rvix:=true: {file} has no .* did you mean rviz\?'):
         begun_by('icofabric_sim', file, 'rvix:=true')
-    with pytest.raises(RuntimeError, match='no argument zzz; it takes .*rviz.*--show-args'):
+    with pytest.raises(RuntimeError, match='no argument zzz; allowed: .*rviz.*--show-args'):
         begun_by(f'/a/{file}', 'rviz:=false', 'zzz:=1')
     assert begun_by('icofabric_sim', file, 'rviz:=true')
     # A launch file that includes this one has arguments of its own.

@@ -325,7 +325,7 @@ COMMAND_LINES = {
     'rate must lie in 0 to 1e+06, got -2.0': ['{bag}', '--ros-args', '-p', 'rate:=-2.0'],
     'start_offset: 3 s is beyond the end: the bag is 2 s long':
         ['{bag}', '--ros-args', '-p', 'start_offset:=3'],
-    "holds no topics of '/c'; fabrics in it: /b/fabric, /icofabric":
+    "contains no topics of '/c'; fabrics in it: /b/fabric, /icofabric":
         ['{bag}', '--ros-args', '-p', 'fabric:=/c'],
 }
 
