@@ -227,7 +227,7 @@ def test_a_slider_changes_a_parameter(shown, page):
 
 def test_a_refusal_is_shown_in_words(shown, page):
     page.click(control(page, 'Start recording'))
-    page.wait_for("document.body.innerText.includes('nothing to record with')", 'no refusal')
+    page.wait_for("document.body.innerText.includes('recording is not available')", 'no refusal')
     page.wait_for("document.body.innerText.includes('refused')", 'it does not say so')
 
 
