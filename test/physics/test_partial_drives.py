@@ -185,7 +185,7 @@ def test_reactions_are_those_of_driven_freedoms():
     ({'drives.d.freedoms': 'tx', 'anchors.a.body': 13, 'anchors.a.position': [0.0, 0.0, 1.0]},
      ['anchors.a.body', 'drives.d']),
     ({'drives.d.freedoms': 'tx rotation', 'tractions.t.group': 'corner',
-      'tractions.t.pressure': 1.0}, ['tractions.t.group', 'drives.d', 'turns']),
+      'tractions.t.pressure': 1.0}, ['tractions.t.group', 'drives.d', 'rotates']),
     ({'drives.d.freedoms': 'tx', 'supports.s.group': 'corner', 'supports.s.fix': 'tx'},
      ['held by a support', 'drives.d.freedoms']),
 ])
