@@ -77,7 +77,7 @@ def test_film_of_a_bag_moves_and_is_the_same_again(
     films = [tmp_path / name for name in ('one.gif', 'two.gif')]
     for film in films:
         assert main(['film', str(bag), str(film), *SMALL, '--to', '0.2']) == 0
-    assert '5 pictures' in capsys.readouterr().out
+    assert '5 frames' in capsys.readouterr().out
     assert films[0].read_bytes() == films[1].read_bytes()
     frames = frames_of(films[0])
     assert len(frames) == 5 and frames[0].shape == (320, 320, 3)
@@ -129,7 +129,7 @@ def test_film_as_mp4(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[st
     imageio_ffmpeg = pytest.importorskip('imageio_ffmpeg')
     film = tmp_path / 'films' / 'swing.mp4'
     assert main(['film', str(bag), str(film), *SMALL, '--speed', '0.5']) == 0
-    assert '13 pictures, 0.65 s' in capsys.readouterr().out
+    assert '13 frames, 0.65 s' in capsys.readouterr().out
     assert [path.name for path in film.parent.iterdir()] == ['swing.mp4']
     said = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), '-i', str(film), '-f', 'null', '-'],

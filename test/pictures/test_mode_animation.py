@@ -74,7 +74,7 @@ def test_swings_as_a_bag(beam, modes, tmp_path):
         assert {'poses', 'connectors', 'weave'} <= {
             name.rpartition('/')[2] for name in source.topics}
     lines = '\n'.join(summarise_bag(folder).lines())
-    assert 'nothing was simulated' in lines and 'killed' not in lines
+    assert '; not simulated' in lines and 'killed' not in lines
 
 
 def test_the_verb(tmp_path, capsys):
@@ -86,9 +86,9 @@ def test_the_verb(tmp_path, capsys):
     assert 'animation' in capsys.readouterr().err
     for more, word in (
             ([str(bag)], 'exists'), ([str(tmp_path / 'a.mp4')], '.gif'),
-            ([str(tmp_path / 'a.gif'), '--mode', '2'], 'no mode 2'),
+            ([str(tmp_path / 'a.gif'), '--mode', '2'], 'mode 2 does not exist'),
             ([str(tmp_path / 'a.gif'), '--mode', '-1'], 'from 0'),
-            ([str(tmp_path / 'b'), '--mechanism', '500'], 'no motion without energy 500')):
+            ([str(tmp_path / 'b'), '--mechanism', '500'], 'motion 500 does not exist')):
         assert main([*few, *more]) == 2
         assert word in capsys.readouterr().err
     assert main(['modes', scene, '--mode', '1']) == 2

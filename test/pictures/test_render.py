@@ -451,7 +451,7 @@ def test_verb_draws_frames_and_sheet(
     capsys.readouterr()
     for words, named in (
         (['--times', '7'], '0.3 s'), (['--every', '0'], '--every'), (['--frames', '0'], 'frames'),
-        (['--times', 'nan'], '--times'), (['--output', 'a'], 'a holds frames'),
+        (['--times', 'nan'], '--times'), (['--output', 'a'], 'a already contains frames'),
         (['--from', '7'], '--from 7 s'), (['--from', '0.2', '--to', '0.1'], 'before --from'),
         (['--camera', '3'], '--camera'), (['--camera', '0', '95'], '--camera'),
         (['--camera', '0', '5', '-1'], 'distance'), (['--bodies', 'nowhere'], 'bodies'),
