@@ -24,7 +24,7 @@ def test_killed_runs_are_recovered_and_verify():
     done = subprocess.run(
         [sys.executable, '-m', 'icofabric_validation.robustness.kill_recovery', '--kills', '3',
          '--longest', '1.5', '--limit', '20', '--seed', str(os.getpid())],
-        text=True, capture_output=True, timeout=300)
+        text=True, capture_output=True, timeout=500)
     assert done.returncode == 0, done.stdout + done.stderr
     head, *kills, last = done.stdout.splitlines()
     assert last.startswith('lost at most') and '3 of 3 good' in last
