@@ -14,7 +14,7 @@
 """
 Count what docs/style.md asks of names, docstrings, messages and pages.
 
-    .venv/bin/python docs/language.py [ROOT] [--list RULE] [--max N] [--rooms]
+    .venv/bin/python docs/language.py --rooms
 
 One line for each rule: its count and the number of places examined. `--list` prints the places,
 `--rooms` the counts by room of the package and by page.

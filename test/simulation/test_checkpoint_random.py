@@ -62,7 +62,7 @@ def figures(simulation: ico.Simulation) -> dict[str, Any]:
     shown.update({name: getattr(simulation.status, name) for name, member in inspect.getmembers(
         SimulationStatus) if isinstance(member, property) and not name.startswith('_')})
     # Evaluations for states that were shown count where they were shown.
-    del shown['estimation_count']
+    del shown['estimation_count'], shown['shown_count']
     shown['time'] = simulation.time
     found = {name: bits(value) for name, value in shown.items()}
     # What it is all about is among them.
