@@ -266,7 +266,7 @@ def test_work_over_free_flight_is_the_integral_of_power(spin, direction, frictio
 @pytest.mark.parametrize('changes, name, words', [
     ({'faces': ''}, 'tractions.t.faces', 'empty'),
     ({'faces': 'numbers 21'}, 'tractions.t.faces', 'faces are numbered 1 to 20'),
-    ({'faces': 'toward 0 0 0'}, 'tractions.t.faces', 'length'),
+    ({'faces': 'toward 0 0 0'}, 'tractions.t.faces', 'nonzero vector'),
     ({'faces': 'within 4 0 0 1'}, 'tractions.t.faces', 'pi'),
     ({'faces': 'top'}, 'tractions.t.faces', 'unknown'),
     ({'faces': 'numbers 1 and numbers 2'}, 'tractions.t.faces', 'no face'),

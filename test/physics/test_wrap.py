@@ -784,7 +784,7 @@ def test_what_finds_no_way_is_said(caplog):
     {'connector.attachment.up': [0.001, 0.0, 0.012]}])
 def test_points_within_a_shell_are_refused(changes):
     name, = changes
-    with pytest.raises(ParameterError, match='within the shell.*connector.obstruction wrap') as of:
+    with pytest.raises(ParameterError, match='inside the shell.*connector.obstruction wrap') as of:
         make_scene((2, 2, 2), {**WRAP, **changes})
     assert of.value.name == name and repr(changes[name]) in str(of.value)
     assert make_scene((2, 2, 2), {**changes, 'connector.obstruction': 'warn'}).body_count
