@@ -144,12 +144,13 @@ def restitution(damping: float, speed: float) -> float:
         return 1.0
     if u == math.inf:
         return 0.0
+    most = math.sqrt((1.0 - SLIDER_RATIO) / (1.0 + SLIDER_RATIO))
     if u < 1e-3:
-        return math.sqrt((1.0 - SLIDER_RATIO) / (1.0 + SLIDER_RATIO))
+        return most
     whole = u - math.log1p(u)
     # In z = -ln(1 - e u) the unknown has no bounds.
     z: float = brentq(lambda z: math.expm1(-z) + z - whole, 0.0, whole + 1.0, xtol=1e-16)
-    return min(-math.expm1(-z) / u, math.sqrt((1.0 - SLIDER_RATIO) / (1.0 + SLIDER_RATIO)))
+    return min(-math.expm1(-z) / u, most)
 
 
 def damping_for(wanted: float, speed: float) -> float:

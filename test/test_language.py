@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     'parameters', 'scene', 'messages', 'bag', 'running', 'pictures', 'viewer',
     'commands', 'ros')
-CEILINGS = {'docstrings': 661, 'constants': 172, 'words': 328, 'sections': 1}
+CEILINGS = {'docstrings': 626, 'constants': 172, 'words': 307, 'sections': 1}
 
 
 @pytest.fixture(scope='module')

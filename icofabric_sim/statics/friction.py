@@ -45,7 +45,7 @@ import numpy as np
 # Step of force differences, as a ratio to a and in rad.
 _DIFFERENCE_STEP = 1e-6
 _EYE = np.eye(3)
-# What a path knows of each pair.
+# Fields with a row for each pair.
 _OF_PAIRS = ('pairs', 'arms', 'axes', 'normal', 'radius', 'before', 'limit')
 
 # Smallest relaxation factor of friction limits in a round.

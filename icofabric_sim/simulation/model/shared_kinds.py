@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 """
-Records without the terms that a kernel does not read, so that kinds of scenes share it.
+Leave out of a record the terms that a kernel does not read, so that scenes share the kernel.
 
-The type of a record says which of its fields are None, and each type is compiled for.
+Numba compiles a kernel for each type of its records, and the type tells which fields are None.
 """
 
 from typing import Generic, TypeVar
@@ -23,34 +23,34 @@ from icofabric_sim.kernels.records import Record
 
 Kind = TypeVar('Kind', bound=Record)
 
-# Terms of a model that neither springs nor moments of connectors depend on.
+# Terms of a model that springs and moments of connectors do not depend on.
 BESIDE_CONNECTORS = (
     'damping', 'drag', 'magnet', 'dipole', 'coulomb', 'shells', 'wrapping', 'contacts', 'masses',
     'maxwell', 'gyration')
-# Terms without which it has the same accelerations, loads and losses apart.
+# Terms of a model that accelerations do not depend on, apart from loads and losses.
 BESIDE_ACCELERATIONS = ('damping', 'drag', 'magnet', 'shells', 'masses')
-# All terms of a model but gravity and supports, which are of its type in any case.
+# All terms of a model except gravity and supports, which never change its type.
 TERMS = ('links', 'bending', 'twisting', *BESIDE_CONNECTORS)
-# What acts and is not the path of a drive.
+# Loads other than the paths of drives.
 BESIDE_DRIVES = ('varying', 'tractions', 'anchors')
 
 
 def without(record: Kind, *names: str) -> Kind:
-    """Return the record with these fields None; itself where they are."""
+    """Return the record with these fields set to None; the same object if they are None."""
     there = [name for name in names if getattr(record, name) is not None]
     return record._replace(**dict.fromkeys(there)) if there else record
 
 
 class Without(Generic[Kind]):
-    """The same of one record after another, each of which is asked for often."""
+    """Callable form of `without` that remembers the last record."""
 
     def __init__(self, *names: str) -> None:
-        """Leave out these fields."""
+        """Set these fields to None."""
         self._names = names
         self._last: tuple[Kind, Kind] | None = None
 
     def __call__(self, record: Kind) -> Kind:
-        """Return it without them."""
+        """Return the record without the fields."""
         last = self._last
         if last is None or last[0] is not record:
             self._last = last = record, without(record, *self._names)

@@ -50,7 +50,7 @@ class StepInProgress:
         self._trajectory, self._contact, self._trials = trajectory, contact, trials
         self._has_dense = False
         self._room: State | None = None
-        # For states within it, which need paths of drives only.
+        # For states within the step, which need only the paths of drives.
         self._bodies = without(trajectory.model, *TERMS)
         self._drives_of: Without[Loads] = Without(*BESIDE_DRIVES)
 

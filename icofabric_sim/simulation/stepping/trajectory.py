@@ -94,7 +94,7 @@ class Trajectory:
         self.broken = Broken(packed)
         # Of what acts, which knows of them when it is packed; None: no anchor breaks.
         self.anchor_breaks = anchor_breaks
-        # For looks at the state, which do not depend on what takes the steps.
+        # For evaluations of a state, which do not depend on the method.
         self._room_of: Without[Work] = Without('trail', 'breakage', 'external', 'kinks')
         self._forces_of: Without[Model] = Without(*BESIDE_ACCELERATIONS)
         self._springs = without(packed.model, 'bending', 'twisting', *BESIDE_CONNECTORS)
@@ -351,7 +351,7 @@ class Trajectory:
             self.time if time is None else time, 0, last)
 
     def place_points(self, state: State | None = None) -> None:
-        """Have the attachment points of the present state, or of a given one, in the room."""
+        """Compute the attachment points of the present state, or of a given one."""
         place_all(
             self._springs, self.state if state is None else state, self._room_of(self.work), 0,
             len(self._springs.blocks.slot))
