@@ -22,6 +22,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from typing import NamedTuple
 
@@ -458,17 +459,29 @@ def test_terminal_shows_a_bar_with_the_time_left(tmp_path: Path) -> None:
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=theirs,
         env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
     os.close(theirs)
-    shown = b''
+    shown = bytearray()
+
+    def read_terminal() -> None:
+        # A terminal that nobody reads fills up, and the run would wait for room in it.
+        try:
+            while text := os.read(ours, 4096):
+                shown.extend(text)
+        except OSError:  # the other end was closed
+            pass
+
+    reader = threading.Thread(target=read_terminal, daemon=True)
+    reader.start()
     try:
         end = time.monotonic() + 120.0
         while b'left' not in shown and time.monotonic() < end:
-            shown += os.read(ours, 4096)
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=300)
     finally:
         process.kill()
+        reader.join(10.0)
         os.close(ours)
-    assert process.returncode == 130
+    assert process.returncode == 130, shown.decode()
     assert re.search(r'\[[#.]+\] \S+ of 1e\+05 s, about \S+ (s|min|h) left', shown.decode())
 
 

@@ -30,7 +30,7 @@ def test_node_moves_a_drive_by_its_topic(tmp_path):
 
         client.wait_for(lambda: poses, 'poses')
         for problem, said in (
-                ({'frame': 'elsewhere'}, "a drive moves in the world, so it must be ''"),
+                ({'frame': 'elsewhere'}, "a drive moves in the world frame, so it must be ''"),
                 ({'x': float('nan')}, 'not finite')):
             send(**problem)
             client.wait_for(lambda: node.lines(said), said)  # noqa: B023
