@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Terminal output of the verbs: progress with the remaining time, notes, errors."""
 
 from collections import deque
@@ -26,7 +15,7 @@ import time
 from types import TracebackType
 from typing import Self, TextIO
 
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+from icofabric_sim.process.compile_notice import compile_notice
 
 # Wall time between two updates of the bar [s], and between two lines without a terminal.
 _REDRAW_S, _LINE_INTERVAL_S = 0.1, 10.0

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Installs of the package follow each other in any order, and make repairs its own."""
 import os
 from pathlib import Path
@@ -27,7 +16,7 @@ PARTS = ('.ci', 'LICENSE', 'MANIFEST.in', 'Makefile', 'config', 'icofabric_sim',
 LEFT_OUT = shutil.ignore_patterns(
     '__pycache__', 'bag', 'benchmarks', 'geometry', 'messages', 'named', 'pictures', 'ros',
     'running', 'scene', 'simulation', 'statics', 'stress', 'sweeps', 'test', 'viewer')
-MODULE = 'icofabric_sim.kernels.runtime.compile_notice'
+MODULE = 'icofabric_sim.process.compile_notice'
 LIBRARIES = sysconfig.get_path('purelib')
 
 

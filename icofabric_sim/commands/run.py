@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """`icofabric run SCENE`."""
 
 import argparse
@@ -23,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.devices.launcher import (
     launched_ranks,
     lead_or_serve,
@@ -139,7 +128,7 @@ class _Run:
 
     def run(self) -> int:
         from icofabric_sim.commands.run_summary import broken_off_summary, run_summary
-        from icofabric_sim.kernels.runtime.compile_notice import compile_notice
+        from icofabric_sim.process.compile_notice import compile_notice
         from icofabric_sim.running.diagnostics import HealthReport
         from icofabric_sim.running.runner import Runner
 
@@ -227,7 +216,7 @@ class _Run:
             self.interrupted = True
             runner.stop()
             # Code that does not poll for signals, mainly the compiler, is interrupted.
-            leaving.request()
+            exit_request.request()
 
         before = {number: signal.signal(number, stop)
                   for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -237,7 +226,7 @@ class _Run:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-            leaving.withdraw()
+            exit_request.withdraw()
 
 
 def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Parameters':

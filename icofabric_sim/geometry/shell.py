@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 The rigid shell between two concentric icosahedra: lengths, volume, mass and isotropic inertia.
 
@@ -84,6 +73,16 @@ class Shell:
             were distributed like the shell.
         inertia
             [kg m^2]. None or 0: as above. Else it overrides.
+
+        Returns
+        -------
+        Shell
+
+        Raises
+        ------
+        ValueError
+            A length, density, mass or inertia is out of its range.
+
         """
         half_edge = _half('shell.edge_length', edge_length)
         return cls._uniform(
@@ -94,7 +93,28 @@ class Shell:
     def from_inner_edge_length(
             cls, edge_length: float, inner_edge_length: float, density: float, *,
             mass: float | None = None, inertia: float | None = None) -> 'Shell':
-        """Make a shell from its outer and its inner edge, 2a and 2b [m]; see `from_thickness`."""
+        """
+        Make a shell of uniform density from its outer and its inner edge.
+
+        Parameters
+        ----------
+        edge_length, inner_edge_length
+            2a and 2b [m], 0 < b < a.
+        density
+            rho [kg/m^3].
+        mass, inertia
+            [kg] and [kg m^2], as in `from_thickness`.
+
+        Returns
+        -------
+        Shell
+
+        Raises
+        ------
+        ValueError
+            A length, density, mass or inertia is out of its range.
+
+        """
         half_edge = _half('shell.edge_length', edge_length)
         inner = _half('shell.inner_edge_length', inner_edge_length)
         return cls._uniform(

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """The simulation node: a runner in its own thread, and its translation to the ROS graph."""
 
 from collections.abc import Callable
@@ -24,11 +13,11 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.bag.folder import BagError, require_new
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.libraries import require_library
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
+from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.ros.answers import Answers
 from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.input_topics import InputTopics

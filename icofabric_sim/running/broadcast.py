@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Outputs of a run: messages that are due and requested, built once and sent to every sink."""
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,12 +8,12 @@ import json
 import time as wall
 from typing import Any, Protocol, runtime_checkable, TYPE_CHECKING
 
-from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages import StringBytes, topics, UInt8MultiArrayBytes
 from icofabric_sim.messages.schedule import Schedule, seconds
 from icofabric_sim.messages.topics import Outputs, Topic
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running.load_cell_kernels import LoadCellKernels
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.running.views import Views

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 Changes of a running scene: built in a separate thread, swapped in between two steps.
 
@@ -26,11 +15,11 @@ import threading
 import time
 from typing import NamedTuple, TYPE_CHECKING
 
-from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import no_compiling
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.changes import rebuilds, with_immediate_changes
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce

@@ -1,23 +1,12 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Description of the limit of a run's step, and of its start time."""
 
 import time as wall
 
-from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running.run_records import step_limit
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of

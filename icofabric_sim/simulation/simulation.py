@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """A compiled scene that advances in time."""
 
 from collections.abc import Callable
@@ -22,9 +11,9 @@ from typing import NoReturn, TYPE_CHECKING
 
 from icofabric_sim import checks
 from icofabric_sim.checks import counted
-from icofabric_sim.kernels.runtime.interrupts import DeferredInterrupt
 from icofabric_sim.parameters.table import ROTATIONS
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.process.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.checkpoint import Checkpoint

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """One run of a study, in whatever process: from its order to its folder in the store."""
 
 from collections.abc import Iterator, Mapping
@@ -22,11 +11,11 @@ import threading
 import time
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.kernels.runtime.target import host_processor
 from icofabric_sim.parameters.named_files import NamedFile
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import make_parameters
+from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.statics.one_thread import one_thread

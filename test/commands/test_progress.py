@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 What is said while long work goes on is true: the time left, the pace, and the end by a signal.
 """
@@ -25,9 +14,9 @@ import time
 from icofabric_sim import terminal
 from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.commands.main import main
-from icofabric_sim.kernels.runtime import wait_notice
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice, CompileNotice
-from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.process import wait_notice
+from icofabric_sim.process.compile_notice import compile_notice, CompileNotice
+from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.statics import equilibrium, stretching
 import numba
@@ -132,7 +121,7 @@ def test_summary_states_the_compiler_apart(monkeypatch, capsys):
 
 
 def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr('icofabric_sim.kernels.runtime.interrupts._GRACE', 0.0)
+    monkeypatch.setattr('icofabric_sim.process.interrupts._GRACE', 0.0)
     compiled = []
 
     def interrupted():
@@ -149,7 +138,7 @@ def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys,
     summary = summarise_bag(tmp_path / 'bag')
     assert summary.finished and summary.custom['interrupted'] == 'true'
     # The process can go on.
-    leaving.check()
+    exit_request.check()
     assert numba.njit(lambda x: x + 2.0)(1.0) == 3.0
 
 

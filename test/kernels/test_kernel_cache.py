@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled kernels on disk: never stale, never in the package, and a wait for them is explained.
 
@@ -28,8 +17,9 @@ import time
 from typing import NamedTuple
 
 import icofabric_sim
-from icofabric_sim.kernels.runtime import disk_cache, wait_notice
+from icofabric_sim.kernels.runtime import disk_cache
 from icofabric_sim.kernels.runtime.compiled import _NoCache, compiled
+from icofabric_sim.process import wait_notice
 from package_imports import imports_of, MODULES
 import pytest
 
@@ -59,8 +49,8 @@ make = Pair
 RUN = """
 import json
 {prelude}
-from icofabric_sim.kernels.runtime import wait_notice
-wait_notice._MOMENT = 0.0
+from icofabric_sim.process import wait_notice
+wait_notice._FIRST_NOTICE_S = 0.0
 from icofabric_sim.kernels import trial_caller
 {action}
 value = trial_caller.total(trial_caller.make(1.0, 10.0))
@@ -514,7 +504,7 @@ def test_pieces_of_a_wait_add_up(monkeypatch):
     clock, told = Clock(), []
     monkeypatch.setattr(wait_notice.time, 'monotonic', clock.monotonic)
     monkeypatch.setattr(wait_notice.threading, 'Timer', clock.timer)
-    waiting = wait_notice.Patience(told.append)
+    waiting = wait_notice.WaitNotice(told.append)
     clock.due = float('inf')
 
     def piece(seconds, pause):

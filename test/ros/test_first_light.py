@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 `make run` waits for its node as long as that gets on, and says truly why it does not.
 
@@ -24,7 +13,7 @@ import sys
 import time
 
 from geometry_msgs.msg import PoseArray
-from icofabric_sim.kernels.runtime.compile_notice import COMPILING, STILL_COMPILING
+from icofabric_sim.process.compile_notice import COMPILING, STILL_COMPILING
 from icofabric_sim.ros import first_light, node_watch
 from icofabric_sim.ros.node_watch import NodeStuck, NodeWatch
 from icofabric_sim.ros.start import READY

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Simulated time waits for kernels that are not ready; the node answers, and no bit changes."""
 
 from concurrent.futures import ThreadPoolExecutor
@@ -19,11 +8,11 @@ import threading
 import time
 
 import icofabric_sim as ico
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import _guard, guarded_alike, no_compiling
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, POSES
+from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running import time_advance
 from icofabric_sim.running.diagnostics import HealthReport

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Topics of a test rig: for a listener only; a live run waits until their kernels are ready."""
 
 import json
@@ -21,10 +10,10 @@ import icofabric_sim as ico
 from icofabric_sim.bag import BagReader, BagRecorder
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.kernels.runtime import kernel_guard
-from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.topics import CONTACTS, Outputs, POSES, REACTIONS, TENSIONS
 from icofabric_sim.pictures.render import RunMoments
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import broadcast as broadcast_module
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.diagnostics import HealthReport

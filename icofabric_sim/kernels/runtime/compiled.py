@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """The one decorator of all kernels."""
 
 import builtins
@@ -23,10 +12,11 @@ import sys
 from types import CodeType, FunctionType
 from typing import Any
 
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.kernels.runtime.disk_cache import KernelCache
-from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.parts import compiling
+from icofabric_sim.kernels.runtime.target import kernel_target, target
+from icofabric_sim.process.compile_notice import compile_notice
+from icofabric_sim.process.interrupts import exit_request
 from numba.core import config, event
 from numba.core.caching import NullCache
 from numba.core.registry import cpu_target, CPUDispatcher
@@ -194,7 +184,10 @@ class _Compilations(event.Listener):
             # Of millions of objects that the compiler keeps: a fifth of its time.
             self._collects = gc.isenabled()
             gc.disable()
-        compile_notice.begin(kept=isinstance(cache, KernelCache))
+        reason = target().why
+        compile_notice.begin(
+            kept=isinstance(cache, KernelCache),
+            remark=f'; for {kernel_target()} alone, because {reason}' if reason else '')
         _set_up_compiler()
 
     def on_end(self, happening: event.Event) -> None:
@@ -209,7 +202,7 @@ class _Passes(event.Listener):
     """Ends a compilation between its passes where the process is to end."""
 
     def on_start(self, happening: event.Event) -> None:
-        leaving.check()
+        exit_request.check()
 
     def on_end(self, happening: event.Event) -> None:
         pass

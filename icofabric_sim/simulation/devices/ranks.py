@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """The processes of MPI that share the steps of one fabric, as a program sees them."""
 
 from contextlib import suppress
@@ -20,8 +9,8 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 from icofabric_sim import checks
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice
 from icofabric_sim.libraries import install_command
+from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.scene.available_memory import share_among
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.devices.refusals import require_shareable

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 The driver of a trajectory: the loop over steps, and what holds its pieces together.
 
@@ -26,8 +15,8 @@ from typing import Any, TypeVar
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.records import Loads, State
-from icofabric_sim.kernels.runtime.compile_notice import KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError

@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Calls of a method's kernels: by a team of threads, in portions that are timed."""
 
 from collections.abc import Callable, Iterator
@@ -22,8 +11,8 @@ from typing import Any
 from icofabric_sim.kernels.contact.pair import contact_scratch
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
-from icofabric_sim.kernels.runtime.interrupts import leaving
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
@@ -91,7 +80,7 @@ class MethodCalls:
             with trajectory.evaluations.estimating():
                 trajectory.evaluations.add(self._evaluations(portion))
             done += portion
-            leaving.check()
+            exit_request.check()
 
     def begin_beside(self, beside: Beside) -> None:
         """Begin trial steps where the state of the trajectory is."""
@@ -121,7 +110,7 @@ class MethodCalls:
                 with evaluations.estimating():
                     evaluations.add(self._evaluations(portion))
                 done += portion
-                leaving.check()
+                exit_request.check()
         with self.or_lost():
             return beside.apart()
 

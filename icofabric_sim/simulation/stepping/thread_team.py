@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """
 The threads that share the work of one simulation.
 
@@ -30,9 +19,9 @@ import weakref
 
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
-from icofabric_sim.kernels.runtime.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
 from icofabric_sim.kernels.runtime.team import flag_count
+from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
 from numba.core import config

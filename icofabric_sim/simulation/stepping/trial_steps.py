@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Trial steps: where a trajectory leads, or would have led, with other steps; it stays."""
 
 from collections.abc import Callable, Sequence
@@ -21,7 +10,7 @@ from icofabric_sim.kernels.integrators.embedded import ANY
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
-from icofabric_sim.kernels.runtime.interrupts import leaving
+from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.contact.friction_state import carried, contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty, copied_state, copy_state
 from icofabric_sim.simulation.state_tree import StateTree
@@ -117,7 +106,7 @@ class TrialSteps:
             _, done, _ = trajectory.thread_team.run(advance)
             with trajectory.evaluations.estimating():
                 trajectory.evaluations.add(self._calls.count_embedded(control))
-            leaving.check()
+            exit_request.check()
             if not done:
                 return None
             count -= int(done)

@@ -1,0 +1,3 @@
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
+"""Interrupts of the process, and notices about compiling that the user waits for."""
