@@ -65,7 +65,7 @@ class Clone:
             self.environment / 'bin' / 'icofabric', '--version', cwd='/')
         return Path(self.run(
             self.environment / 'bin' / 'python', '-c',
-            f'import {MODULE} as module; print(module.__file__)', cwd='/').strip()).parents[2]
+            f'import {MODULE} as module; print(module.__file__)', cwd='/').strip()).parents[1]
 
     def leave_remnants(self):
         """Leave what older versions and `python -O` write into a plain install."""
