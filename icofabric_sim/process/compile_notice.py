@@ -42,7 +42,7 @@ class CompileNotice:
 
     @property
     def is_compiling(self) -> bool:
-        """Whether a compilation is running."""
+        """True while a compilation is running."""
         return self._depth > 0
 
     @contextmanager
