@@ -50,7 +50,7 @@ def of_rosbags(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], 
 
 
 def of_mcap(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], object]]:
-    """The same, of the mcap package; it has no flush, and knows nothing of rosbag2."""
+    """The same, of the mcap package; it knows nothing of rosbag2."""
     folder.mkdir()
     file = (folder / 'bag.mcap').open('wb', buffering=0)
     bag = PackageWriter(io.BufferedWriter(file))
@@ -62,7 +62,7 @@ def of_mcap(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], obj
         bag.finish()
         file.close()
 
-    return (lambda stamp, data: bag.add_message(channel, stamp, data, stamp), lambda: None, close)
+    return (lambda stamp, data: bag.add_message(channel, stamp, data, stamp), bag.flush, close)
 
 
 def poses(bodies: int) -> PoseArrayBytes:
