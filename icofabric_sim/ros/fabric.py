@@ -19,13 +19,13 @@ from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.input_topics import InputTopics
-from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink
-from icofabric_sim.ros.name_watch import NameWatch
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import log_to_ros, Presence, Server
+from icofabric_sim.ros.robustness.clock_watch import ClockWatch
+from icofabric_sim.ros.robustness.late_answers import AnsweringNode
+from icofabric_sim.ros.robustness.name_watch import NameWatch
 from icofabric_sim.ros.ros_parameters import describe, is_foreign, ParameterGate
 from icofabric_sim.ros.standard_services import offer_standard_services
 from icofabric_sim.ros.start import FAILED, import_without_gc, INTERRUPTED, READY, StopSignals

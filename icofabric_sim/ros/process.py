@@ -8,7 +8,7 @@ import os
 import re
 import time
 
-from icofabric_sim.ros.shared_memory import SharedMemory
+from icofabric_sim.ros.robustness.shared_memory import SharedMemory
 from icofabric_sim.ros.start import INTERRUPTED, non_ros_arguments, StopSignals
 from icofabric_sim.running.complaints import Complaints, shortened
 import rclpy

@@ -16,12 +16,12 @@ from icofabric_sim.messages import topics as outputs
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.ros.clock_watch import ClockWatch
 from icofabric_sim.ros.going_live import GoingLive
-from icofabric_sim.ros.late_answers import AnsweringNode
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Presence, Server
+from icofabric_sim.ros.robustness.clock_watch import ClockWatch
+from icofabric_sim.ros.robustness.late_answers import AnsweringNode
 from icofabric_sim.ros.ros_parameters import is_foreign, restore_type
 from icofabric_sim.ros.start import StopSignals
 from icofabric_sim.running.replay.player import Player, ReplayStatus

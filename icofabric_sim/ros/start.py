@@ -22,7 +22,7 @@ from typing import NoReturn
 from icofabric_sim.libraries import install_command
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
-# Printed by a node once its topics exist; other processes wait for it (node_watch.py).
+# Printed by a node once its topics exist; other processes wait for it (robustness/node_watch.py).
 READY = 'ready: '
 # The ports of a domain begin at 7400 + 250 times its number.
 _MAX_DOMAIN_ID = 232

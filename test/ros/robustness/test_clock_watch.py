@@ -3,7 +3,7 @@
 """Which other publishers of /clock a node finds."""
 from types import SimpleNamespace
 
-from icofabric_sim.ros.clock_watch import ClockWatch
+from icofabric_sim.ros.robustness.clock_watch import ClockWatch
 
 
 class Graph:

@@ -3,8 +3,8 @@
 """Whether a node that looks around finds that its name is taken."""
 from types import SimpleNamespace
 
-from icofabric_sim.ros import name_watch
-from icofabric_sim.ros.name_watch import NameWatch
+from icofabric_sim.ros.robustness import name_watch
+from icofabric_sim.ros.robustness.name_watch import NameWatch
 import pytest
 
 

@@ -5,8 +5,8 @@
 import time
 import warnings
 
-from icofabric_sim.ros import late_answers
-from icofabric_sim.ros.late_answers import LateAnswers
+from icofabric_sim.ros.robustness import late_answers
+from icofabric_sim.ros.robustness.late_answers import LateAnswers
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
