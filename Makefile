@@ -55,7 +55,7 @@ help:
 run:
 	.ci/environment run
 	$(MAKE) --no-print-directory .venv/.warm
-	.venv/bin/python -m icofabric_sim.ros.first_light $(ARGS)
+	.venv/bin/python examples/first_light.py $(ARGS)
 
 # Kernels of the scene that `make run` shows. Without them the node compiles by itself.
 .venv/.warm: $(shell find icofabric_sim/kernels icofabric_sim/geometry -name '*.py')

@@ -11,7 +11,7 @@ import atexit
 from collections import defaultdict
 from contextlib import contextmanager
 import fcntl
-from importlib import import_module
+from importlib import import_module, util
 from pathlib import Path
 import signal
 import subprocess
@@ -99,6 +99,15 @@ def next_line(process, limit=PATIENCE):
     if not lines:
         pytest.fail(f'{process.args} printed nothing within {limit} s')
     return lines[0]
+
+
+def load_example(name):
+    """Module of an example."""
+    specification = util.spec_from_file_location(
+        name, ROOT / 'examples' / f'{name}.py')
+    module = util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
 
 
 def write_scene(path, sections):

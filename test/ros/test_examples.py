@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scripts in examples/ do to a running node what they say."""
 
-import importlib.util
 import os
 import re
 import signal
@@ -13,7 +12,7 @@ import icofabric_sim as ico
 from icofabric_sim.messages import decode_string
 from icofabric_sim.messages.topics import Outputs
 import pytest
-from ros_helpers import Client, domain, next_line, NodeProcess, ROOT
+from ros_helpers import Client, domain, load_example, next_line, NodeProcess, ROOT
 
 SLAB = ROOT / 'config' / 'hanging_slab.yaml'
 
@@ -24,15 +23,6 @@ def run_example(name):
         [sys.executable, '-u', str(ROOT / 'examples' / name)], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain(0))},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
-
-
-def load_example(name):
-    """Module of an example."""
-    specification = importlib.util.spec_from_file_location(
-        name, ROOT / 'examples' / f'{name}.py')
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
 
 
 def speeds(text):

@@ -254,11 +254,13 @@ def test_unstable_run_ends_with_status_one(tmp_path):
         assert 'solver.step' in bag.custom['failure']
 
 
-@pytest.mark.parametrize('module', ['fabric_node', 'replay_node', 'first_light'])
-def test_domain_that_does_not_exist_is_one_line(module):
+@pytest.mark.parametrize('program', [
+    ['-m', 'icofabric_sim.ros.fabric_node'], ['-m', 'icofabric_sim.ros.replay_node'],
+    ['examples/first_light.py']])
+def test_domain_that_does_not_exist_is_one_line(program):
     done = subprocess.run(
-        [sys.executable, '-m', f'icofabric_sim.ros.{module}'], capture_output=True, text=True,
-        timeout=60, cwd=ROOT, env={**os.environ, 'ROS_DOMAIN_ID': '500'})
+        [sys.executable, *program], capture_output=True, text=True, timeout=60, cwd=ROOT,
+        env={**os.environ, 'ROS_DOMAIN_ID': '500'})
     assert done.returncode == 2
     line = done.stderr.splitlines()[-1]
     assert 'ROS_DOMAIN_ID is 500' in line and '0 to 232' in line

@@ -6,14 +6,14 @@ from contextlib import contextmanager
 import sys
 
 from geometry_msgs.msg import PoseArray
-from icofabric_sim.ros import first_light
 from icofabric_sim.ros.robustness import node_watch
 import pytest
 import rclpy
-from ros_helpers import domain
+from ros_helpers import domain, load_example
 
 SLEEPER = [sys.executable, '-c', 'import time; time.sleep(600)']
 DEAD = [sys.executable, '-c', 'import sys; print("fabric_node: no such file"); sys.exit(7)']
+first_light = load_example('first_light')
 
 
 @contextmanager

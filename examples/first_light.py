@@ -1,7 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The main job of `make run`: a node, a load from this second process, a bag, a summary, a picture.
+Run a node, load it from this second process, record a bag, and draw a picture; see `make run`.
+
+    .venv/bin/python examples/first_light.py
 
 No part is simulated or shortened: `fabric_node` runs in its own process, the load is a
 WrenchStamped sent over ROS 2, and the summary and picture come from the recorded bag.
