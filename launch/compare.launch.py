@@ -6,7 +6,7 @@ Simulates two fabrics side by side: /left/icofabric and /right/icofabric.
     ros2 launch icofabric_sim compare.launch.py left_variant:=0 right_variant:=1 rviz:=true
 
 Both take the same scene unless told otherwise. The left one publishes /clock, and the right one
-follows the same pace by itself. `distance` [m] puts the frame of the right one (right_world)
+has the same target real-time factor. `distance` [m] puts the frame of the right one (right_world)
 beside world, so that a viewer shows both.
 """
 from pathlib import Path
@@ -40,7 +40,7 @@ def generate_launch_description():
             description='of both: ready scene (a name in config/) or path of a parameter file'),
         DeclareLaunchArgument(
             'real_time_factor', default_value='',
-            description='wanted pace of both, 0: as fast as possible'),
+            description='target real-time factor of both, 0: as fast as possible'),
         DeclareLaunchArgument(
             'distance', default_value='0.5',
             description='from world to right_world along x [m]; needs tf2_ros unless 0'),

@@ -48,7 +48,7 @@ def generate_launch_description():
             'duration', default_value='', description='simulated time to run [s], 0: no end'),
         DeclareLaunchArgument(
             'real_time_factor', default_value='',
-            description='wanted pace, 0: as fast as possible'),
+            description='target real-time factor, 0: as fast as possible'),
         DeclareLaunchArgument(
             'start_paused', default_value='', description='true: wait for ~/pause or ~/step'),
         DeclareLaunchArgument(

@@ -33,7 +33,7 @@ def run_summary(
     rows = [
         ('scene', f'{name}: {size_text(scene)}'),
         *method_rows(simulation),
-        ('run', _pace(scene.body_count, status, wall, aside)),
+        ('run', _speed_text(scene.body_count, status, wall, aside)),
         ('evaluations', evaluations_text(
             status.evaluations, status.estimations, status.shown,
             is_estimated=scene.parameters['solver.error_estimate'])),
@@ -176,7 +176,7 @@ def _compiler(compiling: float) -> list[Row]:
                  'and during the run')]
 
 
-def _pace(body_count: int, status: Status, wall: float, aside: float) -> str:
+def _speed_text(body_count: int, status: Status, wall: float, aside: float) -> str:
     simulated = seconds(status.time)
     text = (f'{simulated:.6g} s of simulated time in {counted(status.step_count, "step")}, '
             f'{wall:.3g} s of wall time')

@@ -111,14 +111,14 @@ def _show_bag(arguments: argparse.Namespace, path: Path) -> int:
         thread = threading.Thread(target=player.run, name='replay', daemon=True)
         try:
             page = _serve(
-                arguments, sight, actions, thread, until=lambda: actions.going_on is not None)
+                arguments, sight, actions, thread, until=lambda: actions.continued_run is not None)
         finally:
             player.stop()
             if thread.ident is not None:
                 thread.join()
-    if actions.going_on is None:
+    if actions.continued_run is None:
         return 0
-    return _show_run(arguments, sight, *actions.going_on, before=page)
+    return _show_run(arguments, sight, *actions.continued_run, before=page)
 
 
 def _serve(

@@ -14,7 +14,7 @@ from typing import Any
 import weakref
 
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.running.complaints import shortened
+from icofabric_sim.running.rate_limited_log import shortened
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import (
     DescribeParameters,

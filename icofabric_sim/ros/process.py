@@ -10,7 +10,7 @@ import time
 
 from icofabric_sim.ros.robustness.shared_memory import SharedMemory
 from icofabric_sim.ros.start import INTERRUPTED, non_ros_arguments, StopSignals
-from icofabric_sim.running.complaints import Complaints, shortened
+from icofabric_sim.running.rate_limited_log import RateLimitedLog, shortened
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -127,7 +127,7 @@ class Server:
             _shared_memory.close()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
-        self._complaints = Complaints(node.get_logger().error)
+        self._errors = RateLimitedLog(node.get_logger().error)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until the context ends or `is_over` returns True."""
@@ -138,7 +138,7 @@ class Server:
                 return
             except Exception as error:  # noqa: BLE001 - e.g. a text that is not UTF-8
                 if rclpy.ok():
-                    self._complaints.add(
+                    self._errors.log(
                         type(error).__name__, f'a request could not be handled: {error!r}')
 
 

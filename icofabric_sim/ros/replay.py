@@ -16,10 +16,10 @@ from icofabric_sim.messages import topics as outputs
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.ros.answers import Answers
-from icofabric_sim.ros.going_live import GoingLive
 from icofabric_sim.ros.live_sink import LiveSink, message_class
 from icofabric_sim.ros.parameter_service import GuardedParameterService
 from icofabric_sim.ros.process import Presence, Server
+from icofabric_sim.ros.replay_continuation import ReplayContinuation
 from icofabric_sim.ros.robustness.clock_watch import ClockWatch
 from icofabric_sim.ros.robustness.late_answers import AnsweringNode
 from icofabric_sim.ros.ros_parameters import is_foreign, restore_type
@@ -80,7 +80,7 @@ class ReplayNode(AnsweringNode):
         self._clock_watch = ClockWatch(self) if options['publish_clock'] else None
         self.answers = Answers(self)
         self._parameter_service = GuardedParameterService(self, self.answers)
-        self.going_live: GoingLive | None = None
+        self.continuation: ReplayContinuation | None = None
         self.hands_over = False  # to the simulation once that is ready
         # Other callbacks run while a request waits for its answer.
         group = ReentrantCallbackGroup()
@@ -104,8 +104,8 @@ class ReplayNode(AnsweringNode):
     def close(self) -> None:
         """Stop playing and close the bag; a second call has no effect."""
         self.player.stop()
-        if self.going_live is not None:
-            self.going_live.abandoned = True
+        if self.continuation is not None:
+            self.continuation.is_cancelled = True
         if self._thread.is_alive():
             self._thread.join(_STOP_WAIT_S)
         self.answers.end('the replay has ended')
@@ -171,8 +171,8 @@ class ReplayNode(AnsweringNode):
 
     def _diagnose(self, status: ReplayStatus) -> bytes:
         notes = {'messages not taken': str(self._live.not_taken)}
-        if self.going_live is not None:
-            notes['simulated again up to [s]'] = f'{seconds(self.going_live.reached):.9f}'
+        if self.continuation is not None:
+            notes['simulated again up to [s]'] = f'{seconds(self.continuation.reached):.9f}'
         warning = '' if self._clock_watch is None else self._clock_watch.note
         return self._report.message(status, notes, warning)
 
@@ -215,7 +215,7 @@ class ReplayNode(AnsweringNode):
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         """Rebuild the run up to the present recorded time, and continue with a simulation."""
-        if self.going_live is not None:
+        if self.continuation is not None:
             response.success, response.message = False, 'the simulation is already being built'
             return response
         path = str(self.get_parameter('record.path').value)
@@ -225,12 +225,13 @@ class ReplayNode(AnsweringNode):
                 f'record.path: {path} exists and is never overwritten; restart with another path')
             return response
         was_paused = self.player.paused
-        self.going_live = going = GoingLive(self.source.path, self.source.fabric, was_paused)
+        self.continuation = continuation = ReplayContinuation(
+            self.source.path, self.source.fabric, was_paused)
         try:
             time = await self.answers.of(lambda: self.player.set_paused(True))
-            await self.answers.of(lambda: going.build(time))
+            await self.answers.of(lambda: continuation.build(time))
         except Exception as error:  # noqa: BLE001 - the client gets the reason
-            self.going_live = None
+            self.continuation = None
             if not was_paused:
                 self.player.set_paused(False)
             response.success, response.message = False, f'this run cannot be continued: {error}'
@@ -286,7 +287,7 @@ def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignal
     # Pending requests get an answer: no result will come.
     deadline = time.monotonic() + _LAST_ANSWERS_S
     server.serve(lambda: not node.answers or time.monotonic() > deadline)
-    ends = signals.received or not node.hands_over or node.going_live is None
+    ends = signals.received or not node.hands_over or node.continuation is None
     status = 1 if node.player.failure else 0
     if ends:
         signals.ignore(status)
@@ -295,9 +296,9 @@ def run_replay(node: ReplayNode, options: Mapping[str, Any], signals: StopSignal
     presence = None if ends else Presence()
     node.destroy_node()
     gc.freeze()  # the end of the process runs one more garbage collection
-    if presence is None or node.going_live is None:
+    if presence is None or node.continuation is None:
         return status
-    return node.going_live.run(options, node.player.rate, signals, presence)
+    return node.continuation.run(options, node.player.rate, signals, presence)
 
 
 def _log_bag_contents(node: ReplayNode) -> None:

@@ -18,7 +18,7 @@ from icofabric_sim.parameters.validation import (
     Parameters,
     validate_value,
 )
-from icofabric_sim.running.complaints import shortened
+from icofabric_sim.running.rate_limited_log import shortened
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, Scene
 from rcl_interfaces.msg import (
     FloatingPointRange,

@@ -77,8 +77,8 @@ def describe(
     values = {
         'simulated time [s]': f'{seconds(status.time):.9f}',
         'real-time factor': f'{status.factor:.4g}',
-        'wanted real-time factor': f'{status.wanted_factor:g}',
-        'pace': status.cause or 'not measured',
+        'target real-time factor': f'{status.target_factor:g}',
+        'use of wall time': status.cause or 'not measured',
         'step [s]': f'{status.step:.6g}',
         'step limited by': status.limited_by or 'not known yet',
         'stability limit [s]': f'{status.limit:.6g}',
@@ -144,10 +144,10 @@ def _warnings(
     stands = status.paused or status.finished
     if status.waits:
         found.append(f'simulated time is waiting: {status.waits}')
-    elif 0.0 < status.factor < _SLOW_RATIO * status.wanted_factor and not stands:
+    elif 0.0 < status.factor < _SLOW_RATIO * status.target_factor and not stands:
         found.append(
             f'below the target real-time factor ({status.factor:.3g} of '
-            f'{status.wanted_factor:g}): {status.cause}' + (
+            f'{status.target_factor:g}): {status.cause}' + (
                 f'; steps of {status.step:.3g} s are limited by {status.limited_by}'
                 if status.limited_by else '') + f'; remedies: {remedies(status)}')
     if status.proximity:

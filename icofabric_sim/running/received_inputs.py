@@ -36,7 +36,7 @@ from icofabric_sim.messages.input_topics import (
     topic_of,
 )
 from icofabric_sim.messages.schedule import NANOSECONDS, seconds
-from icofabric_sim.running.complaints import Complaints
+from icofabric_sim.running.rate_limited_log import RateLimitedLog
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.input_types import (
@@ -91,7 +91,7 @@ class ReceivedInputs:
         the topic name for warnings.
         """
         self._run, self._put, self._record, self._full_name = run, put, record, full_name
-        self._complaints = Complaints(_LOGGER.warning)
+        self._warnings = RateLimitedLog(_LOGGER.warning)
         self._horizon_warned = False
         # Wall time [s] of the last message for each dragged body.
         self._pull_heard: dict[int, float] = {}
@@ -206,7 +206,7 @@ class ReceivedInputs:
             TwistStampedBytes.TYPE: 'twist', PointStampedBytes.TYPE: 'pull'}.get(
                 input_type(topic), 'wrench')
         name = self._full_name(topic)
-        self._complaints.add(
+        self._warnings.log(
             f'{name} {reason[:_KIND_LENGTH]}', f'a {what} on {name} was dropped: {reason}')
 
     def _warn_of_horizon(self, topic: str, at: int, horizon: float) -> None:

@@ -24,10 +24,10 @@ from icofabric_sim.parameters.changes import (
 )
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast
-from icofabric_sim.running.complaints import Complaints
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.equilibrium_solve import EquilibriumSolve
+from icofabric_sim.running.rate_limited_log import RateLimitedLog
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
-from icofabric_sim.running.rest import Rest
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.running.run_records import is_initial, Status
@@ -53,7 +53,7 @@ class RunChanges:
         time: TimeAdvance,
         inputs: ReceivedInputs,
         broadcast: Broadcast,
-        pace: Pace,
+        real_time: RealTimeFactor,
         *,
         post: Callable[[Callable[[], Any]], object],
         fresh_status: Callable[[], Status],
@@ -66,14 +66,14 @@ class RunChanges:
         parameters.
         """
         self._state, self._time, self._inputs = state, time, inputs
-        self._broadcast, self._pace = broadcast, pace
+        self._broadcast, self._real_time = broadcast, real_time
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
         self._reweaver = Reweaver(
             post, self._swap, state.simulation.body_force, state.simulation.ranks,
-            lambda: state.simulation.status.has_contacts, pace.has_time)
+            lambda: state.simulation.status.has_contacts, real_time.has_spare_time)
         # A slider sends fifty changes a second.
-        self._said = Complaints(_LOGGER.info)
-        self.rest = Rest(state, time, broadcast, post)
+        self._log = RateLimitedLog(_LOGGER.info)
+        self.equilibrium = EquilibriumSolve(state, time, broadcast, post)
         # Futures of callers that wait for a build, by the number of the request.
         self._builds: 'list[tuple[int, Future[str]]]' = []
 
@@ -91,7 +91,7 @@ class RunChanges:
             self._time.end_requests('ended by a pause' if paused else 'time runs on')
         state.paused = paused
         self._broadcast.event(state.now, 'pause' if paused else 'resume')
-        self._pace.restart(state.now)
+        self._real_time.restart(state.now)
         return state.now
 
     def reset(self, wanted: bool | None) -> int:
@@ -111,7 +111,7 @@ class RunChanges:
             self._broadcast.time_jumped(ended)
         state.failure = ''
         self._time.restart_motion()
-        self._pace.restart(state.now)
+        self._real_time.restart(state.now)
         self._time.show_after('reset')
         return state.now
 
@@ -155,7 +155,7 @@ class RunChanges:
         self._time.restart_motion()
         self._time.stand_on_nanoseconds()
         self._broadcast.time_jumped(ended)
-        self._pace.restart(state.now)
+        self._real_time.restart(state.now)
         self._broadcast.start(state.now, cleared=True, whole=False)
         return state.now
 
@@ -230,7 +230,7 @@ class RunChanges:
     def _take_rates(self, parameters: Parameters) -> None:
         self._state.parameters = parameters
         self._broadcast.set_rates(parameters)
-        self._pace.set_factor(parameters['real_time_factor'], self._state.now)
+        self._real_time.set_target(parameters['real_time_factor'], self._state.now)
 
     def _swap(
         self, wanted: Parameters, simulation: Simulation | None, reason: str, number: int
@@ -273,7 +273,7 @@ class RunChanges:
         self._tell_of_change(wanted, simulation, restarts)
         self._time.follow(simulation)
         state.failure = ''
-        self._pace.forget_speed()
+        self._real_time.forget_speed()
         self._take_rates(wanted)
         self._time.show_after('reweave')
         self.on_rebuilt(wanted, '')
@@ -294,6 +294,6 @@ class RunChanges:
         self._broadcast.event(
             state.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(state.parameters, wanted)))
-        self._said.add(
+        self._log.log(
             'change', f'the changed fabric runs since t = {seconds(state.now):.9g} s: '
             f'{counted(simulation.scene.body_count, "body")}, step {simulation.status.step:.3g} s')

@@ -26,7 +26,7 @@ class Status(NamedTuple):
     finished: bool
     failure: str  # '': none
     factor: float  # recent ratio of simulated to wall time
-    wanted_factor: float
+    target_factor: float
     step: float  # [s]
     limit: float  # [s]
     step_count: int

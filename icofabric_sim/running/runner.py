@@ -24,7 +24,7 @@ from icofabric_sim.messages.topics import BROKEN
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast, Sink
 from icofabric_sim.running.command_queue import CommandQueue
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_changes import RunChanges
 from icofabric_sim.running.run_records import Errors, errors_of, figures, is_initial, Status
@@ -75,15 +75,15 @@ class Runner:
         self._broadcast = Broadcast(
             sinks, simulation, None if report is None else lambda: report(self._fresh_status()))
         self._broadcast.set_rates(in_force)
-        self._pace = Pace(in_force['real_time_factor'])
+        self._real_time = RealTimeFactor(in_force['real_time_factor'])
         self.inputs = ReceivedInputs(
             self.state, self.commands.post, self._broadcast.input, full_name)
-        self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._pace)
+        self._time = TimeAdvance(self.state, self.inputs, self._broadcast, self._real_time)
         if report is not None:
             # A live run has no progress bar to show it.
             self._time.stall = StallWatch()
         self.changes = RunChanges(
-            self.state, self._time, self.inputs, self._broadcast, self._pace,
+            self.state, self._time, self.inputs, self._broadcast, self._real_time,
             post=self.commands.post, fresh_status=self._fresh_status, on_rebuilt=on_rebuilt)
         self._errors: Errors | None = None
         self._step_limit, self._limited_by = StepLimit(), ''
@@ -134,12 +134,12 @@ class Runner:
             paused=state.paused,
             finished=state.finished,
             failure=state.failure,
-            factor=self._pace.factor(state.now),
-            wanted_factor=state.parameters['real_time_factor'],
+            factor=self._real_time.measure(state.now),
+            target_factor=state.parameters['real_time_factor'],
             dropped=self.dropped,
             errors=self._errors,
             loads_waiting=len(self.inputs),
-            cause=self._pace.cause(),
+            cause=self._real_time.describe_time_use(),
             limited_by=self._limited_by,
             lag=self.commands.lag,
             waits=self._time.waits(),
@@ -234,7 +234,7 @@ class Runner:
         moving, changes meanwhile, or has no equilibrium; then the state is unchanged.
         """
         found: Future[Any] = Future()
-        self.post(lambda: self.changes.rest.seek(found))
+        self.post(lambda: self.changes.equilibrium.start(found))
         return found
 
     def change(
@@ -274,7 +274,7 @@ class Runner:
         self._time.prepare_contacts()
         self._time.stand_on_nanoseconds()
         self._broadcast.start(state.now, whole=is_initial(state.simulation))
-        self._pace.restart(state.now)
+        self._real_time.restart(state.now)
         try:
             while self._turn(until_finished):
                 if progress is not None:
@@ -320,7 +320,7 @@ class Runner:
             self._refresh()
             self.commands.wait(_IDLE_REFRESH)
             return True
-        delay = self._pace.delay(state.now)
+        delay = self._real_time.wait_time(state.now)
         if delay > 0.0:
             # Any command ends the wait; simulated time must not run ahead then.
             self.commands.wait(min(delay, _IDLE_REFRESH))

@@ -15,7 +15,7 @@ import time as wall
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free
 from icofabric_sim.messages.schedule import NANOSECONDS, nanoseconds_not_before, seconds
 from icofabric_sim.running.broadcast import Broadcast
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_events import Shown, shown_after
 from icofabric_sim.running.run_state import RunState
@@ -38,10 +38,12 @@ class TimeAdvance:
     """Advance of one run, in its thread; only `stop` is thread-safe."""
 
     def __init__(
-        self, state: RunState, inputs: ReceivedInputs, broadcast: Broadcast, pace: Pace
+        self, state: RunState, inputs: ReceivedInputs, broadcast: Broadcast,
+        real_time: RealTimeFactor
     ) -> None:
         """Advance `state`; outputs go to `broadcast`."""
-        self._state, self._inputs, self._broadcast, self._pace = state, inputs, broadcast, pace
+        self._state, self._inputs, self._broadcast, self._real_time = (
+            state, inputs, broadcast, real_time)
         self.requests = TimeRequests()
         self.stopping = False
         self._patient_until = math.inf
@@ -86,7 +88,7 @@ class TimeAdvance:
                 state.simulation.advance_to(seconds(target))
             state.now = target
             computed = wall.perf_counter() - started
-            self._pace.learn(target - before, computed)
+            self._real_time.record_steps(target - before, computed)
             if state.now > before:
                 self._log_resumed()
             # Interrupted before its first step, it has already sent this time.
@@ -156,7 +158,7 @@ class TimeAdvance:
             # Shown once, as after steps, whether or not an output is due.
             self._broadcast.event(state.now, 'advanced')
             self.show_after('advanced')
-            self._pace.restart(state.now)
+            self._real_time.restart(state.now)
             self._answer(request)
         elif state.finished:
             self.end_requests(self._over())
@@ -173,7 +175,7 @@ class TimeAdvance:
             self.requests.finish(state.now)
         elif isinstance(current, AdvanceRequest) and current.has_begun:
             self._broadcast.event(state.now, 'advance_ended')
-            self._pace.restart(state.now)
+            self._real_time.restart(state.now)
         self.requests.end(reason, state.now)
 
     def restart_motion(self) -> None:
@@ -205,7 +207,7 @@ class TimeAdvance:
             # Inputs between two portions also act at a whole number of nanoseconds.
             simulation.advance_to(seconds(state.now))
             if request.done:
-                self._pace.restart(state.now)
+                self._real_time.restart(state.now)
                 self._broadcast.event(state.now, 'step', count=request.taken)
                 self.show_after('step')
                 self._answer(request)
@@ -270,7 +272,7 @@ class TimeAdvance:
                 not self._held_for_contacts and is_compiler_free())):
             # At least for an attempt.
             state.is_held = False
-            self._pace.restart(state.now)
+            self._real_time.restart(state.now)
         if self._broadcast.owes:
             self._settle()
         return state.is_held or self._broadcast.owes
@@ -286,7 +288,7 @@ class TimeAdvance:
             self.fail(str(error), state.now)
         except Interrupted:
             return
-        self._pace.restart(state.now)
+        self._real_time.restart(state.now)
 
     def _log_resumed(self) -> None:
         """Log that time runs again, if the wait was logged."""
@@ -375,7 +377,7 @@ class TimeAdvance:
 
     def _next_target(self, end: int | None) -> int:
         state = self._state
-        times = [state.now + self._pace.chunk(RESPONSE, state.simulation.status.step)]
+        times = [state.now + self._real_time.chunk(RESPONSE, state.simulation.status.step)]
         times += self._broadcast.next_times(state.now)
         if state.end > state.now:
             times.append(state.end)

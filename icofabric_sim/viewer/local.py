@@ -151,7 +151,7 @@ class ReplayActions:
         """Control `player` from any thread."""
         self._player = player
         # Parameters of the simulation that is ready to continue the replay.
-        self.going_on: tuple[Simulation, Parameters] | None = None
+        self.continued_run: tuple[Simulation, Parameters] | None = None
         self._builds = threading.Lock()
 
     def pull(self, body: int, point: tuple[float, float, float] | None) -> None:
@@ -181,7 +181,7 @@ class ReplayActions:
         player, was_paused = self._player, self._player.paused
 
         def build() -> None:
-            from icofabric_sim.running.replay.going_on import simulate_from
+            from icofabric_sim.running.replay.continuation import simulate_from
             try:
                 time = player.set_paused(True).result()
                 simulation, parameters = simulate_from(
@@ -194,7 +194,7 @@ class ReplayActions:
             else:
                 answer.set_result(f'continues as a simulation, t = {seconds(time):.9g} s')
                 # The recorded path and duration do not apply to the new simulation.
-                self.going_on = simulation, parameters.with_changes({
+                self.continued_run = simulation, parameters.with_changes({
                     'record.path': '', 'duration': 0.0, 'real_time_factor': player.rate,
                     'start_paused': was_paused})
 

@@ -154,11 +154,11 @@ class Panel:
                 f't = {sight.time * 1e-9:.3f} s, {counted(fabric.scene.body_count, "shell")}, '
                 f'{counted(fabric.scene.connector_count, "connector")}, {broken:,} broken']
             if figures:
-                pace = figures.get('real-time factor', '?')
+                factor = figures.get('real-time factor', '?')
                 # Only the first part: a longer text would move the controls below it under the
                 # mouse.
                 message = sight.message.partition(';')[0]
-                lines.append(_as_code(f'real-time factor {pace}; {level}: {message}'))
+                lines.append(_as_code(f'real-time factor {factor}; {level}: {message}'))
                 reasons = figures.get('reasons', 'none')
                 self._set(self.report, 'content', _as_code(
                     sight.message if reasons == 'none' else reasons))
@@ -300,7 +300,7 @@ class Panel:
         with self._server.gui.add_folder('Plots', expand_by_default=False):
             for title, names in (
                     ('energy [J]', ('kinetic', 'connectors', 'balance_error')),
-                    ('real-time factor', ('pace',)),
+                    ('real-time factor', ('real_time_factor',)),
                     ('displacement [m]', ('displacement',))):
                 labels = ('largest',) if names == ('displacement',) else names
                 handle = self._server.gui.add_uplot(

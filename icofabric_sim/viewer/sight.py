@@ -73,7 +73,7 @@ class Curve(NamedTuple):
     kinetic: float  # [J]
     connectors: float
     balance_error: float
-    pace: float  # simulated over wall time
+    real_time_factor: float
     displacement: float  # [m] largest from the start of the scene
     groups: tuple[float, ...] = ()  # [m] of the centroids of `Fabric.groups`
 

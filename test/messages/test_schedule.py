@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Output times in integer nanoseconds, and the pace that simulated time keeps."""
+"""Output times in integer nanoseconds, and the real-time factor."""
 from fractions import Fraction
 import math
 
 from icofabric_sim.messages.schedule import nanoseconds_not_before, Schedule, seconds
-from icofabric_sim.running import pace
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running import real_time_factor
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 import numpy as np
 import pytest
 
@@ -78,48 +78,48 @@ class FakeWall:
 
     def __init__(self, monkeypatch):
         self.now = 1000.0
-        monkeypatch.setattr(pace.wall, 'monotonic', lambda: self.now)
+        monkeypatch.setattr(real_time_factor.wall, 'monotonic', lambda: self.now)
 
 
-def test_pace_waits_for_the_wanted_ratio(monkeypatch):
+def test_a_run_waits_for_the_target_factor(monkeypatch):
     clock = FakeWall(monkeypatch)
-    kept = Pace(2.0)
-    assert kept.delay(10**9) == pytest.approx(0.5)
+    kept = RealTimeFactor(2.0)
+    assert kept.wait_time(10**9) == pytest.approx(0.5)
     clock.now += 0.5
-    assert kept.delay(10**9) == 0.0
-    assert kept.factor(10**9) == pytest.approx(2.0)
-    assert Pace(0.0).delay(10**9) == 0.0
+    assert kept.wait_time(10**9) == 0.0
+    assert kept.measure(10**9) == pytest.approx(2.0)
+    assert RealTimeFactor(0.0).wait_time(10**9) == 0.0
 
 
-def test_pace_gives_up_what_it_cannot_make_good(monkeypatch):
+def test_a_large_lag_is_dropped(monkeypatch):
     clock = FakeWall(monkeypatch)
-    kept = Pace(1.0)
+    kept = RealTimeFactor(1.0)
     clock.now += 10.0
-    assert kept.delay(10**9) == 0.0
+    assert kept.wait_time(10**9) == 0.0
     # Nine seconds behind: simulated time does not race to catch up.
-    assert kept.delay(2 * 10**9) == pytest.approx(1.0)
+    assert kept.wait_time(2 * 10**9) == pytest.approx(1.0)
     # A small lag is made good.
     clock.now += 1.05
-    assert kept.delay(2 * 10**9) == 0.0
-    assert kept.delay(2_100_000_000) == pytest.approx(0.05)
+    assert kept.wait_time(2 * 10**9) == 0.0
+    assert kept.wait_time(2_100_000_000) == pytest.approx(0.05)
 
 
-def test_pace_starts_again_after_a_pause_or_a_new_factor(monkeypatch):
+def test_measurement_restarts_after_a_pause_or_a_new_factor(monkeypatch):
     clock = FakeWall(monkeypatch)
-    kept = Pace(1.0)
+    kept = RealTimeFactor(1.0)
     clock.now += 5.0
     kept.restart(0)
-    assert kept.delay(10**8) == pytest.approx(0.1)
-    kept.set_factor(4.0, 0)
-    assert kept.delay(10**9) == pytest.approx(0.25)
+    assert kept.wait_time(10**8) == pytest.approx(0.1)
+    kept.set_target(4.0, 0)
+    assert kept.wait_time(10**9) == pytest.approx(0.25)
 
 
-def test_pace_learns_how_much_a_call_can_hold():
-    kept = Pace(0.0)
+def test_chunks_follow_the_measured_speed():
+    kept = RealTimeFactor(0.0)
     assert kept.chunk(0.01, 0.002) == 2_000_000  # one step, while nothing is known
     for _ in range(100):
-        kept.learn(10**9, 0.5)
+        kept.record_steps(10**9, 0.5)
     assert kept.chunk(0.01, 0.002) == pytest.approx(2e7, rel=1e-6)
-    kept.learn(0, 1.0)  # an input that acted at once says nothing
+    kept.record_steps(0, 1.0)  # an input that acted at once says nothing
     assert kept.chunk(0.01, 0.002) == pytest.approx(2e7, rel=1e-6)
     assert kept.chunk(0.0, 0.0) == 1

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_helpers import Client, reasons
 
 STEP = 0.0002  # s
-# Falls and swings at one end; slower than real time, so that a busy machine keeps the pace too.
+# Falls and swings at one end; slower than real time, so that a busy machine keeps up too.
 SCENE = {
     'weave': {'size': [5, 3, 3]},
     'gravity': [0.0, 0.0, -9.81],
@@ -128,7 +128,7 @@ def test_diagnostics_name_the_node_and_its_figures(client, scene):
     assert values['bodies'] == str(scene.body_count)
     assert values['connectors'] == str(scene.connector_count)
     assert float(values['step [s]']) == STEP
-    assert values['wanted real-time factor'] == '0.5'
+    assert values['target real-time factor'] == '0.5'
     assert values['wrenches dropped'] == '0' and values['loads active'] == '0'
     assert float(values['stability margin']) > 1.0
     assert {'simulated time [s]', 'stability limit [s]', 'steps', 'proximity'} <= values.keys()

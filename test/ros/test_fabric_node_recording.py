@@ -266,7 +266,7 @@ def test_kill_loses_the_last_second_at_most(tmp_path):
                 assert bag.topics['/icofabric/poses'].message_count > 10
             assert times == [n * 10**7 for n in range(len(times))]
             print(f'killed at {published / 1e9:.2f} s, lost {(published - times[-1]) / 1e9:.2f} s')
-            # At pace 1 a second of simulated time takes a second or more of wall time.
+            # At a real-time factor of 1 a second of simulated time takes at least a second.
             assert published - times[-1] <= 10**9
     finally:
         for client in clients:

@@ -101,7 +101,7 @@ def test_stuck_subscriber_holds_nobody_up(client, other):
     assert len(grid) > 60 and (np.diff(grid) > 0).all()
     assert client.clock > before
     print(f'\nposes: {number / 3.0:.1f} a second, longest gap {1e3 * gap:.0f} ms; beside a stuck '
-          f'subscriber pace {(client.clock - before) * 1e-9 / passed:.3f} of 0.5; '
+          f'subscriber real-time factor {(client.clock - before) * 1e-9 / passed:.3f} of 0.5; '
           f'{count(status)} counted')
     other.send_signal(signal.SIGCONT)
     client.health(lambda status: 'all subscribers' not in reasons(status))

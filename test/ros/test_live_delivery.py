@@ -9,7 +9,7 @@ from icofabric_sim.messages.topics import Outputs
 import numpy as np
 from ros_helpers import Client, NodeProcess, write_scene
 
-# 100,920 bodies; slower than real time, so that a busy machine keeps the pace too.
+# 100,920 bodies; slower than real time, so that a busy machine keeps up too.
 SCENE = {
     'weave': {'size': [58, 58, 60]},
     'connector': {'stiffness': 1.0},

@@ -5,7 +5,7 @@
 import icofabric_sim as ico
 from icofabric_sim.messages import decode_diagnostic_array, ERROR, OK, WARN
 from icofabric_sim.messages.topics import DIAGNOSTICS
-from icofabric_sim.running import pace
+from icofabric_sim.running import real_time_factor
 from icofabric_sim.running.diagnostics import (
     describe,
     describe_start,
@@ -16,6 +16,7 @@ from icofabric_sim.running.diagnostics import (
     RECORDER_LAG,
     WRENCHES_DROPPED,
 )
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.run_records import Errors
 from icofabric_sim.running.runner import Runner
 import pytest
@@ -98,22 +99,22 @@ def test_status_says_what_is_known_at_once(status):
     ({}, {}, OK, 'running'),
     ({'paused': True}, {}, OK, 'paused'),
     ({'obstructed': 3}, {}, WARN, '3 connector ends were in their own shells'),
-    ({'factor': 0.5, 'wanted_factor': 1.0}, {}, WARN, 'below the target real-time factor'),
-    ({'factor': 0.5, 'wanted_factor': 0.0}, {}, OK, 'running'),
-    ({'factor': 0.5, 'wanted_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
+    ({'factor': 0.5, 'target_factor': 1.0}, {}, WARN, 'below the target real-time factor'),
+    ({'factor': 0.5, 'target_factor': 0.0}, {}, OK, 'running'),
+    ({'factor': 0.5, 'target_factor': 1.0, 'cause': 'the steps take it all'}, {}, WARN,
      'steps take it all'),
-    ({'factor': 0.5, 'wanted_factor': 1.0, 'limited_by': 'accuracy (solver.tolerance 1e-06); '
+    ({'factor': 0.5, 'target_factor': 1.0, 'limited_by': 'accuracy (solver.tolerance 1e-06); '
       'fastest: contacts (contact.stiffness 4e+05 N/m), up to 1e+04 rad/s'}, {}, WARN,
      'remedies: a larger solver.tolerance, softer contact (a smaller contact.stiffness), '
      'fewer bodies (weave.size), a smaller real_time_factor'),
-    ({'factor': 0.5, 'wanted_factor': 1.0, 'waits': 'compiling kernels'}, {}, WARN,
+    ({'factor': 0.5, 'target_factor': 1.0, 'waits': 'compiling kernels'}, {}, WARN,
      'simulated time is waiting: compiling kernels'),
     ({'balance_error': 0.0051, 'energy_limit': 0.01}, {}, WARN, 'solver.energy_limit = 0.01'),
     ({'balance_error': 0.0049, 'energy_limit': 0.01}, {}, OK, 'running'),
     ({'step': 0.002, 'limit': 0.001}, {}, WARN, 'beyond the stability limit 0.001 s'),
-    ({'finished': True, 'factor': 0.5, 'wanted_factor': 1.0}, {}, OK, 'finished'),
+    ({'finished': True, 'factor': 0.5, 'target_factor': 1.0}, {}, OK, 'finished'),
     ({}, {'rejected change': 'the last change could not be built: x'}, ERROR, 'not be built'),
-    ({'factor': 0.5, 'wanted_factor': 1.0, 'paused': True}, {}, OK, 'paused'),
+    ({'factor': 0.5, 'target_factor': 1.0, 'paused': True}, {}, OK, 'paused'),
     ({'proximity': 'bodies 1 and 2 meet'}, {}, WARN, 'bodies 1 and 2 meet'),
     ({'proximity': 'bodies 1 and 2 meet'}, {'recording': 'disk full'}, ERROR, 'disk full'),
     ({'failure': 'the energy does not balance'}, {'recording': 'disk full'}, ERROR, 'balance'),
@@ -196,22 +197,23 @@ def test_recorder_that_lags(status):
 def test_everything_that_a_user_wants_to_watch(status):
     values = describe(status, '/x', {}, {}).values
     assert {
-        'real-time factor', 'wanted real-time factor', 'pace', 'step [s]', 'method',
+        'real-time factor', 'target real-time factor', 'use of wall time', 'step [s]',
+        'method',
         'stability margin', 'error per second', 'error estimate', 'energy balance error',
         'contacts', 'breaks', 'loads active', 'loads waiting', 'queue lag [s]', 'steps',
     } <= values.keys()
     assert values['contacts'] == values['breaks'] == values['loads waiting'] == '0'
 
 
-# The pace.
+# The real-time factor.
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """Wall time and processor time that a test sets: clock[0], clock[1]."""
     now = [100.0, 0.0]
-    monkeypatch.setattr(pace.wall, 'monotonic', lambda: now[0])
-    monkeypatch.setattr(pace.wall, 'thread_time', lambda: now[1])
+    monkeypatch.setattr(real_time_factor.wall, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(real_time_factor.wall, 'thread_time', lambda: now[1])
     return now
 
 
@@ -219,39 +221,39 @@ def spend(clock, kept, *, steps, rest, waits=0.0, share=1.0, turns=40):
     """Turns of a runner: steps are computed, messages sent, and time is waited for."""
     now = 0
     for _ in range(turns):
-        kept.delay(now)
+        kept.wait_time(now)
         clock[0] += steps
         now += 10_000_000
-        kept.learn(10_000_000, steps)
+        kept.record_steps(10_000_000, steps)
         clock[0] += rest
         clock[1] += share * (steps + rest)
         if waits:
-            assert kept.delay(now) > 0.0
+            assert kept.wait_time(now) > 0.0
             clock[0] += waits
-    kept.delay(now)
-    return kept.factor(now), kept.cause()
+    kept.wait_time(now)
+    return kept.measure(now), kept.describe_time_use()
 
 
-def test_cause_of_a_slow_pace_is_the_steps(clock):
-    factor, cause = spend(clock, pace.Pace(1.0), steps=0.018, rest=0.002)
+def test_cause_of_a_slow_run_is_the_steps(clock):
+    factor, cause = spend(clock, RealTimeFactor(1.0), steps=0.018, rest=0.002)
     assert factor == pytest.approx(0.5, rel=0.05)
     assert cause.startswith('90% of the time is spent in steps, 10% in messages')
     assert 'shared' not in cause
 
 
-def test_cause_of_a_slow_pace_is_the_rest(clock):
-    _, cause = spend(clock, pace.Pace(1.0), steps=0.005, rest=0.015)
+def test_cause_of_a_slow_run_is_the_rest(clock):
+    _, cause = spend(clock, RealTimeFactor(1.0), steps=0.005, rest=0.015)
     assert cause.startswith('25% of the time is spent in steps, 75% in messages')
 
 
-def test_cause_of_a_slow_pace_is_the_machine(clock):
-    _, cause = spend(clock, pace.Pace(1.0), steps=0.018, rest=0.002, share=0.5)
+def test_cause_of_a_slow_run_is_the_machine(clock):
+    _, cause = spend(clock, RealTimeFactor(1.0), steps=0.018, rest=0.002, share=0.5)
     assert 'the processor is shared: this thread got 50% of one' in cause
 
 
 def test_time_that_is_waited_for_counts_for_nothing(clock):
     """Steps that take a tenth of the time that they simulate."""
-    factor, cause = spend(clock, pace.Pace(1.0), steps=0.001, rest=0.0, waits=0.009)
+    factor, cause = spend(clock, RealTimeFactor(1.0), steps=0.001, rest=0.0, waits=0.009)
     assert factor == pytest.approx(1.0, rel=0.02)
     assert cause.startswith('10% of the time is spent in steps, 0% in messages')
     assert 'shared' not in cause

@@ -7,7 +7,7 @@ import time
 import icofabric_sim as ico
 from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 import pytest
 
@@ -207,13 +207,13 @@ def test_a_run_that_has_no_time_is_changed_less_often(monkeypatch):
         runner.run_one()
         free_at[has_time] = runner.reweaver._free_at - now
     assert 1.0 <= free_at[True] < 60.0 < 100.0 <= free_at[False]
-    # A run at a pace that it can keep waits; one without a pace never does.
+    # A run that reaches its target factor waits; one without a target never does.
     for factor, has_time in ((1.0, True), (0.0, False)):
-        pace, simulated = Pace(factor), 0
-        pace.restart(0)
+        real_time, simulated = RealTimeFactor(factor), 0
+        real_time.restart(0)
         until = time.monotonic() + 0.3
         while time.monotonic() < until:
             simulated += 10_000_000
-            time.sleep(pace.delay(simulated))
+            time.sleep(real_time.wait_time(simulated))
             time.sleep(0.001)
-        assert pace.has_time() == has_time
+        assert real_time.has_spare_time() == has_time

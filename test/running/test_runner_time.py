@@ -9,7 +9,7 @@ from icofabric_sim.messages.schedule import nanoseconds_not_before, seconds
 from icofabric_sim.messages.topics import CLOCK, POSES
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.running import time_advance
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
 import pytest
@@ -39,19 +39,19 @@ def test_flood_of_messages_does_not_drive_the_time():
     assert 0.0 < reached <= factor * (time.monotonic() - began + 0.011)
 
 
-def test_chunk_is_bounded_by_the_wanted_pace():
+def test_chunk_is_bounded_by_the_target_factor():
     """
     Without subscribers nothing else would bound it, and an immediate wrench would act far ahead.
     """
-    pace = Pace(0.5)
-    pace.learn(10**12, 0.001)
-    assert pace.chunk(0.01, 1e-4) == pace.chunk(0.01, 1.0) == 5_000_000
-    pace.set_factor(1e-6, 0)
-    assert pace.chunk(0.01, 1e-4) == 10
-    pace.set_factor(0.0, 0)
-    assert pace.chunk(0.01, 1e-4) == 10**13
-    pace.forget_speed()
-    assert pace.chunk(0.01, 1e-4) == 100_000
+    real_time = RealTimeFactor(0.5)
+    real_time.record_steps(10**12, 0.001)
+    assert real_time.chunk(0.01, 1e-4) == real_time.chunk(0.01, 1.0) == 5_000_000
+    real_time.set_target(1e-6, 0)
+    assert real_time.chunk(0.01, 1e-4) == 10
+    real_time.set_target(0.0, 0)
+    assert real_time.chunk(0.01, 1e-4) == 10**13
+    real_time.forget_speed()
+    assert real_time.chunk(0.01, 1e-4) == 100_000
 
 
 @pytest.mark.parametrize(('name', 'bad', 'good'), [
@@ -134,7 +134,7 @@ def test_time_goes_on_after_steps_that_failed():
 def test_stop_is_heard_within_a_long_advance():
     """The run ends at the end of a step, and the simulation can go on from there."""
     runner = make_runner(ListSink(), duration=0.0, solver__step=1e-6)
-    runner._pace.chunk = lambda *arguments: 2 * 10**10
+    runner._real_time.chunk = lambda *arguments: 2 * 10**10
     with Beside(runner) as beside:
         beside.wait_for(lambda: runner.simulation.status.step_count > 100)
     assert 0 < runner.now < 2 * 10**10

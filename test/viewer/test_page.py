@@ -256,13 +256,13 @@ def test_the_slider_of_a_record_goes_with_its_time_and_a_record_goes_on_as_a_run
                 client.set('Time [s]', 0.05)
                 client.wait_for(lambda: player.now == 50_000_000, 'not there')
                 client.press('Simulate from here')
-                client.wait_for(lambda: actions.going_on is not None, 'it does not go on')
+                client.wait_for(lambda: actions.continued_run is not None, 'it does not go on')
                 client.wait_for(partial(client.shown, 'continues as a simulation'), 'no answer')
         finally:
             page.close()
             player.stop()
             thread.join(60.0)
-    simulation, parameters = actions.going_on
+    simulation, parameters = actions.continued_run
     # The state of the recorded run at that moment, to the last bit.
     again = ico.compile_scene(ico.Scene.from_parameters(SCENE))
     again.advance_to(0.05)

@@ -11,7 +11,7 @@ reported in the log and in every /diagnostics message.
 import time
 
 from icofabric_sim.messages.topics import POSES
-from icofabric_sim.running.complaints import Complaints
+from icofabric_sim.running.rate_limited_log import RateLimitedLog
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -29,7 +29,7 @@ class NameWatch:
         """Search for nodes named like `node`; the search began at `begun` (time.monotonic())."""
         self._node, self._begun = node, time.monotonic() if begun is None else begun
         self._name = node.get_fully_qualified_name()
-        self._complaints = Complaints(node.get_logger().warning)
+        self._warnings = RateLimitedLog(node.get_logger().warning)
         self.note = ''
 
     def require_first(self) -> None:
@@ -67,7 +67,7 @@ class NameWatch:
             f'{count} nodes are named {self._name}: their topics and services cannot be '
             'distinguished; stop one of them')
         if note:
-            self._complaints.add(self._name, note)
+            self._warnings.log(self._name, note)
         self.note = note
 
 

@@ -14,7 +14,7 @@ from icofabric_sim.bag import BagError
 from icofabric_sim.messages import ClockBytes, MarkerAction, MarkerBytes, MarkerType, topics
 from icofabric_sim.messages.schedule import NANOSECONDS, Schedule
 from icofabric_sim.messages.topics import Topic
-from icofabric_sim.running.pace import Pace
+from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.replay.source import describe_time, Frame, ReplaySource
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -47,7 +47,7 @@ class ReplayStatus(NamedTuple):
     at_end: bool
     failure: str  # '': none
     rate: float  # recent ratio of recorded to wall time
-    wanted_rate: float
+    target_rate: float
     loops: int  # number of restarts
     sent: int  # messages with a subscriber
     recorded_report: bytes | None  # the last /diagnostics of the recorded run
@@ -87,7 +87,7 @@ class Player:
         self._report = report
         self._clock = ClockBytes() if publish_clock else None
         self._ticks = Schedule(clock_rate)
-        self._pace = Pace(rate)
+        self._real_time = RealTimeFactor(rate)
         self._commands: SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = SimpleQueue()
         self._wake = threading.Event()
         self._stopping = self._ended = False
@@ -105,7 +105,7 @@ class Player:
 
         def act() -> int:
             self.paused = paused
-            self._pace.restart(self.now)
+            self._real_time.restart(self.now)
             return self.now
 
         return self._post(act)
@@ -129,7 +129,7 @@ class Player:
 
         def act() -> None:
             self.rate = rate
-            self._pace.set_factor(rate, self.now)
+            self._real_time.set_target(rate, self.now)
 
         return self._post(act)
 
@@ -151,7 +151,7 @@ class Player:
         """Return the present status; each value is read separately."""
         return ReplayStatus(
             self.now, self.source.start, self.source.end, self.paused, self.at_end, self.failure,
-            self._pace.factor(self.now), self.rate, self._loops, self._sent,
+            self._real_time.measure(self.now), self.rate, self._loops, self._sent,
             self._recorded_report)
 
     def _post(self, command: Callable[[], Any]) -> 'Future[Any]':
@@ -200,7 +200,7 @@ class Player:
 
     def _play_on(self) -> None:
         target = self._next_target()
-        delay = self._pace.delay(target)
+        delay = self._real_time.wait_time(target)
         if delay > 0.0:
             self._repeat()
             self._wake.wait(min(delay, _IDLE_REFRESH))  # any request wakes it
@@ -251,7 +251,7 @@ class Player:
             found = not self.source.has_poses or any(
                 topic.name == topics.POSES.name for topic, _ in frame.messages)
         self._tick()
-        self._pace.restart(self.now)
+        self._real_time.restart(self.now)
         if not found:
             raise RuntimeError(
                 f'no poses after {describe_time(self.now)}; call ~/reset, or set the parameter '
@@ -269,7 +269,7 @@ class Player:
         if cleared:
             self._clear_markers()
         self._show(state)
-        self._pace.restart(time)
+        self._real_time.restart(time)
         return time
 
     def _clear_markers(self) -> None:

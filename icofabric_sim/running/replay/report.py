@@ -48,10 +48,10 @@ class ReplayReport:
         if status.paused:
             sentence = 'paused in a recorded run'
         moving = not (status.at_end or status.paused)
-        if moving and 0.0 < status.rate < _SLOW_RATIO * status.wanted_rate:
+        if moving and 0.0 < status.rate < _SLOW_RATIO * status.target_rate:
             level = WARN
             sentence = (
-                f'rate {status.rate:.3g}, below the requested {status.wanted_rate:.3g}: limited '
+                f'rate {status.rate:.3g}, below the requested {status.target_rate:.3g}: limited '
                 'by reading the bag')
         if warning:
             level, sentence = WARN, warning
@@ -64,7 +64,7 @@ class ReplayReport:
             'start [s]': f'{seconds(status.start):.9f}',
             'end [s]': f'{seconds(status.end):.9f}',
             'rate': f'{status.rate:.4g}' if moving else '0',
-            'wanted rate': f'{status.wanted_rate:g}',
+            'target rate': f'{status.target_rate:g}',
             'loops': str(status.loops),
             'messages sent': str(status.sent),
             'reasons': sentence if level != OK else 'none',

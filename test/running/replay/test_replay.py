@@ -278,7 +278,7 @@ def test_state_near_the_end_reads_little(any_source, monkeypatch):
     assert len(read) < 10
 
 
-# Pace.
+# RealTimeFactor.
 
 def test_pace_is_kept_without_drift(source, monkeypatch):
     """By a clock of the test's own: each wait ends 3 ms late, which does not add up."""
@@ -311,7 +311,7 @@ def test_rate_changes_while_playing(source):
     assert sink.of('~/poses') == recorded('~/poses')
     clocks = [decode_clock(data) for data in sink.of('/clock')]
     assert clocks == sorted(set(clocks)) and clocks[-1] == END
-    assert beside.player.status().wanted_rate == 0.0
+    assert beside.player.status().target_rate == 0.0
 
 
 # Control.
@@ -546,9 +546,9 @@ def test_reports_say_how_the_replay_stands(source):
 def test_levels_of_a_replay(source):
     about = ReplayReport('/replay', source)
     status = Player(source, ListSink()).status()
-    slow = about.describe(status._replace(rate=0.5, wanted_rate=1.0), {})
+    slow = about.describe(status._replace(rate=0.5, target_rate=1.0), {})
     assert slow.level == WARN and 'rate 0.5' in slow.message
-    assert about.describe(status._replace(rate=0.5, wanted_rate=0.5), {}).level == OK
+    assert about.describe(status._replace(rate=0.5, target_rate=0.5), {}).level == OK
     paused = about.describe(status._replace(rate=0.5, paused=True), {'note': 'more'})
     assert paused.message.startswith('paused') and paused.values['note'] == 'more'
     failed = about.describe(status._replace(failure='the bag is damaged'), {})

@@ -108,7 +108,7 @@ def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = 
 
 def _status(simulation: ico.Simulation, limited_by: str) -> Status:
     return Status(
-        time=0, paused=False, finished=False, failure='', factor=0.0, wanted_factor=1.0,
+        time=0, paused=False, finished=False, failure='', factor=0.0, target_factor=1.0,
         dropped=0, errors=errors_of(simulation), limited_by=limited_by, **figures(simulation))
 
 

@@ -273,7 +273,7 @@ def _services(setting: Setting) -> None:
 def slow_subscriber(setting: Setting) -> None:
     """A reliable subscriber that is stopped with SIGSTOP beside a fabric of 10,206 bodies."""
     table, watched = setting.table, setting.arguments.watched
-    table.begin('slow-subscriber', f'10,206 bodies, {watched:g} s each, wanted real-time factor '
+    table.begin('slow-subscriber', f'10,206 bodies, {watched:g} s each, target real-time factor '
                 f'{setting.arguments.factor:g}')
     scene = {
         'weave': {'size': [27, 27, 28]}, 'connector': {'stiffness': 20.0},

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _RECORDED_NODE_PARAMETERS = ('record.path', 'record.storage', 'publish_clock')
 
 
-class GoingLive:
+class ReplayContinuation:
     """Recorded run that is being rebuilt as a running simulation."""
 
     def __init__(self, path: Path, fabric: str, paused: bool) -> None:
@@ -30,7 +30,7 @@ class GoingLive:
         self._simulation: 'Simulation | None' = None
         self._parameters: 'Parameters | None' = None
         self.reached = 0  # [ns] recorded time reached by the rebuild
-        self.abandoned = False  # true cancels the rebuild
+        self.is_cancelled = False  # true cancels the rebuild
 
     def build(self, time: int) -> 'Future[None]':
         """Simulate the recorded run again up to `time` [ns] in a new thread."""
@@ -49,13 +49,13 @@ class GoingLive:
 
     def _build(self, time: int) -> None:
         # Imported here because it loads the compiler, which a replay does not need.
-        from icofabric_sim.running.replay.going_on import simulate_from
+        from icofabric_sim.running.replay.continuation import simulate_from
 
         self._simulation, self._parameters = simulate_from(
             self._path, self._fabric, time, self._note)
 
     def _note(self, time: int) -> None:
-        if self.abandoned:
+        if self.is_cancelled:
             raise RuntimeError('the replay has ended')
         self.reached = time
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import time
 
 # Wall time between two lines of one kind [s]: initial and largest value.
-FIRST_INTERVAL, LONGEST_INTERVAL = 1.0, 60.0
+MIN_INTERVAL_S, MAX_INTERVAL_S = 1.0, 60.0
 MAX_LINE_LENGTH = 1000  # characters
 # A line that summarises more than this number doubles the next interval.
 _DOUBLING_COUNT = 10
@@ -26,28 +26,29 @@ class _Kind:
     """Counts of logged and suppressed warnings of one kind."""
 
     def __init__(self, now: float) -> None:
-        self.next_time, self.interval, self.unsaid = now, FIRST_INTERVAL, 0
+        self.next_time, self.interval, self.suppressed = now, MIN_INTERVAL_S, 0
 
 
-class Complaints:
+class RateLimitedLog:
     """Rate-limited log lines; not thread-safe."""
 
-    def __init__(self, say: Callable[[str], object]) -> None:
-        """Write lines with `say`."""
-        self._say = say
+    def __init__(self, write: Callable[[str], object]) -> None:
+        """Write lines with `write`."""
+        self._write = write
         self._kinds: dict[str, _Kind] = {}
 
-    def add(self, kind: str, text: str) -> None:
+    def log(self, kind: str, text: str) -> None:
         """Log `text`, or only count it if its `kind` was logged recently."""
         now = time.monotonic()
         if kind not in self._kinds and len(self._kinds) >= _MAX_KINDS:
             self._kinds.clear()
         entry = self._kinds.setdefault(kind, _Kind(now))
         if now < entry.next_time:
-            entry.unsaid += 1
+            entry.suppressed += 1
             return
-        unsaid, entry.unsaid = entry.unsaid, 0
-        entry.interval = min(
-            2.0 * entry.interval, LONGEST_INTERVAL) if unsaid > _DOUBLING_COUNT else FIRST_INTERVAL
+        suppressed, entry.suppressed = entry.suppressed, 0
+        entry.interval = (
+            min(2.0 * entry.interval, MAX_INTERVAL_S) if suppressed > _DOUBLING_COUNT
+            else MIN_INTERVAL_S)
         entry.next_time = now + entry.interval
-        self._say(f'{text} ({unsaid} similar ones before)' if unsaid else text)
+        self._write(f'{text} ({suppressed} similar ones before)' if suppressed else text)

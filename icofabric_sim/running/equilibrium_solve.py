@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Equilibrium solve for a paused fabric: search in a thread, result applied between two steps.
+Equilibrium solve for a paused fabric: computed in a thread, result applied between two steps.
 
-The result is an event with all positions and orientations, so that a bag repeats it without a
-search.
+The result is an event with all positions and orientations, so that a replay does not solve again.
 """
 
 from collections.abc import Callable
@@ -29,8 +28,8 @@ if TYPE_CHECKING:
 _UNCHANGED = 'the fabric is unchanged'
 
 
-class Rest:
-    """Equilibrium solver of a run; one search at a time."""
+class EquilibriumSolve:
+    """Equilibrium solver of a run; one solve at a time."""
 
     def __init__(
         self, state: RunState, time: TimeAdvance, broadcast: Broadcast,
@@ -38,14 +37,14 @@ class Rest:
     ) -> None:
         """Change `state`; `post` runs a call in the thread of the run."""
         self._state, self._time, self._broadcast, self._post = state, time, broadcast, post
-        self._is_seeking = False
+        self._is_solving = False
 
-    def seek(self, found: 'Future[Any]') -> None:
+    def start(self, found: 'Future[Any]') -> None:
         """
-        Start a search from the thread of the run; `found` receives a sentence, or the reason.
+        Start to solve from the thread of the run; `found` receives a sentence, or the reason.
         """
         try:
-            self._require_still()
+            self._require_paused()
             # Imported here, because a run seldom needs it.
             from icofabric_sim.statics.present import capture_run_state
             present = capture_run_state(
@@ -53,41 +52,43 @@ class Rest:
         except Exception as error:  # noqa: BLE001 - passed to the caller
             found.set_exception(error)
             return
-        self._is_seeking = True
+        self._is_solving = True
         threading.Thread(
-            target=self._search, args=(present, found), name='equilibrium', daemon=True).start()
+            target=self._solve, args=(present, found), name='equilibrium', daemon=True).start()
 
-    def _require_still(self) -> None:
+    def _require_paused(self) -> None:
         self._state.require_sound('no equilibrium can be solved')
-        if self._is_seeking:
+        if self._is_solving:
             raise RuntimeError('an equilibrium is already being solved')
         if not self._state.paused or self._time.requests.current is not None:
             raise RuntimeError(f'the fabric is moving; pause it first (~/pause); {_UNCHANGED}')
 
-    def _search(self, present: 'PresentState', found: 'Future[Any]') -> None:
+    def _solve(self, present: 'PresentState', found: 'Future[Any]') -> None:
         from icofabric_sim.statics.present import solve_run_equilibrium
         try:
             result = solve_run_equilibrium(present)
             if not result.converged:
                 raise RuntimeError(f'{result.verdict}: {result.reason}; {_UNCHANGED}')
         except Exception as error:  # passed to the caller
-            self._is_seeking = False
+            self._is_solving = False
             found.set_exception(error)
             return
-        self._post(lambda: self._take(present, result, found))
+        self._post(lambda: self._finish(present, result, found))
 
-    def _take(self, present: 'PresentState', result: 'Equilibrium', found: 'Future[Any]') -> None:
+    def _finish(
+        self, present: 'PresentState', result: 'Equilibrium', found: 'Future[Any]'
+    ) -> None:
         """Set the fabric to the equilibrium, in the thread of the run."""
-        self._is_seeking = False
+        self._is_solving = False
         try:
-            found.set_result(self._put(present, result))
+            found.set_result(self._apply(present, result))
         except Exception as error:  # passed to the caller
             found.set_exception(error)
 
-    def _put(self, present: 'PresentState', result: 'Equilibrium') -> str:
+    def _apply(self, present: 'PresentState', result: 'Equilibrium') -> str:
         state = self._state
-        self._require_still()
-        # Compared with the state at the start of the search.
+        self._require_paused()
+        # Compared with the state at the start of the solve.
         if state.simulation.snapshot() is not present.snapshot:
             raise RuntimeError(
                 f'the fabric or its loads have changed during the search; {_UNCHANGED}')
@@ -109,12 +110,12 @@ class Rest:
         self._time.restart_motion()
         self._broadcast.event(state.now, 'equilibrium', **facts)
         self._time.show_after('equilibrium')
-        what = _left_text(result) if is_least else _contacts_text(result)
+        what = _resultants_text(result) if is_least else _contacts_text(result)
         return (f'{result.verdict}, residual {result.residual:.2g}{what}, '
                 f't = {seconds(state.now):.9f} s')
 
 
-def _left_text(result: 'Equilibrium') -> str:
+def _resultants_text(result: 'Equilibrium') -> str:
     """Say which resultants of force and moment are left, at most, and on which bodies."""
     force, moment = (np.linalg.norm(part, axis=1) for part in np.split(result.leftover, 2, 1))
     return (f', the largest resultants left are {force.max():.3g} N on body {np.argmax(force)} '

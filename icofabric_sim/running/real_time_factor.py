@@ -30,21 +30,21 @@ class Mark(NamedTuple):
     processor: float  # processor time of this thread
 
 
-class Pace:
+class RealTimeFactor:
     """Target and measured real-time factor."""
 
     def __init__(self, factor: float) -> None:
         """Set the target `factor`; 0 is as fast as possible."""
-        self._factor = factor
+        self._target = factor
         self._speed = 0.0  # simulated nanoseconds per second of computing
         self._computed, self._waited = 0.0, 0.0
         self._waits_since: float | None = None
         self._marks: deque[Mark] = deque()
         self.restart(0)
 
-    def set_factor(self, factor: float, now: int) -> None:
+    def set_target(self, factor: float, now: int) -> None:
         """Set another target `factor` from simulated time `now` [ns] on."""
-        self._factor = factor
+        self._target = factor
         self.restart(now)
 
     def restart(self, now: int) -> None:
@@ -59,7 +59,7 @@ class Pace:
         """Measure the computing speed again after the fabric was replaced."""
         self._speed = 0.0
 
-    def learn(self, simulated: int, seconds: float) -> None:
+    def record_steps(self, simulated: int, seconds: float) -> None:
         """Record that `simulated` nanoseconds took `seconds` to compute."""
         self._computed += seconds
         if seconds > 0.0 and simulated > 0:
@@ -74,11 +74,11 @@ class Pace:
         that is less than a step.
         """
         chunk = max(math.ceil(step * NANOSECONDS), int(self._speed * seconds))
-        if self._factor > 0.0:
-            chunk = min(chunk, int(self._factor * seconds * NANOSECONDS))
+        if self._target > 0.0:
+            chunk = min(chunk, int(self._target * seconds * NANOSECONDS))
         return max(chunk, 1)
 
-    def delay(self, now: int) -> float:
+    def wait_time(self, now: int) -> float:
         """
         Return the wall time [s] to wait at simulated time `now` [ns] for the target factor.
 
@@ -92,28 +92,28 @@ class Pace:
             self._marks.append(self._mark(clock, now))
             while clock - self._marks[0].wall > _WINDOW_S and len(self._marks) > 2:
                 self._marks.popleft()
-        if not self._factor > 0.0:
+        if not self._target > 0.0:
             return 0.0
-        ahead = (now - self._start_time) / NANOSECONDS / self._factor - (clock - self._start_wall)
+        ahead = (now - self._start_time) / NANOSECONDS / self._target - (clock - self._start_wall)
         if ahead < -_MAX_LAG_S:
             self._start_wall, self._start_time = clock, now
         if ahead > 0.0:
             self._waits_since = clock
         return max(ahead, 0.0)
 
-    def factor(self, now: int) -> float:
+    def measure(self, now: int) -> float:
         """Return the recent real-time factor."""
         first = self._marks[0]
         passed = wall.monotonic() - first.wall
         return (now - first.time) / NANOSECONDS / passed if passed > 0.0 else 0.0
 
-    def has_time(self) -> bool:
+    def has_spare_time(self) -> bool:
         """Return whether the run recently had time to wait; thread-safe."""
         marks = self._marks
         first, last = marks[0], marks[-1]
         return last.waited - first.waited >= _SPARE_RATIO * (last.wall - first.wall)
 
-    def cause(self) -> str:
+    def describe_time_use(self) -> str:
         """Describe how recent wall time was spent, i.e. why a run is not faster."""
         marks = self._marks
         first, last = marks[0], marks[-1]
