@@ -228,9 +228,9 @@ class Runner:
 
     def solve_equilibrium(self) -> 'Future[Any]':
         """
-        Set the paused fabric to its equilibrium, see rest.py; the result is a sentence.
+        Set the paused fabric to its equilibrium (equilibrium_solve.py); the result is a sentence.
 
-        The search does not block the run. Raises RuntimeError or ValueError if the fabric is
+        The solve does not block the run. Raises RuntimeError or ValueError if the fabric is
         moving, changes meanwhile, or has no equilibrium; then the state is unchanged.
         """
         found: Future[Any] = Future()
