@@ -88,7 +88,7 @@ endif
 check: lint
 	$(call stage,a selection of tests (pytest),.venv/bin/python -m pytest -m 'not graph and not long' -n auto \
 	test/test_*.py validation/test/test_validation_package.py validation/test/repository test/geometry test/parameters/test_validation.py test/parameters/test_parameter_file.py test/messages \
-	test/scene/test_initial.py test/physics/test_closed_forms.py test/physics/test_conservation.py test/simulation/test_status.py)
+	test/scene/test_initial.py test/physics/test_closed_forms.py test/physics/test_conservation.py test/simulation/reports/test_status.py)
 
 test-long:
 	.ci/environment test

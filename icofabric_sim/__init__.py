@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from icofabric_sim.geometry.shell import Shell
     from icofabric_sim.parameters.validation import ParameterError
     from icofabric_sim.scene.scene import load_scene, Scene
-    from icofabric_sim.simulation.checkpoint import Checkpoint
+    from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
     from icofabric_sim.simulation.devices.ranks import RankError, Ranks
-    from icofabric_sim.simulation.divergence import Growth, measure_growth
     from icofabric_sim.simulation.errors import SimulationError
     from icofabric_sim.simulation.model.body_force import BodyForce
     from icofabric_sim.simulation.model.snapshot import Snapshot
     from icofabric_sim.simulation.model.surface_force import surface_force
+    from icofabric_sim.simulation.reports.divergence import Growth, measure_growth
     from icofabric_sim.simulation.simulation import compile_scene, Simulation
     from icofabric_sim.simulation.stepping.methods import METHODS
     from icofabric_sim.statics.cycles import measure_cycles
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 _HOMES = {
     'BodyForce': 'simulation.model.body_force',
-    'Checkpoint': 'simulation.checkpoint',
+    'Checkpoint': 'simulation.checkpoints.checkpoint',
     'Elasticity': 'statics.periodic',
     'Equilibrium': 'statics.equilibrium',
-    'Growth': 'simulation.divergence',
+    'Growth': 'simulation.reports.divergence',
     'METHODS': 'simulation.stepping.methods',
     'RankError': 'simulation.devices.ranks',
     'Ranks': 'simulation.devices.ranks',
@@ -55,7 +55,7 @@ _HOMES = {
     'load_scene': 'scene.scene',
     'measure_curve': 'statics.stretching',
     'measure_cycles': 'statics.cycles',
-    'measure_growth': 'simulation.divergence',
+    'measure_growth': 'simulation.reports.divergence',
     'measure_turning': 'statics.turning',
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',

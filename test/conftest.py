@@ -36,17 +36,18 @@ LONG_FILES = (
     'simulation/test_threads', 'ros/test_fabric_node_advance', 'ros/test_fabric_node_clock',
     'ros/test_fabric_node_start', 'validation/test/material/test_material_study',
     'running/test_change_column', 'scene/test_ready_scenes', 'simulation/test_traversal_order',
-    'test_installation', 'running/test_checkpoint_files', 'simulation/test_pulls',
+    'test_installation', 'running/test_checkpoint_files', 'simulation/inputs/test_pulls',
     'simulation/test_evaluation_counts', 'ros/test_fabric_node_limits',
-    'running/replay/test_verify', 'ros/test_fabric_node_recording', 'simulation/test_checkpoint',
+    'running/replay/test_verify', 'ros/test_fabric_node_recording',
+    'simulation/checkpoints/test_checkpoint',
     'running/test_runner_state_machine', 'ros/test_fabric_node_wrenches', 'ros/test_fabric_node',
     'ros/test_fabric_node_services', 'ros/test_node_state_machine',
     'validation/test/robustness/test_kill_recovery', 'bag/test_bag_split',
     'simulation/test_state_machine', 'ros/test_live_delivery', 'bag/test_bag',
-    'simulation/test_checkpoint_random', 'geometry/test_shell', 'bag/test_bag_recovery',
-    'running/replay/test_verify_complete', 'test_rooms', 'ros/test_node_ranks',
-    'ros/test_stop_signals', 'test_colcon', 'test_package', 'simulation/test_speed_guard',
-    'parameters/test_parameter_file_rcl')
+    'simulation/checkpoints/test_checkpoint_random', 'geometry/test_shell',
+    'bag/test_bag_recovery', 'running/replay/test_verify_complete', 'test_rooms',
+    'ros/test_node_ranks', 'ros/test_stop_signals', 'test_colcon', 'test_package',
+    'simulation/test_speed_guard', 'parameters/test_parameter_file_rcl')
 _PLACES = {name: place for place, name in enumerate(LONG_FILES)}
 _ROOT = Path(__file__).parents[1]
 

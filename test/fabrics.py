@@ -9,7 +9,7 @@ from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.loads import kick_load
 from icofabric_sim.kernels.profiles import factor_of
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np

@@ -5,7 +5,7 @@
 from typing import NamedTuple
 
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.reports.divergence import distance_between
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -9,7 +9,7 @@ from icofabric_sim.messages import WrenchStampedBytes
 from icofabric_sim.messages.frames import body_frame
 from icofabric_sim.messages.input_topics import input_type, InputMessage, topic_of
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget, Wrench
+from icofabric_sim.simulation.inputs.input_types import BodyTarget, ChannelTarget, Wrench
 import numpy as np
 
 SCENE = {

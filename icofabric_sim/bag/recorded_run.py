@@ -27,7 +27,7 @@ from icofabric_sim.parameters.named_files import with_recorded_files
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.input_types import Target
+from icofabric_sim.simulation.inputs.input_types import Target
 import numpy as np
 
 _Message = TypeVar('_Message')

@@ -14,8 +14,8 @@ from icofabric_sim.terminal import InputError, require_place
 if TYPE_CHECKING:
     from icofabric_sim.pictures.moment import Push
     from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.load_cells import ContactForces, Reactions
     from icofabric_sim.simulation.model.snapshot import Snapshot
+    from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
     import numpy as np
 
 _BODIES = (

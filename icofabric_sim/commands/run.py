@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from icofabric_sim.running.run_records import Errors
     from icofabric_sim.running.runner import Runner
     from icofabric_sim.simulation.devices.ranks import Ranks
-    from icofabric_sim.simulation.divergence import Growth
+    from icofabric_sim.simulation.reports.divergence import Growth
     from icofabric_sim.simulation.simulation import Simulation
 
 _NAME = 'icofabric run'

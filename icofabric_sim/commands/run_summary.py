@@ -10,7 +10,7 @@ from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.running.run_records import Errors, Status, step_limit
 from icofabric_sim.scene.summary import evaluations_text, Row, size_text, times, vector
-from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.reports.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np

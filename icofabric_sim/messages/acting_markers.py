@@ -15,9 +15,9 @@ from icofabric_sim.messages.marker import MarkerAction
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import Touching
-from icofabric_sim.simulation.input_types import Wrench
-from icofabric_sim.simulation.load_cells import contact_arrows
+from icofabric_sim.simulation.inputs.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.load_cells import contact_arrows
 import numpy as np
 
 _LINE_LIST, _CUBE_LIST, _SPHERE_LIST, _TRIANGLE_LIST = 5, 6, 7, 11

@@ -20,7 +20,7 @@ from icofabric_sim.messages.stamped import (
     TwistStampedBytes,
     WrenchStampedBytes,
 )
-from icofabric_sim.simulation.input_types import (
+from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,

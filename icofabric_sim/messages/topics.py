@@ -28,9 +28,9 @@ from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import Touching
-from icofabric_sim.simulation.input_types import Wrench
-from icofabric_sim.simulation.load_cells import ContactForces, Reactions
+from icofabric_sim.simulation.inputs.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
 import numpy as np
 
 __all__ = [

@@ -17,8 +17,8 @@ from icofabric_sim.pictures.moment import Moment, Push
 from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.selectors import Bodies, select
-from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget
-from icofabric_sim.simulation.load_cells import contact_arrows
+from icofabric_sim.simulation.inputs.input_types import BodyTarget, ChannelTarget
+from icofabric_sim.simulation.reports.load_cells import contact_arrows
 import numpy as np
 
 Progress = Callable[[int], None]  # called with the number of pictures done

@@ -22,7 +22,7 @@ from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
 if TYPE_CHECKING:
-    from icofabric_sim.simulation.checkpoint import Checkpoint
+    from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0

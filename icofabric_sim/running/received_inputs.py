@@ -39,7 +39,7 @@ from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.running.rate_limited_log import RateLimitedLog
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.input_types import (
+from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,

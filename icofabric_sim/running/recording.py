@@ -30,7 +30,7 @@ from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
-from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.reports.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from icofabric_sim.parameters.changes import rebuilds, with_immediate_changes
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.input_types import has_target, PullTarget
+from icofabric_sim.simulation.inputs.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.precompile import compile_elsewhere
 from icofabric_sim.simulation.simulation import compile_scene, Simulation

@@ -35,11 +35,11 @@ from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
-from icofabric_sim.simulation.input_types import has_target
+from icofabric_sim.simulation.inputs.input_types import has_target
 from icofabric_sim.simulation.simulation import Simulation
 
 if TYPE_CHECKING:
-    from icofabric_sim.simulation.checkpoint import Checkpoint
+    from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
@@ -141,7 +141,7 @@ class RunChanges:
 
     def restore(self, choose: Callable[[Parameters], Path]) -> int:
         """Continue from the checkpoint returned by `choose`; return its time [ns]."""
-        from icofabric_sim.simulation.checkpoint import Checkpoint
+        from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
         state = self._state
         path = choose(state.parameters)
         checkpoint, ended = Checkpoint.load(path), self._fresh_status()

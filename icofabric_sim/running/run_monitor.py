@@ -8,8 +8,8 @@ from icofabric_sim.messages import topics
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
-from icofabric_sim.simulation.divergence import Companion
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.divergence import Companion
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 

@@ -5,7 +5,7 @@
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 import numpy as np

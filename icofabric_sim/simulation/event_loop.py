@@ -11,11 +11,13 @@ from typing import Any, TYPE_CHECKING
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.contact.friction_state import frequency_of
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
-from icofabric_sim.simulation.input_types import Target, Value
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.input_types import Target, Value
+from icofabric_sim.simulation.inputs.inputs import Inputs
+from icofabric_sim.simulation.inputs.pulls import connected_mass
 from icofabric_sim.simulation.model.packing import (
     expected_liveliness,
     expected_strain,
@@ -23,8 +25,6 @@ from icofabric_sim.simulation.model.packing import (
     PackedScene,
 )
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
-from icofabric_sim.simulation.pulls import connected_mass
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast

@@ -16,11 +16,12 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.process.interrupts import DeferredInterrupt
 from icofabric_sim.scene.initial import hold_still, InitialState
 from icofabric_sim.scene.scene import require_scene, Scene
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.event_loop import EventLoop
-from icofabric_sim.simulation.given_state import complete_state
-from icofabric_sim.simulation.input_types import (
+from icofabric_sim.simulation.inputs.given_state import complete_state
+from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
@@ -33,12 +34,6 @@ from icofabric_sim.simulation.input_types import (
     Vector,
     Wrench,
 )
-from icofabric_sim.simulation.load_cells import (
-    ContactForces,
-    LoadCells,
-    Reactions,
-    tensions_of,
-)
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -49,8 +44,13 @@ from icofabric_sim.simulation.precompile import (
     LARGEST,
     may_compile_elsewhere,
 )
-from icofabric_sim.simulation.state_tree import StateTree
-from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.reports.load_cells import (
+    ContactForces,
+    LoadCells,
+    Reactions,
+    tensions_of,
+)
+from icofabric_sim.simulation.reports.status import SimulationStatus
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 import numpy as np
@@ -394,8 +394,8 @@ class Simulation:
         """
         Pull a body towards a point by a spring with limited force and a damper.
 
-        Acts until `release` or a reset; a second call moves the point. simulation/pulls.py has the
-        law, which is scaled to the fabric and by `pull.strength`.
+        Acts until `release` or a reset; a second call moves the point. The law, in
+        simulation/inputs/pulls.py, is scaled to the fabric and by `pull.strength`.
 
         Parameters
         ----------

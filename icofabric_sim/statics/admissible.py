@@ -20,7 +20,7 @@ theorem: J. Heyman, Int. J. Solids Struct. 2, 249, 1966; R. K. Livesley, Int. J.
 
 from typing import NamedTuple
 
-from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.contact_points import ContactPoints
 from icofabric_sim.statics.contacts import margin_of
 from icofabric_sim.statics.fabric import Configuration

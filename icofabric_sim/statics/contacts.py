@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH, PairForces
 from icofabric_sim.simulation.contact.setup import ContactSetup
-from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.contact_points import contact_points_from, ContactPoints
 import numpy as np
 

@@ -19,10 +19,10 @@ from icofabric_sim.checks import counted
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.parameters.table import OBJECTIVES
 from icofabric_sim.scene.scene import require_scene, Scene
-from icofabric_sim.simulation.load_cells import ContactForces, Reactions
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
 from icofabric_sim.statics.admissible import find_admissible
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.crossings import Crossings

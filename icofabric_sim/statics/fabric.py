@@ -26,8 +26,7 @@ from icofabric_sim.kernels.records import Gravity
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
-from icofabric_sim.simulation.inputs import Inputs
-from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
@@ -40,6 +39,7 @@ from icofabric_sim.simulation.model.shared_kinds import (
     without,
 )
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import Contacts, StaticContacts
 from icofabric_sim.statics.friction import ContactFriction, FrictionPath

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import Simulation

@@ -3,7 +3,7 @@
 """Reactions of supports, drives, anchors and planes at rest, by name."""
 
 from icofabric_sim.scene.planes import make_planes
-from icofabric_sim.simulation.load_cells import (
+from icofabric_sim.simulation.reports.load_cells import (
     ContactForces,
     held_by_name,
     names_of,

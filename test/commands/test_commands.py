@@ -26,7 +26,7 @@ from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.running.cross_check import cross_check, DISTURBANCE
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.summary import evaluations_text
-from icofabric_sim.simulation.divergence import measure_growth
+from icofabric_sim.simulation.reports.divergence import measure_growth
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.statics.modes import solve_modes
 import numpy as np

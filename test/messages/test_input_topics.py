@@ -12,7 +12,7 @@ from icofabric_sim.messages.input_topics import (
     target_of,
     topic_of,
 )
-from icofabric_sim.simulation.input_types import (
+from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,

@@ -14,7 +14,7 @@ from icofabric_sim.parameters.named_files import append_files, extract_files, Na
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.scene.scene import check_parameters
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 import numpy as np
 import pytest
 from recorded_runs import record_run, swing_scene

@@ -13,9 +13,9 @@ from icofabric_sim.messages import decode_marker_points
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.pictures.render import RunMoments, RunPictures
-from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
+from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 import numpy as np
 import pytest
 

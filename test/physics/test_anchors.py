@@ -10,7 +10,7 @@ import icofabric_sim as ico
 from icofabric_sim.kernels.anchors import look_at_anchors
 from icofabric_sim.messages import decode_marker_points
 from icofabric_sim.messages.markers import ConnectorMarkers
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.anchor_stiffness import anchors_eigenvalue, stiffness_of
 from icofabric_sim.simulation.model.packing import pack_scene
 import numpy as np

@@ -13,7 +13,7 @@ from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.messages import decode_diagnostic_array
 from icofabric_sim.running.diagnostics import HealthReport
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_validation.benchmarks import pile
 import numpy as np

@@ -6,7 +6,7 @@ from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import midradius, vertices
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.kernels.contact.gap import axes_of, widest_gap
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.contact.pair_forces import PairForces
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.stepping.thread_team import teams_of

@@ -10,7 +10,7 @@ import math
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_validation.benchmarks.added_errors import draw_scene, judge
 from icofabric_validation.stress.windows import rate_of, Windows
 import numpy as np

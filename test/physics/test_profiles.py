@@ -7,7 +7,7 @@ import math
 from fabrics import changed, make_scene, RANDOM, same_state
 import icofabric_sim as ico
 from icofabric_sim.scene.profiles import make_profile
-from icofabric_sim.simulation.timetable import Timetable
+from icofabric_sim.simulation.inputs.timetable import Timetable
 import numpy as np
 import pytest
 

@@ -9,7 +9,7 @@ import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.topics import Outputs
-from icofabric_sim.simulation.load_cells import tensions_of
+from icofabric_sim.simulation.reports.load_cells import tensions_of
 import numpy as np
 import pytest
 

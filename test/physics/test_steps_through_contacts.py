@@ -9,7 +9,7 @@ import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.contact.stiffness import largest_stiffness
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.controllers.measured import MeasuredStep
 from icofabric_sim.simulation.stepping.method_selection import (

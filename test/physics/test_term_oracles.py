@@ -12,7 +12,7 @@ from analytical import quaternion_product, rotation_quaternion
 from fabrics import make_scene, packed_state, same_state, wrenches
 import icofabric_sim as ico
 from icofabric_sim.kernels.anchors import kick_anchor
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np

@@ -14,7 +14,7 @@ from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.loads import work_load
 from icofabric_sim.kernels.profiles import factors_over
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.packing import acting_lanes, pack_scene
 import numpy as np
 import pytest

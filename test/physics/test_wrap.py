@@ -33,7 +33,6 @@ from icofabric_sim.kernels.wrap.pairs import taut, whole
 from icofabric_sim.kernels.wrap.path import apart, leaving, seen_from
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.scene.attachments import attachment_points
-from icofabric_sim.simulation.divergence import distance_between
 from icofabric_sim.simulation.model import wrapping as wrapping_module
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import largest_frequency
@@ -43,6 +42,7 @@ from icofabric_sim.simulation.model.wrapping import (
     pack_wrapping,
     ways_from,
 )
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ import time
 from icofabric_sim.bag import BagReader
 from icofabric_sim.messages import decode_string
 from icofabric_sim.ros.answers import MAX_PENDING_REQUESTS
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 import numpy as np
 import pytest
 from rclpy.duration import Duration

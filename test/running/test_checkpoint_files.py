@@ -10,10 +10,10 @@ import tracemalloc
 from fabrics import make_scene, RANDOM
 import icofabric_sim as ico
 from icofabric_sim.parameters.table import BY_NAME, Change
-from icofabric_sim.simulation import checkpoint as module
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.checkpoint_bytes import HEAD
-from icofabric_sim.simulation.checkpoint_difference import material
+from icofabric_sim.simulation.checkpoints import checkpoint as module
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.difference import material
+from icofabric_sim.simulation.checkpoints.encoding import HEAD
 from icofabric_sim.simulation.errors import Interrupted
 import numpy as np
 import pytest

@@ -37,7 +37,7 @@ from icofabric_sim.running.recording import (
 )
 from icofabric_sim.running.run_records import Errors
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.divergence import Companion, Growth
+from icofabric_sim.simulation.reports.divergence import Companion, Growth
 import numpy as np
 import pytest
 

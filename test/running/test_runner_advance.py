@@ -12,7 +12,7 @@ from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.running.time_requests import AdvanceRequest, TimeRequests
-from icofabric_sim.simulation.input_types import ChannelTarget
+from icofabric_sim.simulation.inputs.input_types import ChannelTarget
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 import pytest

@@ -13,7 +13,7 @@ from icofabric_sim.messages.topics import CHECKPOINT, EVENTS, POSES, TOPICS, WEA
 from icofabric_sim.running import received_inputs, reweave
 from icofabric_sim.running.run_records import is_initial
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.simulation import compile_scene
 import numpy as np
 import pytest

@@ -19,7 +19,7 @@ from fabrics import changed, same_state
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.parameters.text import dump_parameters
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
 import pytest

@@ -25,10 +25,10 @@ from hypothesis.stateful import (  # noqa: E402
 )
 import icofabric_sim as ico  # noqa: E402
 from icofabric_sim.parameters.validation import ParameterError  # noqa: E402
-from icofabric_sim.simulation.checkpoint import Checkpoint  # noqa: E402
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint  # noqa: E402
 import numpy as np  # noqa: E402
+from shown_bits import figures, unlike  # noqa: E402
 from state_machines import examples  # noqa: E402
-from test_checkpoint_random import figures, unlike  # noqa: E402
 
 COMMON = {
     'weave': {'size': [2, 2, 2]}, 'contact': {'mode': 'never'}, 'gravity': [0.0, 0.0, -9.81],

@@ -18,9 +18,9 @@ from typing import Any, Final, NamedTuple
 
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.divergence import distance_between
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 

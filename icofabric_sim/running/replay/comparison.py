@@ -19,9 +19,9 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.topics import Outputs, Topic
 from icofabric_sim.running.replay.resimulation import Act
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.divergence import Companion, MEANINGFUL
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.reports.divergence import Companion, MEANINGFUL
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 

@@ -24,9 +24,9 @@ from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.changes import rebuilds
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
-from icofabric_sim.simulation.input_types import require_target
+from icofabric_sim.simulation.inputs.input_types import require_target
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
 # Effect of an input on a simulation.

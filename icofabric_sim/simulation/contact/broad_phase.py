@@ -39,6 +39,7 @@ from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
+from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
 from icofabric_sim.simulation.contact.friction_state import FrictionState, lightest
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
@@ -49,7 +50,6 @@ from icofabric_sim.simulation.contact.passing import (
 )
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
-from icofabric_sim.simulation.state_tree import as_number, StateTree
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')

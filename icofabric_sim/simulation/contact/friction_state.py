@@ -8,9 +8,9 @@ from typing import Any
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.kernels.contact.listing import carry_over, find_both
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Model
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
-from icofabric_sim.simulation.state_tree import StateTree
 import numpy as np
 
 # Stiffness along a surface beside that of the contact: then a sphere that is hit obliquely swings

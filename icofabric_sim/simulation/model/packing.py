@@ -37,7 +37,7 @@ from icofabric_sim.scene.profiles import Piece, STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene, SceneConnectors
 from icofabric_sim.scene.supports import Supports
 from icofabric_sim.simulation.contact.setup import ContactSetup, pack_contact
-from icofabric_sim.simulation.driving import DrivePack
+from icofabric_sim.simulation.inputs.driving import DrivePack
 from icofabric_sim.simulation.model.arms import carried_lengths, lengths_of, pack_arms
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.connector_moments import pack_moments

@@ -22,8 +22,8 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.records import State
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.energy_swing import phase_error
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.trajectory import Trajectory

@@ -8,9 +8,9 @@ Kernels see them as connectors that are not there: their bits in the links are c
 
 from typing import Any
 
+from icofabric_sim.simulation.checkpoints.state_tree import remembered_numbers, StateTree
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.state_tree import remembered_numbers, StateTree
 import numpy as np
 
 

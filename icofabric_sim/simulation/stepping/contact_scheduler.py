@@ -8,13 +8,13 @@ import math
 from typing import Any, NoReturn
 
 from icofabric_sim.kernels.records import Contacts, State, Watch
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.broad_phase import (
     BroadPhase,
     NOTHING_TOUCHES,
     Overlap,
     Touching,
 )
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
 

@@ -17,12 +17,12 @@ from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.process.compile_notice import KernelsMissing
-from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
+from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import Frequency
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.controllers import make_controller

@@ -18,8 +18,8 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Model, State, Team
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.errors import ElsewhereError
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces, Stepping

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 
 _TRAJECTORY, _ESTIMATE, _SHOWN = range(3)
 

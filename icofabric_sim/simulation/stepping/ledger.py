@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.records import Loads, Model
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.packing import force_rate, PackedScene
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.named_numbers import At
 import numpy as np
 

@@ -10,7 +10,7 @@ What the pieces of a driver are to each other, and what a new one has to offer.
 from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Method

@@ -8,7 +8,7 @@ from typing import Any
 from icofabric_sim.kernels.anchors import look_at_anchors
 from icofabric_sim.kernels.drives import energy_of_drives
 from icofabric_sim.kernels.records import Loads, State
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np

@@ -6,7 +6,7 @@ import logging
 import math
 from typing import Any
 
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import copy_state
 from icofabric_sim.simulation.model.shared_kinds import (
     BESIDE_DRIVES,
@@ -14,7 +15,6 @@ from icofabric_sim.simulation.model.shared_kinds import (
     Without,
     without,
 )
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.trajectory import Trajectory

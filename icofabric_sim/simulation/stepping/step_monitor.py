@@ -7,8 +7,8 @@ from typing import Any
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.charge_meetings import meeting_between
 from icofabric_sim.simulation.stepping.faults import find_fault, shorter_steps
 from icofabric_sim.simulation.stepping.methods import Method

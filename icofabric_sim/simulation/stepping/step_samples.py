@@ -20,8 +20,8 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import State, Trail
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import copy_state, has_jumps
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.pieces import Pieces
 

@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.trajectory import Trajectory

@@ -23,9 +23,10 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
+from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.layout import copy_state, has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.model.shared_kinds import (
@@ -36,7 +37,6 @@ from icofabric_sim.simulation.model.shared_kinds import (
     Without,
     without,
 )
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.evaluations import Evaluations

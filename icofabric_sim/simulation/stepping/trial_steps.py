@@ -11,9 +11,9 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.process.interrupts import exit_request
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.friction_state import carried, contact_losses
 from icofabric_sim.simulation.model.layout import aligned_empty, copied_state, copy_state
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.ledger import Ledger

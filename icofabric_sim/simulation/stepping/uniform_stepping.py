@@ -14,7 +14,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of

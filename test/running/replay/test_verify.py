@@ -528,7 +528,7 @@ def test_checkpoint_of_another_version_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as context:
-        context.setattr('icofabric_sim.simulation.checkpoint.__version__', '0.0.7')
+        context.setattr('icofabric_sim.simulation.checkpoints.checkpoint.__version__', '0.0.7')
         Drive(tmp_path / 'bag', lively_scene(), [(50, lambda drive: drive.record(True))]).run()
     assert main(['verify', str(tmp_path / 'bag')]) == 0
     assert main(['verify', str(tmp_path / 'bag_1')]) == 2

@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.reports.divergence import distance_between
 import numpy as np
 
 # Tolerance of the reference: this part of the run's own, between these for each radian of the

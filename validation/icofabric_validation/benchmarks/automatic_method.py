@@ -25,7 +25,7 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import METHODS

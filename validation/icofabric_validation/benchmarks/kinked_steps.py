@@ -18,7 +18,7 @@ import sys
 from time import process_time
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.divergence import distance_between
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.scenes import FABRIC, SIZES
 import numpy as np

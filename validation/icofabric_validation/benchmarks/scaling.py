@@ -10,7 +10,7 @@ import tempfile
 from typing import NamedTuple
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_validation.benchmarks import probe
 from icofabric_validation.benchmarks.scenes import scene_parameters

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import copy_state
 from icofabric_sim.simulation.simulation import compile_scene, Simulation

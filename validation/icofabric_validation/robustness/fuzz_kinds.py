@@ -32,7 +32,7 @@ from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.replay.verify import verify_run
 from icofabric_sim.running.runner import Runner
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
 

@@ -20,9 +20,9 @@ from typing import Any, Final
 
 from icofabric_sim.parameters.changes import restarts_motion
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.reports.divergence import Growth
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 from icofabric_sim.simulation.stepping.thread_team import teams_of

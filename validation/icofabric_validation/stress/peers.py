@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
-from icofabric_sim.simulation.inputs import Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_validation.stress import lammps_run, mujoco_run
 from icofabric_validation.stress.judge import classed, Clock, judged_by, SECONDS

@@ -12,13 +12,13 @@ import math
 from typing import Any, Final, NamedTuple, Protocol
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.divergence import (
+from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.reports.divergence import (
     Companion,
     DISPLACEMENT,
     distance_between,
     Growth,
 )
-from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 

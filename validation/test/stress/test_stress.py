@@ -16,11 +16,11 @@ from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import ParameterError
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.divergence import Growth
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.reports.divergence import Growth
+from icofabric_sim.simulation.reports.status import SimulationStatus
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
-from icofabric_sim.simulation.status import SimulationStatus
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
 from icofabric_validation.stress import judge as judge_module

@@ -6,8 +6,8 @@ from importlib.util import find_spec
 
 from icofabric_sim.commands.main import main
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.divergence import distance_between
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_sim.simulation.simulation import compile_scene
 from icofabric_validation.stress import peers
 from icofabric_validation.stress.kinds import Kind, KINDS

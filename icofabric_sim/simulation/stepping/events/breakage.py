@@ -15,8 +15,8 @@ from icofabric_sim.kernels.records import Breakage as Limits
 from icofabric_sim.kernels.records import Connectors, State
 from icofabric_sim.kernels.wrap.rates import measure_runs
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.link_places import link_places
-from icofabric_sim.simulation.state_tree import StateTree
 from icofabric_sim.simulation.stepping.broken import connector_numbers
 from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces

@@ -13,7 +13,7 @@ from icofabric_sim.geometry.rotations import quaternions_from_cosines
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
 import numpy as np

@@ -4,8 +4,8 @@
 from analytical import projectile
 from fabrics import changed, loaded_fabric, make_scene, same_state
 import icofabric_sim as ico
-from icofabric_sim.simulation.input_types import BodyTarget, ChannelTarget, Wrench
-from icofabric_sim.simulation.inputs import InputQueue, Inputs
+from icofabric_sim.simulation.inputs.input_types import BodyTarget, ChannelTarget, Wrench
+from icofabric_sim.simulation.inputs.inputs import InputQueue, Inputs
 import numpy as np
 import pytest
 

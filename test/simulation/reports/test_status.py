@@ -4,7 +4,7 @@
 
 from fabrics import make_scene, RANDOM
 import icofabric_sim as ico
-from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.reports.status import SimulationStatus
 import pytest
 
 FIGURES = [

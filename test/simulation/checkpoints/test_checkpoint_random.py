@@ -8,60 +8,21 @@ scenes, so that kernels are compiled twice: what does work and stores energy, fo
 methods, and what breaks and dissipates, for dop8. What touches is in physics/test_contact_*.py.
 """
 
-import inspect
 from pathlib import Path
 import pickle
 import subprocess
 import sys
-from typing import Any
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.model.snapshot import Snapshot
-from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
 import pytest
+from shown_bits import figures, unlike
 
 END = 0.012
 SPLITTINGS = [name for name, method in METHODS.items() if method.symplectic]
-
-
-def bits(value: Any) -> Any:
-    """Something that is equal where a value has the same bits."""
-    if isinstance(value, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, float):
-        return value.hex()
-    if isinstance(value, dict):
-        return [(key, bits(item)) for key, item in value.items()]
-    if isinstance(value, (tuple, list)):
-        return [bits(item) for item in value]
-    return value
-
-
-def figures(simulation: ico.Simulation) -> dict[str, Any]:
-    """All that a simulation shows, by name, as bits."""
-    snapshot = simulation.snapshot()
-    shown = {f'snapshot.{name}': getattr(snapshot, name) for name in dir(Snapshot)
-             if not (name.startswith('_') or inspect.isfunction(getattr(Snapshot, name)))}
-    shown.update({f'snapshot.{name}': value for name, value in vars(snapshot).items()
-                  if name != 'packed'})
-    shown.update({name: getattr(simulation.status, name) for name, member in inspect.getmembers(
-        SimulationStatus) if isinstance(member, property) and not name.startswith('_')})
-    # Evaluations for states that were shown count where they were shown.
-    del shown['estimation_count'], shown['shown_count']
-    shown['time'] = simulation.time
-    found = {name: bits(value) for name, value in shown.items()}
-    # What it is all about is among them.
-    assert {'snapshot.energy', 'snapshot.ledger', 'snapshot.position', 'balance', 'error_rate',
-            'error_estimate', 'contact_tests', 'active_loads', 'largest_frequency'} <= set(found)
-    return found
-
-
-def unlike(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    return [name for name in one if one[name] != other[name]]
 
 
 def table(path: Path, generator: np.random.Generator, sizes: tuple[float, ...]) -> str:
@@ -172,18 +133,18 @@ def test_all_figures_are_the_same_in_one_go_in_pieces_and_restored(
         assert energy['field'] != 0.0
 
 
-FRESH = """
+FRESH = f"""
 import pickle, sys
 import icofabric_sim as ico
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from test_checkpoint_random import END, figures
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
+from shown_bits import figures
 
 shown = []
 for name in sys.argv[2:]:
     checkpoint = Checkpoint.load(name)
     simulation = ico.compile_scene(ico.Scene.from_parameters(checkpoint.parameters()))
     simulation.restore(checkpoint)
-    simulation.advance_to(END)
+    simulation.advance_to({END})
     shown.append(figures(simulation))
 with open(sys.argv[1], 'wb') as file:
     pickle.dump(shown, file)
@@ -203,7 +164,7 @@ def test_all_figures_are_the_same_in_another_process(tmp_path: Path) -> None:
         expected += [figures(whole)] * len(moments(scene, 7))
     subprocess.run(
         [sys.executable, '-c', FRESH, str(tmp_path / 'shown'), *names], check=True, timeout=600,
-        env={'PYTHONPATH': ':'.join([str(Path(__file__).parent), *sys.path]), 'PATH': '/usr/bin'})
+        env={'PYTHONPATH': ':'.join(sys.path), 'PATH': '/usr/bin'})
     with (tmp_path / 'shown').open('rb') as file:
         shown = pickle.load(file)
     assert [unlike(one, other) for one, other in zip(expected, shown, strict=True)] == (

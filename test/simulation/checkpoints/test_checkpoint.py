@@ -20,7 +20,7 @@ from fabrics import (
 )
 import icofabric_sim as ico
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import Interrupted
 from icofabric_sim.simulation.stepping import thread_team
 import numpy as np
@@ -200,7 +200,7 @@ def test_goes_back_for_rougher_motion_as_the_run_it_is_of():
 FRESH = """
 import hashlib, sys
 import icofabric_sim as ico
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 
 checkpoint = Checkpoint.load(sys.argv[1])
 scene = ico.Scene.from_parameters(checkpoint.parameters())
@@ -382,7 +382,7 @@ OTHER_PROCESSOR = """
 import logging, sys
 import numpy as np
 import icofabric_sim as ico
-from icofabric_sim.simulation.checkpoint import Checkpoint
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.kernels.runtime.lanes import LANES
 
 logging.basicConfig(stream=sys.stdout, format='%(message)s')

@@ -9,8 +9,8 @@ from typing import Any
 
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Profile
-from icofabric_sim.simulation.input_types import ChannelTarget, DriveTarget, stored_target
-from icofabric_sim.simulation.state_tree import StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import StateTree
+from icofabric_sim.simulation.inputs.input_types import ChannelTarget, DriveTarget, stored_target
 
 
 @dataclass(frozen=True, slots=True)

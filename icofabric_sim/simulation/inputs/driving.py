@@ -10,9 +10,14 @@ from typing import Any, NamedTuple
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.paths import PathPiece
-from icofabric_sim.simulation.input_types import DriveTarget, restored_target, stored_target, Twist
-from icofabric_sim.simulation.state_tree import as_number, StateTree
-from icofabric_sim.simulation.timetable import Timetable
+from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
+from icofabric_sim.simulation.inputs.input_types import (
+    DriveTarget,
+    restored_target,
+    stored_target,
+    Twist,
+)
+from icofabric_sim.simulation.inputs.timetable import Timetable
 import numpy as np
 
 

@@ -4,8 +4,8 @@
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
-from icofabric_sim.simulation.checkpoint import Checkpoint
-from icofabric_sim.simulation.pulls import LARGEST_ACCELERATION, LARGEST_DISTANCE, STIFFNESS
+from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
+from icofabric_sim.simulation.inputs.pulls import LARGEST_ACCELERATION, LARGEST_DISTANCE, STIFFNESS
 import numpy as np
 import pytest
 from runner_helpers import SCENE
@@ -225,7 +225,7 @@ def test_same_bits_in_pieces_and_from_a_checkpoint(method):
     ('body', {'pulled': [[9, [0.0, 0.0, 0.0], 1.0]]}, 'a body 9, which the scene lacks'),
     ('vector', {'forces': [[1, [0.0, 'x', 0.0]]]}, 'three finite numbers')])
 def test_damaged_checkpoint_is_refused(simulation, name, change, words):
-    from icofabric_sim.simulation.state_tree import StateTree
+    from icofabric_sim.simulation.checkpoints.state_tree import StateTree
     simulation.pull(BODY, (0.1, 0.0, 0.0))
     pulls = simulation.inputs.pulls
     tree = pulls.state_tree()

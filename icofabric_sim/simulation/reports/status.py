@@ -8,9 +8,9 @@ from typing import NoReturn
 from icofabric_sim.checks import counted
 from icofabric_sim.simulation.contact.broad_phase import Overlap, Touching
 from icofabric_sim.simulation.event_loop import EventLoop
-from icofabric_sim.simulation.fastest_place import fastest_place
-from icofabric_sim.simulation.input_types import BodyTarget, Wrench
+from icofabric_sim.simulation.inputs.input_types import BodyTarget, Wrench
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.reports.fastest_place import fastest_place
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 from icofabric_sim.simulation.stepping.method_selection import WILD

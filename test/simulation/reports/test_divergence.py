@@ -6,7 +6,8 @@ import logging
 import math
 
 import icofabric_sim as ico
-from icofabric_sim.simulation.divergence import (
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.reports.divergence import (
     Companion,
     DISPLACEMENT,
     Growth,
@@ -15,7 +16,6 @@ from icofabric_sim.simulation.divergence import (
     measure_growth,
     SENSITIVE,
 )
-from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
 import pytest
 
@@ -213,7 +213,7 @@ def test_warnings_of_the_companion_are_not_repeated(caplog):
 
 
 def test_long_histories_are_thinned_and_keep_their_largest(monkeypatch):
-    monkeypatch.setattr('icofabric_sim.simulation.divergence._LARGEST_HISTORY', 16)
+    monkeypatch.setattr('icofabric_sim.simulation.reports.divergence._LARGEST_HISTORY', 16)
     simulation = ico.compile_scene(make_scene(SWING))
     companion = Companion(simulation)
     seen = []

@@ -24,9 +24,9 @@ import math
 from typing import Any
 
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.input_types import Pull, PullTarget
+from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
+from icofabric_sim.simulation.inputs.input_types import Pull, PullTarget
 from icofabric_sim.simulation.model.packing import WrenchRow
-from icofabric_sim.simulation.state_tree import as_number, StateTree
 import numpy as np
 
 STIFFNESS = 100.0  # of a pull of strength 1, by its mass [1/s^2]

@@ -23,14 +23,14 @@ from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.checkpoint_bytes import claimed_size, decode, encode, HEAD
-from icofabric_sim.simulation.checkpoint_difference import (
+from icofabric_sim.simulation.checkpoints.difference import (
     memory_difference,
     scene_difference,
     scene_parameters,
 )
-from icofabric_sim.simulation.state_tree import plain_number, StateTree
-from icofabric_sim.simulation.status import SimulationStatus
+from icofabric_sim.simulation.checkpoints.encoding import claimed_size, decode, encode, HEAD
+from icofabric_sim.simulation.checkpoints.state_tree import plain_number, StateTree
+from icofabric_sim.simulation.reports.status import SimulationStatus
 from icofabric_sim.version import __version__
 import llvmlite
 import numba

@@ -24,7 +24,7 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
-from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.layout import aligned_empty, copy_state
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene

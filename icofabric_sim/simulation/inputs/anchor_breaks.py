@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from icofabric_sim.scene.anchors import Anchor
-from icofabric_sim.simulation.state_tree import remembered_numbers, StateTree
+from icofabric_sim.simulation.checkpoints.state_tree import remembered_numbers, StateTree
 import numpy as np
 
 

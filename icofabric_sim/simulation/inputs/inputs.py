@@ -18,9 +18,10 @@ from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Piece, Profile, STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.anchor_breaks import AnchorBreaks
-from icofabric_sim.simulation.driving import Driving
-from icofabric_sim.simulation.input_types import (
+from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
+from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.inputs.driving import Driving
+from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
@@ -37,6 +38,14 @@ from icofabric_sim.simulation.input_types import (
     Value,
     Wrench,
 )
+from icofabric_sim.simulation.inputs.pulls import Pulls
+from icofabric_sim.simulation.inputs.timetable import (
+    AnchorPath,
+    FieldProfile,
+    Follower,
+    Timetable,
+    TractionProfile,
+)
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.simulation.model.packing import AnchorPack, pack_loads, WrenchRow
 from icofabric_sim.simulation.model.tractions import (
@@ -44,15 +53,6 @@ from icofabric_sim.simulation.model.tractions import (
     sum_faces,
     TractionPack,
     TractionRow,
-)
-from icofabric_sim.simulation.pulls import Pulls
-from icofabric_sim.simulation.state_tree import as_number, StateTree
-from icofabric_sim.simulation.timetable import (
-    AnchorPath,
-    FieldProfile,
-    Follower,
-    Timetable,
-    TractionProfile,
 )
 import numpy as np
 
