@@ -20,7 +20,8 @@ Effect of a change of the run on waiting inputs:
 Dropped inputs are counted and logged.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import logging
 import math
 import time
@@ -51,7 +52,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     Twist,
     Value,
 )
-from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.inputs.inputs import Inputs
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -87,19 +88,25 @@ class ReceivedInputs:
         """
         Receive for `run`; `put` runs a call in its thread.
 
-        `record` takes topic, type, time [ns] and message when an input acts; `full_name` returns
-        the topic name for warnings.
+        `record` takes topic, type, time [ns] and message after an input has acted; `full_name`
+        returns the topic name for warnings.
         """
         self._run, self._put, self._record, self._full_name = run, put, record, full_name
         self._warnings = RateLimitedLog(_LOGGER.warning)
         self._horizon_warned = False
         # Wall time [s] of the last message for each dragged body.
         self._pull_heard: dict[int, float] = {}
+        self.acted = 0  # received inputs that have acted
         self.dropped = 0  # received inputs that never act
 
     def __len__(self) -> int:
         """Count the inputs that wait for their stamp."""
-        return self._run.simulation.inputs.queue.message_count
+        return self._inputs.message_count
+
+    @property
+    def _inputs(self) -> Inputs:
+        """Return the inputs of the present simulation."""
+        return self._run.simulation.inputs
 
     def receive(self, topic: str, data: bytes) -> None:
         """Accept a message of an input topic ('~/...') from any thread."""
@@ -134,14 +141,15 @@ class ReceivedInputs:
         if at > run.now + round(horizon * NANOSECONDS):
             self._warn_of_horizon(topic, at, horizon)
             at = run.now
-        run.simulation.inputs.queue.put(
+        self._inputs.put(
             seconds(at), received.target, received.value, Message(topic, at, bytes(data)))
         if at == run.now and not run.is_held:
-            run.simulation.advance_to(seconds(at))
+            with self.recorded():
+                run.simulation.advance_to(seconds(at))
 
     def end_silent_pulls(self) -> None:
         """Release dragged bodies without recent messages."""
-        pulled = self._run.simulation.inputs.pulls.bodies
+        pulled = self._inputs.pulled_bodies
         if not pulled or self._run.failure:
             return
         now = time.monotonic()
@@ -167,27 +175,37 @@ class ReceivedInputs:
         dropped = self.drop_waiting(
             'all loads were cleared', lambda target: not isinstance(target, DriveTarget))
         run = self._run
-        inputs, channels = run.simulation.inputs, run.simulation.scene.loads
-        targets = {*inputs.acting(), *(
+        channels = run.simulation.scene.loads
+        targets = {*self._inputs.acting(), *(
             ChannelTarget(name) for name, channel in channels.items()
             if channel.force.any() or channel.torque.any())}
         for target in sorted(targets, key=load_order):
             frame = body_frame(target.number) if isinstance(target, BodyTarget) else ''
             data = WrenchStampedBytes(frame).stamped(run.now)
             self.act(decode_input(topic_of(target), data), data)
-        for body in inputs.pulls.bodies:
+        for body in self._inputs.pulled_bodies:
             self._release(body)
         return dropped
 
-    def follow(self, simulation: Simulation) -> None:
-        """Record the inputs that act on `simulation` from now on."""
-        simulation.inputs.on_message = self._acts
+    @contextmanager
+    def recorded(self) -> Iterator[None]:
+        """Record the inputs that act in this block, at its end and also after an error."""
+        try:
+            yield
+        finally:
+            self.record_acted()
+
+    def record_acted(self) -> None:
+        """Record the inputs that have acted since the last call, in their order."""
+        for message in self._inputs.take_acted():
+            self.acted += 1
+            self._record(message.topic, input_type(message.topic), message.time, message.data)
 
     def drop_waiting(
         self, reason: str, is_lost: Callable[[Target], bool] = lambda target: True
     ) -> int:
         """Drop waiting inputs, or only those of lost targets; log and return their number."""
-        lost = self._run.simulation.inputs.queue.drop_messages(is_lost)
+        lost = self._inputs.drop_messages(is_lost)
         count = len(lost)
         if count:
             self.dropped += count
@@ -196,9 +214,6 @@ class ReceivedInputs:
                 '%d waiting wrench%s dropped (%s; the first for t = %.9g s): %s', count,
                 ' was' if count == 1 else 'es were', ', '.join(topics), lost[0].time, reason)
         return count
-
-    def _acts(self, message: Message) -> None:
-        self._record(message.topic, input_type(message.topic), message.time, message.data)
 
     def _drop(self, topic: str, reason: str) -> None:
         self.dropped += 1

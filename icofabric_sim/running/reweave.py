@@ -39,7 +39,7 @@ _MAX_TRIES = 3
 
 def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
     """Return the names of the wrenches in `before` that have no channel or body in `scene`."""
-    pulls = [PullTarget(body) for body in before.inputs.pulls.bodies]
+    pulls = [PullTarget(body) for body in before.inputs.pulled_bodies]
     return [
         str(target) for target in (*before.inputs.acting(), *pulls)
         if not has_target(scene, target)]

@@ -65,7 +65,8 @@ class TimeAdvance:
         self._state.simulation = simulation
         simulation.should_stop = (
             lambda: self.stopping or wall.monotonic() > self._patient_until)
-        self._inputs.follow(simulation)
+        # Those that have acted while it was built.
+        self._inputs.record_acted()
         self.restart_motion()
 
     def prepare_contacts(self) -> None:
@@ -85,7 +86,7 @@ class TimeAdvance:
             if not self._reaches(target):
                 state.catch_up()
                 target = state.now
-                state.simulation.advance_to(seconds(target))
+                self._advance_to(target)
             state.now = target
             computed = wall.perf_counter() - started
             self._real_time.record_steps(target - before, computed)
@@ -199,13 +200,14 @@ class TimeAdvance:
             while not request.done:
                 # Round-off must not put it before the end of the step.
                 target = nanoseconds_not_before(simulation.status.next_step_time) + 1
-                request.taken += simulation.advance_steps(1)
+                with self._inputs.recorded():
+                    request.taken += simulation.advance_steps(1)
                 if wall.perf_counter() > end:
                     break
             state.catch_up()
             self._log_resumed()
             # Inputs between two portions also act at a whole number of nanoseconds.
-            simulation.advance_to(seconds(state.now))
+            self._advance_to(state.now)
             if request.done:
                 self._real_time.restart(state.now)
                 self._broadcast.event(state.now, 'step', count=request.taken)
@@ -244,7 +246,7 @@ class TimeAdvance:
         """Move the simulation to the time of the run; it may have stopped in between."""
         state = self._state
         try:
-            state.simulation.advance_to(seconds(state.now))
+            self._advance_to(state.now)
         except SimulationError as error:
             self.fail(str(error), state.now)
         except Interrupted:
@@ -282,7 +284,7 @@ class TimeAdvance:
         state = self._state
         try:
             if not state.failure:
-                state.simulation.advance_to(seconds(state.now))
+                self._advance_to(state.now)
             self._broadcast.settle(state.now)
         except SimulationError as error:
             self.fail(str(error), state.now)
@@ -362,7 +364,7 @@ class TimeAdvance:
         """
         self._patient_until = wall.monotonic() + _MAX_CALL_S
         try:
-            self._state.simulation.advance_to(seconds(target))
+            self._advance_to(target)
         except KernelsAwaited:
             raise
         except Interrupted:
@@ -370,6 +372,11 @@ class TimeAdvance:
         finally:
             self._patient_until = math.inf
         return True
+
+    def _advance_to(self, time: int) -> None:
+        """Advance the simulation to `time` [ns], and record the inputs that act by then."""
+        with self._inputs.recorded():
+            self._state.simulation.advance_to(seconds(time))
 
     def _over(self) -> str:
         return (f'the duration of {self._state.parameters["duration"]:g} s has passed; reset the '

@@ -350,7 +350,7 @@ class EventLoop:
 
     def apply(self, target: Target, value: Value, time: float) -> None:
         """Let an input act from `time` [s] on, now or later."""
-        self.inputs.queue.put(time, target, value)
+        self.inputs.put(time, target, value)
         if time == self.time:
             self._handle_events(time)
 

@@ -161,8 +161,8 @@ class Simulation:
         self.should_stop: Callable[[], bool] | None = None
         self._event_loop = EventLoop(
             scene, self.packed, on_pause=self._pause, ranks=transport, device=device)
-        # What acts and what is to come. Whoever puts a judged input into `inputs.queue` advances
-        # to its time, or to the present one, to have it act.
+        # Inputs that act now or later. A validated input of `inputs.put` acts in the next advance
+        # that reaches its time, which may be the present one.
         self.inputs = self._event_loop.inputs
         self._status = SimulationStatus(self._event_loop, self.packed)
         # What makes ready what the first contact needs, once that is asked for.

@@ -50,7 +50,6 @@ def test_pull_goes_on_while_it_is_heard_of(monkeypatch):
     monkeypatch.setattr(received_inputs.time, 'monotonic', lambda: now[0])
     runner = make_runner(sink := ListSink())
     inputs, take = runner.inputs, []
-    inputs.follow(runner.simulation)
     message = PointStampedBytes(body_frame(BODY))
     for wait in (0.0, 0.4, 0.4, 0.6):
         now[0] += wait

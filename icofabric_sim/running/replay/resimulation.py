@@ -293,7 +293,7 @@ class Resimulation:
 
         def act(simulation: Simulation) -> None:
             require_target(simulation.scene, target)
-            simulation.inputs.queue.put(simulation.time, target, type(value).checked(*value))
+            simulation.inputs.put(simulation.time, target, type(value).checked(*value))
             simulation.advance_to(simulation.time)
 
         self.reach(time)

@@ -1,18 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Inputs in time: what acts now, and what is to come.
+Inputs of a simulation: those that act now, and the queue of later ones (queue.py).
 
-What is to come stands in one queue: inputs that were given ahead of their time, the ends of hold
-times, and messages that wait for their stamp. Only the messages are no part of the state: a
-checkpoint leaves them out, and a restored one leaves them in place. They belong to the run that
-received them, which records each as it acts, and may drop those that wait.
+A received message is kept after it has acted, until the run takes it to record it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-import heapq
+from collections.abc import Callable, Mapping
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.paths import Path
@@ -39,6 +35,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     Wrench,
 )
 from icofabric_sim.simulation.inputs.pulls import Pulls
+from icofabric_sim.simulation.inputs.queue import Event, InputQueue
 from icofabric_sim.simulation.inputs.timetable import (
     AnchorPath,
     FieldProfile,
@@ -59,71 +56,6 @@ import numpy as np
 _ZERO = np.zeros(3)
 
 
-class Event(NamedTuple):
-    """An input that begins to act, or (`value` None) the end of its hold time."""
-
-    time: float  # [s]
-    rank: int  # at one time, holds end before inputs begin
-    sequence: int
-    target: Target
-    value: Value | None
-    message: Any = None  # what was received, for who records it
-
-
-class InputQueue:
-    """Events in the order in which they act: by time, ends of holds first, then as they came."""
-
-    def __init__(self) -> None:
-        """Start empty."""
-        self._heap: list[Event] = []
-        self._sequence = 0
-        self.message_count = 0  # of the events that are messages
-
-    def __len__(self) -> int:
-        """Count the events."""
-        return len(self._heap)
-
-    def __iter__(self) -> Iterator[Event]:
-        """Go through the events in their order."""
-        return iter(sorted(self._heap, key=lambda event: event[:3]))
-
-    @property
-    def next_time(self) -> float:
-        """Time [s] of the next event; infinite without any."""
-        return self._heap[0].time if self._heap else math.inf
-
-    def put(
-        self, time: float, target: Target, value: Value | None, message: Any = None
-    ) -> None:
-        """Add an event at `time` [s]."""
-        rank = 0 if value is None else 1
-        heapq.heappush(self._heap, Event(time, rank, self._sequence, target, value, message))
-        self._sequence += 1
-        self.message_count += message is not None
-
-    def take(self) -> Event:
-        """Remove and return the next event."""
-        event = heapq.heappop(self._heap)
-        self.message_count -= event.message is not None
-        return event
-
-    def refill(self, events: Iterable[Event]) -> None:
-        """Hold these events, in the order given where their times are the same."""
-        kept = list(events)
-        self._heap.clear()
-        self.message_count = 0
-        for event in kept:
-            self.put(event.time, event.target, event.value, event.message)
-
-    def drop_messages(self, is_lost: Callable[[Target], bool]) -> list[Event]:
-        """Remove and return the messages whose target is lost, in their order."""
-        lost = [event for event in self if event.message is not None and is_lost(event.target)]
-        if lost:
-            gone = {event.sequence for event in lost}
-            self.refill([event for event in self if event.sequence not in gone])
-        return lost
-
-
 class Inputs:
     """Active wrenches of all channels and bodies, the motion of drives, and what is to come."""
 
@@ -135,8 +67,8 @@ class Inputs:
         self.received: set[LoadTarget] = set()
         self.queue = InputQueue()
         self.pulls = Pulls(scene)
-        # Hears of each message before it acts.
-        self.on_message: Callable[[Any], object] = lambda message: None
+        # Messages that have acted, for the caller that records them.
+        self._acted: list[Any] = []
         # What the loads are made of that were packed last.
         self.packed: dict[LoadTarget, Wrench] = {}
         # Which pieces of the profiles they followed.
@@ -159,6 +91,40 @@ class Inputs:
         self._varying = any(not profile.is_plain for profile in profiles.values())
         self._sums: dict[str, BodyTraction] = {}
         self.reset(0.0)
+
+    @property
+    def message_count(self) -> int:
+        """Return the number of received messages that wait for their time."""
+        return self.queue.message_count
+
+    @property
+    def waiting_count(self) -> int:
+        """Return the number of waiting inputs and ends of holds, without received messages."""
+        return len(self.queue) - self.queue.message_count
+
+    @property
+    def pulled_bodies(self) -> list[int]:
+        """Return the numbers of the bodies that drag forces act on."""
+        return self.pulls.bodies
+
+    def put(
+        self, time: float, target: Target, value: Value | None, message: Any = None
+    ) -> None:
+        """
+        Add a validated input that acts at `time` [s], once the simulation advances to it.
+
+        `message` is what was received; `take_acted` returns it after it has acted.
+        """
+        self.queue.put(time, target, value, message)
+
+    def drop_messages(self, is_lost: Callable[[Target], bool]) -> list[Event]:
+        """Remove and return the waiting messages whose target is lost, in their order."""
+        return self.queue.drop_messages(is_lost)
+
+    def take_acted(self) -> list[Any]:
+        """Return the messages that have acted since the last call, in their order."""
+        acted, self._acted = self._acted, []
+        return acted
 
     def reset(self, time: float) -> None:
         """Forget all that was received; what the scene does itself begins anew at `time` [s]."""
@@ -252,7 +218,7 @@ class Inputs:
         """Let an event act; returns whether anything changed for the bodies."""
         target, value = event.target, event.value
         if event.message is not None:
-            self.on_message(event.message)
+            self._acted.append(event.message)
         if isinstance(target, DriveTarget):
             assert isinstance(value, Twist)
             self.driving.take_over(target, event.time, value)
@@ -278,7 +244,7 @@ class Inputs:
             self.active[target] = value
             if hold > 0.0:
                 self.expiry[target] = event.time + hold
-                self.queue.put(event.time + hold, target, None)
+                self.put(event.time + hold, target, None)
         return not value.same(before)
 
     def pack(self, layout: Layout, *, stages: int = 0) -> Loads:

@@ -306,5 +306,4 @@ class SimulationStatus:
     @property
     def waiting_loads(self) -> int:
         """Wrenches that are to begin or to end at a later time, messages left out."""
-        queue = self._event_loop.inputs.queue
-        return len(queue) - queue.message_count
+        return self._event_loop.inputs.waiting_count

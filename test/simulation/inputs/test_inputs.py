@@ -5,7 +5,8 @@ from analytical import projectile
 from fabrics import changed, loaded_fabric, make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim.simulation.inputs.input_types import BodyTarget, ChannelTarget, Wrench
-from icofabric_sim.simulation.inputs.inputs import InputQueue, Inputs
+from icofabric_sim.simulation.inputs.inputs import Inputs
+from icofabric_sim.simulation.inputs.queue import InputQueue
 import numpy as np
 import pytest
 
@@ -330,23 +331,21 @@ def test_cleared_load_stays_cleared_in_a_changed_scene():
 # Messages in the queue.
 
 def test_message_acts_as_an_input_that_was_given_ahead():
-    """The same bits; it is reported before it acts, and not part of the state until then."""
-    times, heard = (0.003, 0.0071, 0.003), []
+    """The same bits; messages are taken once they have acted, in that order."""
+    times = (0.003, 0.0071, 0.003)
     ahead, told = ico.compile_scene(loaded_fabric()), ico.compile_scene(loaded_fabric())
-    told.inputs.on_message = lambda message: heard.append(
-        (message, dict(told.status.active_loads)))
     for number, time in enumerate(times):
         force = (1.0 + number) * FORCE
         ahead.apply_wrench('tip', force, TORQUE, time=time)
-        told.inputs.queue.put(time, ChannelTarget('tip'), Wrench(force, TORQUE), number)
+        told.inputs.put(time, ChannelTarget('tip'), Wrench(force, TORQUE), number)
     assert (ahead.status.waiting_loads, told.status.waiting_loads) == (3, 0)
-    assert told.inputs.queue.message_count == 3
+    assert told.inputs.message_count == 3
+    told.advance_to(0.003)
+    assert told.inputs.take_acted() == [0, 2] and told.inputs.message_count == 1
     for simulation in (ahead, told):
         simulation.advance_to(0.01)
-    assert same_state(ahead.snapshot(), told.snapshot()) and told.inputs.queue.message_count == 0
-    assert [message for message, _ in heard] == [0, 2, 1]
-    before = [acting['tip'].force[0] if acting else None for _, acting in heard]
-    assert before == [None, FORCE[0], 3.0 * FORCE[0]]
+    assert same_state(ahead.snapshot(), told.snapshot()) and told.inputs.message_count == 0
+    assert told.inputs.take_acted() == [1] and told.inputs.take_acted() == []
 
 
 def test_queue_keeps_messages_when_a_checkpoint_is_restored():
@@ -355,7 +354,7 @@ def test_queue_keeps_messages_when_a_checkpoint_is_restored():
     checkpoint = simulation.checkpoint()
     tip, body = ChannelTarget('tip'), BodyTarget(1)
     for time, target in ((0.004, tip), (0.003, body), (0.005, tip)):
-        simulation.inputs.queue.put(time, target, Wrench(2.0 * FORCE, TORQUE), str(target))
+        simulation.inputs.put(time, target, Wrench(2.0 * FORCE, TORQUE), str(target))
     simulation.apply_wrench('tip', time=0.006)
     simulation.restore(checkpoint)
     queue = simulation.inputs.queue

@@ -159,9 +159,7 @@ class _Inputs:
 
     def __init__(self, folder: Path) -> None:
         self._runner = Runner(_simulation(), [])
-        self._inputs, self._acted = self._runner.inputs, 0
-        self._inputs.follow(self._runner.simulation)
-        self._runner.simulation.inputs.on_message = self._act
+        self._inputs = self._runner.inputs
         self._good = []
         for topic in ('~/wrench', '~/loads/tip', '~/drives/moved', '~/pull'):
             for number in range(3):
@@ -173,18 +171,16 @@ class _Inputs:
                 data = bytearray(message.stamped(number * 10**8))
                 self._good.append((topic, bytes(data)))
 
-    def _act(self, message: Any) -> None:
-        self._acted += 1
-
     def do(self, chance: random.Random) -> str:
         topic, data = chance.choice(self._good)
         if chance.random() < 0.1:
             topic = chance.choice(self._good)[0]
-        inputs, before = self._inputs, (self._inputs.dropped, self._acted, len(self._inputs))
+        inputs = self._inputs
+        before = inputs.dropped, inputs.acted, len(inputs)
         inputs.take(topic, damaged(data, chance))
         dropped, acted, waiting = (
             now - then for now, then in zip(
-                (inputs.dropped, self._acted, len(inputs)), before, strict=True))
+                (inputs.dropped, inputs.acted, len(inputs)), before, strict=True))
         if dropped + acted + waiting != 1:
             raise Fault(f'of one message {dropped} were dropped, {acted} acted, {waiting} wait')
         if self._runner.failure:
