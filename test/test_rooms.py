@@ -47,6 +47,20 @@ def test_no_circles():
     assert not circle()
 
 
+def test_no_attribute_is_reached_five_dots_deep():
+    """An object in between offers a method instead; items and calls end or continue a chain."""
+    deep = []
+    for path in MODULES.values():
+        for node in ast.walk(ast.parse(path.read_text())):
+            depth, part = 0, node
+            while isinstance(part, (ast.Attribute, ast.Subscript)):
+                depth += isinstance(part, ast.Attribute)
+                part = part.value
+            if depth >= 5:
+                deep.append(f'{path.relative_to(PACKAGE)}:{node.lineno}')
+    assert not deep, deep
+
+
 def test_the_drawing_shows_every_arrow(capsys):
     main([])
     *rows, last = capsys.readouterr().out.splitlines()

@@ -53,6 +53,7 @@ from icofabric_sim.simulation.reports.load_cells import (
 from icofabric_sim.simulation.reports.status import SimulationStatus
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
 import numpy as np
 
 if TYPE_CHECKING:
@@ -190,6 +191,10 @@ class Simulation:
         return self._event_loop.driver
 
     @property
+    def _trajectory(self) -> Trajectory:
+        return self._event_loop.driver.trajectory
+
+    @property
     def time(self) -> float:
         """Simulated time [s], as last requested."""
         return self._event_loop.time
@@ -267,7 +272,7 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._driver.trajectory.broken.since, self._anchors(),
+                self._books(state), self._trajectory.broken.since, self._anchors(),
                 None if self.inputs.anchor_breaks is None else (
                     self.inputs.anchor_breaks.since.copy()), rest)
             self._cached_at = self._event_loop.changes
@@ -470,7 +475,7 @@ class Simulation:
                     f'{self.time!r} s; reset_time() goes back to the start')
             self._event_loop.time = time
         self.inputs.reset(self._event_loop.time)
-        self._driver.trajectory.broken.mend()
+        self._trajectory.broken.mend()
         self._jump(self.scene.initial)
 
     def reset_time(self) -> None:
@@ -508,7 +513,7 @@ class Simulation:
         if keep_motion:
             # The same motion: warnings are not repeated.
             self._driver.contact.take_over(previous.status.proximity)
-            self._driver.trajectory.broken.adopt(previous._driver.trajectory.broken)
+            self._trajectory.broken.adopt(previous._trajectory.broken)
             obstruction = self._driver.monitor.obstruction
             if not obstruction.stops:
                 obstruction.found = previous.status.obstruction
@@ -535,8 +540,8 @@ class Simulation:
                 f'other must be a simulation of the same fabric: it has '
                 f'{other.scene.connector_count} connectors, this one '
                 f'{self.scene.connector_count}')
-        self._driver.trajectory.broken.mend()
-        self._driver.trajectory.broken.adopt(other._driver.trajectory.broken)
+        self._trajectory.broken.mend()
+        self._trajectory.broken.adopt(other._trajectory.broken)
         if self.inputs.anchor_breaks is not None:
             self.inputs.anchor_breaks.mend()
             self.inputs.anchor_breaks.adopt(other.inputs.anchor_breaks)
@@ -595,7 +600,7 @@ class Simulation:
     @property
     def _is_elsewhere(self) -> bool:
         """True if ranks or a device take the steps."""
-        return self._driver.trajectory.method.holder is not None
+        return self._trajectory.method.holder is not None
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_ahead(
@@ -683,7 +688,7 @@ class Simulation:
     def _books(self, state: InitialState) -> dict[str, float]:
         """Return the energies and works [J] that the balance of a snapshot needs."""
         shown, ledger, force = (
-            self._driver.shown, self._driver.trajectory.ledger, self.body_force)
+            self._driver.shown, self._trajectory.ledger, self.body_force)
         books = {
             'work_in': shown.work, 'spent': shown.spent, 'start': ledger.base,
             'lost_at_breaks': ledger.lost, 'potential': 0.0,

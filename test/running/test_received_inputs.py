@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs from outside: what is judged, what waits, and what no checkpoint holds."""
 
+from concurrent.futures import Future
+import json
+
 from fabrics import changed
 import icofabric_sim as ico
-from icofabric_sim.messages import TwistStampedBytes, WrenchStampedBytes
+from icofabric_sim.messages import decode_string, TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.input_topics import decode_input
+from icofabric_sim.messages.topics import EVENTS
 from icofabric_sim.running.received_inputs import judge
 import pytest
 from recorded_runs import DRIVEN_SCENE
@@ -101,3 +105,27 @@ def test_what_waits_is_in_no_checkpoint_and_stays_when_a_state_cannot_be_set():
     again.restore(checkpoint)
     again.advance_to(0.003)
     assert not again.status.active_loads
+
+
+def test_what_acts_in_a_changed_fabric_before_it_runs_is_recorded():
+    """An input of the present time waits while kernels are awaited, and a change comes first."""
+    runner = make_runner(sink := ListSink(EVENTS), start_paused=True, duration=0.0)
+    message = WrenchStampedBytes('')
+    message.force[:] = FORCE
+
+    def receive_while_held():
+        runner.state.is_held = True
+        runner.inputs.take('~/loads/tip', message.stamped(0))
+        return len(runner.inputs), runner.inputs.acted
+
+    with Beside(runner):
+        assert runner.post(receive_while_held).result(60.0) == (1, 0)
+        built = Future()
+        runner.change(
+            runner.parameters.with_changes({'connector.stiffness': 700.0}), built=built)
+        assert built.result(60.0) == ''
+    assert runner.inputs.acted == 1 and len(runner.inputs) == 0
+    names = [topic if topic != EVENTS else json.loads(decode_string(data))['event']
+             for topic, _, data in sink.messages]
+    assert names == ['reweave', '~/loads/tip']
+    assert runner.simulation.status.active_loads['tip'].force.tolist() == FORCE.tolist()

@@ -14,6 +14,7 @@ from icofabric_sim.simulation.reports.fastest_place import fastest_place
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.ledger import EnergyBalance
 from icofabric_sim.simulation.stepping.method_selection import WILD
+from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
 # Radians of the vibration of a contact in a step, about.
 _CONTACT_ANGLE = 0.2
@@ -43,8 +44,13 @@ class SimulationStatus:
 
     @property
     def _driver(self) -> Driver:
-        """What takes the steps now: another one goes on where the method changes."""
+        """Driver of the present method; a change of the method replaces it."""
         return self._event_loop.driver
+
+    @property
+    def _trajectory(self) -> Trajectory:
+        """Trajectory of the present driver."""
+        return self._event_loop.driver.trajectory
 
     def touching(self) -> Touching:
         """The pairs of shells, and of shells and planes, that touch at the present time."""
@@ -79,12 +85,12 @@ class SimulationStatus:
     @property
     def step(self) -> float:
         """Step [s] in use."""
-        return self._driver.trajectory.step
+        return self._trajectory.step
 
     @property
     def step_count(self) -> int:
         """Steps taken so far."""
-        return self._driver.trajectory.step_count
+        return self._trajectory.step_count
 
     @property
     def evaluation_count(self) -> int:
@@ -96,7 +102,7 @@ class SimulationStatus:
         ended, counts once. So the count is the same in pieces or in one go, for any number of
         threads or ranks. On a GPU a step in which connectors cross kinks counts as any other.
         """
-        return self._driver.trajectory.evaluations.trajectory
+        return self._trajectory.evaluations.trajectory
 
     @property
     def estimation_count(self) -> int:
@@ -106,17 +112,17 @@ class SimulationStatus:
         Measurements of errors, which may choose steps; steps repeated to judge whether shells have
         passed through each other; and states shown between steps, which checkpoints do not count.
         """
-        return self._driver.trajectory.evaluations.outside
+        return self._trajectory.evaluations.outside
 
     @property
     def shown_count(self) -> int:
         """Those of `estimation_count` for states shown between steps."""
-        return self._driver.trajectory.evaluations.shown
+        return self._trajectory.evaluations.shown
 
     @property
     def stage_count(self) -> int:
         """Evaluations of the forces in a step."""
-        return self._driver.trajectory.method.stages
+        return self._trajectory.method.stages
 
     @property
     def usual_evaluation_rate(self) -> float:
@@ -133,25 +139,25 @@ class SimulationStatus:
     @property
     def rank_count(self) -> int:
         """Processes of MPI that take the steps together; 1: this one alone."""
-        holder = self._driver.trajectory.method.holder
+        holder = self._trajectory.method.holder
         return 1 if holder is None else holder.rank_count
 
     @property
     def device(self) -> str:
         """Name of the device that takes the steps; '' where this process or ranks of MPI do."""
-        holder = self._driver.trajectory.method.holder
+        holder = self._trajectory.method.holder
         return '' if holder is None else holder.device
 
     @property
     def device_bytes(self) -> int:
         """Bytes that the run takes on that device, about, but for its loads; 0 without one."""
-        holder = self._driver.trajectory.method.holder
+        holder = self._trajectory.method.holder
         return 0 if holder is None else holder.device_bytes
 
     @property
     def halo_bytes(self) -> int:
         """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
-        holder = self._driver.trajectory.method.holder
+        holder = self._trajectory.method.holder
         return 0 if holder is None else holder.halo_bytes
 
     @property
@@ -177,12 +183,12 @@ class SimulationStatus:
     @property
     def thread_count(self) -> int:
         """Threads that share a step."""
-        return self._driver.trajectory.thread_team.size
+        return self._trajectory.thread_team.size
 
     @property
     def busy_thread_count(self) -> int:
         """Threads of them that have bodies."""
-        return self._driver.trajectory.thread_team.busy
+        return self._trajectory.thread_team.busy
 
     # Errors and energy.
 
@@ -248,14 +254,14 @@ class SimulationStatus:
     @property
     def balance(self) -> EnergyBalance:
         """How well the energy balanced at the health checks."""
-        return self._driver.trajectory.ledger.balance
+        return self._trajectory.ledger.balance
 
     # Contacts, breaks, connectors in shells.
 
     @property
     def contact_count(self) -> int:
         """Pairs of shells, and shells and planes, that touched at the last health check."""
-        return int(self._driver.trajectory.ledger.touching)
+        return int(self._trajectory.ledger.touching)
 
     @property
     def has_contacts(self) -> bool:
@@ -270,7 +276,7 @@ class SimulationStatus:
     @property
     def deepest_overlap(self) -> float:
         """Deepest overlap [m] of shells in contact at any health check so far."""
-        return self._driver.trajectory.ledger.deepest_ever
+        return self._trajectory.ledger.deepest_ever
 
     @property
     def proximity(self) -> Overlap | None:
@@ -280,7 +286,7 @@ class SimulationStatus:
     @property
     def broken_count(self) -> int:
         """Connectors and anchors that have broken so far."""
-        trajectory = self._driver.trajectory
+        trajectory = self._trajectory
         anchors = trajectory.anchor_breaks
         return trajectory.broken.count + (0 if anchors is None else int(anchors.broken.sum()))
 
@@ -292,7 +298,7 @@ class SimulationStatus:
     @property
     def obstructed_ends(self) -> int:
         """Ends of connectors that were in their own shells at the last health check."""
-        return int(self._driver.trajectory.ledger.obstructed)
+        return int(self._trajectory.ledger.obstructed)
 
     # What acts.
 
