@@ -4,7 +4,8 @@
 Distance and contact forces of two shells, or of a shell and a plane.
 
     from icofabric_sim import contact
-    push = contact.push(half_edge, (position, orientation), (position, orientation), 1e4)
+    first, second = (position, orientation), (other_position, other_orientation)
+    found = contact.contact_force(half_edge, first, second, stiffness=1e4)
 
 Poses are centres [m] (3,) and unit quaternions x, y, z, w (4,); or (n, 3) and (n, 4) for n pairs,
 which give results with n rows. A single pose is combined with all others. The law is in
@@ -12,9 +13,10 @@ docs/contact.md.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from icofabric_sim import checks
+from icofabric_sim.renamed import renamed_attributes, renamed_text
 import numpy as np
 
 Pose = tuple[Any, Any]
@@ -27,10 +29,11 @@ class Separation(NamedTuple):
     axis: np.ndarray  # direction from the first to the second, (n, 3)
 
 
-class Push(NamedTuple):
+@renamed_attributes(touching='in_contact')
+class ContactForce(NamedTuple):
     """Contact forces between two shells, or of a shell and a plane; 0 without contact."""
 
-    touching: Any  # bool, (n,)
+    in_contact: Any  # bool, (n,)
     force: np.ndarray  # on the first [N], (n, 3); opposite on the second, or on the plane
     torque: np.ndarray  # on the first about its centre [N m], (n, 3)
     torque_on_second: np.ndarray  # about its centre [N m], (n, 3); 0 for a plane
@@ -42,10 +45,23 @@ def separation(
     half_edge: float, first: Pose, second: Pose, *, other_edge: float | None = None
 ) -> Separation:
     """
-    Return the distance of two shells of half edge a [m] up to round-off; minus depth in overlap.
+    Return the distance of two shells up to round-off, or minus their depth if they overlap.
 
     The depth is the smallest displacement that separates them. All features of both are tested.
-    `other_edge` is the half edge [m] of the second shell if different.
+
+    Parameters
+    ----------
+    half_edge
+        Half edge a [m] of both shells, or of the first.
+    first, second
+        Poses of the shells, as above.
+    other_edge
+        Half edge [m] of the second shell if different.
+
+    Returns
+    -------
+    Separation
+        Distances [m] and the directions in which they are measured.
     """
     from icofabric_sim.kernels.contact.many import signed_distances
 
@@ -56,14 +72,28 @@ def separation(
     return Separation(*_rows(single, distance, axis))
 
 
-def push(
+def contact_force(
     half_edge: float, first: Pose, second: Pose, stiffness: float, *,
     other_edge: float | None = None
-) -> Push:
+) -> ContactForce:
     """
-    Return the contact forces of two shells of half edge a [m], for a contact stiffness [N/m].
+    Return the contact forces of two shells.
 
-    `other_edge` is the half edge [m] of the second shell if different.
+    Parameters
+    ----------
+    half_edge
+        Half edge a [m] of both shells, or of the first.
+    first, second
+        Poses of the shells, as above.
+    stiffness
+        Contact stiffness [N/m].
+    other_edge
+        Half edge [m] of the second shell if different.
+
+    Returns
+    -------
+    ContactForce
+        Forces [N], torques [N m], energies [J] and depths [m].
     """
     from icofabric_sim.kernels.contact.many import touch_pairs
     from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
@@ -74,14 +104,30 @@ def push(
     touching, out = np.zeros(len(xa), bool), np.zeros((len(xa), OUT_SIZE))
     touch_pairs(
         _edges(half_edge, other_edge, len(xa)), xa, ra, xb, rb, contact_scratch(), touching, out)
-    return _push(single, touching, out, stiffness)
+    return _contact_force(single, touching, out, stiffness)
 
 
-def push_of_plane(
+def plane_contact_force(
     half_edge: float, normal: Any, offset: float, pose: Pose, stiffness: float
-) -> Push:
+) -> ContactForce:
     """
-    Return the contact forces of a rigid plane on a shell; free side normal . x >= offset [m].
+    Return the contact forces of a rigid plane on a shell.
+
+    Parameters
+    ----------
+    half_edge
+        Half edge a [m] of the shell.
+    normal, offset
+        Normal (3,) of any length and offset: the free side is normal . x >= offset, x in [m].
+    pose
+        Pose of the shell, as above.
+    stiffness
+        Contact stiffness [N/m].
+
+    Returns
+    -------
+    ContactForce
+        Forces [N], torques [N m], energies [J] and depths [m] of the shell.
     """
     from icofabric_sim.kernels.contact.many import touch_planes
     from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
@@ -98,7 +144,7 @@ def push_of_plane(
     touch_planes(
         _edges(half_edge, None, len(x)), up / length, offset / length, x, r, contact_scratch(),
         touching, out)
-    return _push(single, touching, out, stiffness)
+    return _contact_force(single, touching, out, stiffness)
 
 
 def _edges(half_edge: float, other: float | None, count: int) -> np.ndarray:
@@ -117,6 +163,11 @@ def restitution(damping: float, speed: float) -> float:
         c [s/m] as in kernels/contact/laws.py; 0 has the restitution 1.
     speed
         Rate of delta at first touch [m/s].
+
+    Returns
+    -------
+    float
+        Coefficient of restitution e, 0 to 1.
 
     Notes
     -----
@@ -142,36 +193,50 @@ def restitution(damping: float, speed: float) -> float:
     return min(-math.expm1(-z) / u, most)
 
 
-def damping_for(wanted: float, speed: float) -> float:
+def damping_for(target_restitution: float, speed: float) -> float:
     """
-    Return the damping c [s/m] with which a collision has the restitution `wanted`.
+    Return the damping with which a collision has a given coefficient of restitution.
 
-    `speed`: rate of delta at first touch [m/s]. Damped contacts return at most 0.999 of a speed,
-    so `wanted` is below that, or 1 for contacts without damping.
+    Parameters
+    ----------
+    target_restitution
+        Coefficient of restitution. Damped contacts return at most 0.999 of a speed, so it is below
+        that, or 1 for contacts without damping.
+    speed
+        Rate of delta at first touch [m/s].
+
+    Returns
+    -------
+    float
+        Damping c [s/m].
     """
     from scipy.optimize import brentq
 
-    wanted = checks.number(
-        'wanted', wanted, above=0.0, most=1.0, wish='a number above 0 and at most 1')
+    target = checks.number(
+        'target_restitution', target_restitution, above=0.0, most=1.0,
+        wish='a number above 0 and at most 1')
     speed = checks.positive('speed', speed, 'm/s')
-    if wanted == 1.0:
+    if target == 1.0:
         return 0.0
     lowest, highest = 1e-3, 1.0
-    if not wanted < restitution(lowest, 1.0):
+    if not target < restitution(lowest, 1.0):
         raise ValueError(
-            f'wanted must be 1, for contacts without damping, or below '
+            f'target_restitution must be 1, for contacts without damping, or below '
             f'{restitution(lowest, 1.0):.3f}, which damped contacts return at most, '
-            f'got {checks.shown(wanted)}')
-    while restitution(highest, 1.0) > wanted:
+            f'got {checks.shown(target)}')
+    while restitution(highest, 1.0) > target:
         highest *= 2.0
-    result: float = brentq(lambda u: restitution(u, 1.0) - wanted, lowest, highest, xtol=1e-14)
+    result: float = brentq(lambda u: restitution(u, 1.0) - target, lowest, highest, xtol=1e-14)
     return result / speed
 
 
-def _push(single: bool, touching: np.ndarray, out: np.ndarray, stiffness: float) -> Push:
+def _contact_force(
+    single: bool, touching: np.ndarray, out: np.ndarray, stiffness: float
+) -> ContactForce:
     forces = stiffness * out[:, :10]
-    return Push(*_rows(single, touching, forces[:, 0:3], forces[:, 3:6], forces[:, 6:9],
-                       forces[:, 9], out[:, 10]))
+    return ContactForce(*_rows(
+        single, touching, forces[:, 0:3], forces[:, 3:6], forces[:, 6:9], forces[:, 9],
+        out[:, 10]))
 
 
 def _rows(single: bool, *arrays: np.ndarray) -> list[Any]:
@@ -215,3 +280,13 @@ def _matrices(orientation: np.ndarray) -> np.ndarray:
         [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
         [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)]])
     return np.moveaxis(rows, (0, 1), (-2, -1))
+
+
+_RENAMED = {
+    'push': 'contact_force', 'push_of_plane': 'plane_contact_force', 'Push': 'ContactForce'}
+
+if not TYPE_CHECKING:
+    def __getattr__(name: str) -> Any:
+        raise AttributeError(
+            renamed_text('contact', name, _RENAMED) if name in _RENAMED else
+            f'module {__name__!r} has no attribute {name!r}')

@@ -22,8 +22,8 @@ def test_faces_apart_and_in_each_other():
         found = contact.separation(half_edge, HOME, (place, other.as_quat()))
         assert found.distance == pytest.approx(gap, abs=1e-16)
         assert found.axis == pytest.approx(normal, abs=1e-6)
-        push = contact.push(half_edge, HOME, (place, other.as_quat()), 2e4)
-        assert push.touching == (gap < 0.0)
+        push = contact.contact_force(half_edge, HOME, (place, other.as_quat()), 2e4)
+        assert push.in_contact == (gap < 0.0)
         if gap < 0.0:
             assert push.depth == pytest.approx(-gap, rel=0.1)
             assert push.energy == pytest.approx(0.5 * 2e4 * push.depth ** 2)
@@ -58,14 +58,14 @@ def test_many_pairs_at_once():
     place = rng.normal(size=(50, 3))
     place *= (rng.uniform(2.9, 3.6, size=50) / np.linalg.norm(place, axis=1))[:, None]
     orientation = Rotation.random(50, random_state=rng).as_quat()
-    many = contact.push(1.0, HOME, (place, orientation), 3.0)
+    many = contact.contact_force(1.0, HOME, (place, orientation), 3.0)
     gaps = contact.separation(1.0, HOME, (place, orientation))
     assert many.force.shape == many.torque_on_second.shape == gaps.axis.shape == (50, 3)
-    assert many.energy.shape == gaps.distance.shape == (50,) and 5 < many.touching.sum() < 45
-    assert (many.touching == (gaps.distance < 0.0)).all()
-    assert (many.depth <= -gaps.distance + 1e-12)[many.touching].all()
+    assert many.energy.shape == gaps.distance.shape == (50,) and 5 < many.in_contact.sum() < 45
+    assert (many.in_contact == (gaps.distance < 0.0)).all()
+    assert (many.depth <= -gaps.distance + 1e-12)[many.in_contact].all()
     for k in range(0, 50, 7):
-        one = contact.push(1.0, HOME, (place[k], orientation[k]), 3.0)
+        one = contact.contact_force(1.0, HOME, (place[k], orientation[k]), 3.0)
         assert all((np.asarray(a) == b[k]).all() for a, b in zip(one, many))
         out = touch(np.zeros(3), np.eye(3), place[k], Rotation.from_quat(
             orientation[k]).as_matrix())[1]
@@ -73,13 +73,13 @@ def test_many_pairs_at_once():
 
 
 def test_plane_of_any_length_of_normal():
-    push = contact.push_of_plane(0.01, (0.0, 0.0, 2.0), -0.03, HOME, 1e3)
-    again = contact.push_of_plane(0.01, (0.0, 0.0, 1.0), -0.015, HOME, 1e3)
-    assert push.touching and push.force[2] > 0.0 and (push.force == again.force).all()
+    push = contact.plane_contact_force(0.01, (0.0, 0.0, 2.0), -0.03, HOME, 1e3)
+    again = contact.plane_contact_force(0.01, (0.0, 0.0, 1.0), -0.015, HOME, 1e3)
+    assert push.in_contact and push.force[2] > 0.0 and (push.force == again.force).all()
     # An edge lies on the plane: symmetric.
     assert np.abs(push.force[:2]).max() < 1e-12 and np.abs(push.torque).max() < 1e-14
-    away = contact.push_of_plane(0.01, (0.0, 0.0, 1.0), -0.0170, HOME, 1e3)
-    assert not away.touching and not away.force.any()
+    away = contact.plane_contact_force(0.01, (0.0, 0.0, 1.0), -0.0170, HOME, 1e3)
+    assert not away.in_contact and not away.force.any()
 
 
 @pytest.mark.parametrize('arguments, words', [
@@ -92,6 +92,6 @@ def test_plane_of_any_length_of_normal():
 ], ids=lambda value: value if isinstance(value, str) else '')
 def test_what_cannot_be_a_pair_is_refused(arguments, words):
     with pytest.raises(ValueError, match=words):
-        contact.push(*arguments)
+        contact.contact_force(*arguments)
     with pytest.raises(ValueError, match='normal'):
-        contact.push_of_plane(1.0, (0.0, 0.0, 0.0), 0.0, HOME, 1.0)
+        contact.plane_contact_force(1.0, (0.0, 0.0, 0.0), 0.0, HOME, 1.0)

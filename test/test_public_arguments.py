@@ -434,18 +434,19 @@ def table(t):
         'contact.separation': (contact.separation, {
             'half_edge': positive(0.01, 1), 'first': pose, 'second': pose,
             'other_edge': number(0.02, 1, bad=[0.0, -1.0], optional=True)}),
-        'contact.push': (contact.push, {
+        'contact.contact_force': (contact.contact_force, {
             'half_edge': positive(0.01, 1), 'first': pose, 'second': pose,
             'stiffness': positive(1e3, 100),
             'other_edge': number(0.02, 1, bad=[0.0, -1.0], optional=True)}),
-        'contact.push_of_plane': (contact.push_of_plane, {
+        'contact.plane_contact_force': (contact.plane_contact_force, {
             'half_edge': positive(0.01, 1), 'normal': array(
                 (0.0, 0.0, 2.0), [0, 0, 1], (1e308, 0, 1e308), bad=[(0, 0, 0), (1e-320, 0, NAN)]),
             'offset': number(-0.01, 0), 'pose': pose, 'stiffness': positive(1e3, 100)}),
         'contact.restitution': (contact.restitution, {
             'damping': from_zero(0.5, 0, 1e300), 'speed': positive(1.0, 2, 1e300)}),
         'contact.damping_for': (contact.damping_for, {
-            'wanted': number(0.5, 1, bad=[0.0, 1.5, -0.5]), 'speed': positive(1.0, 2)}),
+            'target_restitution': number(0.5, 1, bad=[0.0, 1.5, -0.5]),
+            'speed': positive(1.0, 2)}),
         'StringBytes': (messages.StringBytes, {'text': frame}),
         'UInt8MultiArrayBytes': (messages.UInt8MultiArrayBytes, {'data': Argument(
             [b'abc', b''], ['x', None, 3, True, NAN, [], {}, Other()])}),

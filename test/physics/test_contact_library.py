@@ -48,21 +48,21 @@ def test_no_touching_pair_is_missed_and_distances_agree():
     qa, qb = (Rotation.from_matrix(r).as_quat() for r in (ra, rb))
     ra, rb = (Rotation.from_quat(q).as_matrix() for q in (qa, qb))
     found = contact.separation(1.0, (xa, qa), (xb, qb))
-    push = contact.push(1.0, (xa, qa), (xb, qb), 1.0)
+    push = contact.contact_force(1.0, (xa, qa), (xb, qb), 1.0)
     expected = coal_distances(xa, ra, xb, rb)
     difference = np.abs(found.distance - expected)
     good = difference < 3.0 * ACCURACY
     assert np.percentile(difference[:COUNT // 2], 99.0) < 1e-13 and good.mean() > 0.998
-    assert push.touching[good & (expected < -3.0 * ACCURACY)].all()
-    assert not push.touching[good & (expected > 3.0 * ACCURACY)].any()
+    assert push.in_contact[good & (expected < -3.0 * ACCURACY)].all()
+    assert not push.in_contact[good & (expected > 3.0 * ACCURACY)].any()
     # Where it fails a linear program decides.
     for k in np.flatnonzero(~good):
         depth = ball_inside_both(xa[k], ra[k], xb[k], rb[k])
         assert (depth > 0.0) == (found.distance[k] < 0.0) or abs(found.distance[k]) < 1e-8
     # Between those, by our own distance, to rounding.
-    assert push.touching[found.distance < -1e-13].all()
-    assert not push.touching[found.distance > 1e-13].any()
-    assert 0.3 < push.touching.mean() < 0.7
+    assert push.in_contact[found.distance < -1e-13].all()
+    assert not push.in_contact[found.distance > 1e-13].any()
+    assert 0.3 < push.in_contact.mean() < 0.7
     assert (np.abs(found.distance) < 1e-9).sum() > 10_000
     # The axis is what the distance says.
     low = np.einsum('nij,vj->nvi', rb[:2000], vertices(1.0)) + xb[:2000, None]

@@ -142,10 +142,10 @@ def test_distances_are_those_at_which_a_shift_makes_them_touch(size):
         for part in (1.0 - 1e-6, 1.0 + 1e-6):
             wanted = (part > 1.0) == (found.distance > 0.0)
             moved = part * found.distance
-            push = contact.push(
+            push = contact.contact_force(
                 1.0, (moved * found.axis, ra.as_quat()), (way, rb.as_quat()), 1.0,
                 other_edge=size)
-            assert push.touching == wanted, (found.distance, part)
+            assert push.in_contact == wanted, (found.distance, part)
 
 
 @pytest.mark.parametrize('size', SIZES)

@@ -82,7 +82,7 @@ def require_balance(scene, worst):
     for time in np.linspace(0.0, 0.2, 9)[1:]:
         simulation.advance_to(float(time))
     snapshot = simulation.snapshot()
-    stored = contact.push(
+    stored = contact.contact_force(
         A, *zip(snapshot.position, snapshot.orientation), scene.parameters['contact.stiffness'],
     ).energy
     assert snapshot.position[1, 0] - snapshot.position[0, 0] == pytest.approx(0.0337, abs=1e-12)

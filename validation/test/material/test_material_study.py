@@ -203,10 +203,10 @@ def test_contact_of_two_shells_is_that_of_polytopes():
         first, second = Rotation.random(2, random_state=generator)
         way = generator.standard_normal(3)
         apart = 0.01 * generator.uniform(2.7, 3.3) * way / np.linalg.norm(way)
-        push = contact.push(
+        push = contact.contact_force(
             0.01, (np.zeros(3), first.as_quat()), (apart, second.as_quat()), 1e5)
         energy, wrench = slab._push(apart, first.as_matrix(), second.as_matrix())
-        met += push.touching
+        met += push.in_contact
         assert energy == pytest.approx(push.energy, rel=1e-9, abs=1e-18)
         assert wrench[:3] == pytest.approx(-np.array(push.force), rel=1e-8, abs=1e-9)
         assert wrench[3:] == pytest.approx(
