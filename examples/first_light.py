@@ -21,7 +21,7 @@ from geometry_msgs.msg import PoseArray, WrenchStamped
 from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.messages import decode_pose_array
 from icofabric_sim.messages.schedule import NANOSECONDS
-from icofabric_sim.parameters.ready_scenes import find_scene
+from icofabric_sim.parameters.example_scenes import find_scene
 from icofabric_sim.pictures.render import draw_sheet
 from icofabric_sim.ros.robustness.node_watch import NodeStuck, watched_node
 from icofabric_sim.ros.start import check_domain, READY

@@ -53,7 +53,7 @@ def indent(depths, size):
         borne = dict(zip(found.reactions.names, found.reactions.force[:, 2].tolist()))
         rows.append([
             depth, -borne['supports.ball'], borne['supports.floor'],
-            len(found.touching.pairs), found.snapshot.energy['total']])
+            len(found.contact_state.pairs), found.snapshot.energy['total']])
     return rows
 
 

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.cycles import measure_cycles
     from icofabric_sim.statics.equilibrium import Equilibrium, solve_equilibrium, step_loads
     from icofabric_sim.statics.modes import solve_modes, Spectrum
+    from icofabric_sim.statics.moment_curve import measure_moment_curve
     from icofabric_sim.statics.periodic import Elasticity, homogenise, solve_bands
-    from icofabric_sim.statics.stretching import measure_curve
-    from icofabric_sim.statics.turning import measure_turning
+    from icofabric_sim.statics.stress_strain import measure_curve
     from icofabric_sim.sweeps.sweep import sweep
 
 _HOMES = {
@@ -53,10 +53,10 @@ _HOMES = {
     'compile_scene': 'simulation.simulation',
     'homogenise': 'statics.periodic',
     'load_scene': 'scene.scene',
-    'measure_curve': 'statics.stretching',
+    'measure_curve': 'statics.stress_strain',
     'measure_cycles': 'statics.cycles',
     'measure_growth': 'simulation.reports.divergence',
-    'measure_turning': 'statics.turning',
+    'measure_moment_curve': 'statics.moment_curve',
     'solve_bands': 'statics.periodic',
     'solve_equilibrium': 'statics.equilibrium',
     'solve_modes': 'statics.modes',
@@ -87,7 +87,7 @@ __all__ = [
     'measure_curve',
     'measure_cycles',
     'measure_growth',
-    'measure_turning',
+    'measure_moment_curve',
     'solve_bands',
     'solve_equilibrium',
     'solve_modes',
@@ -97,9 +97,15 @@ __all__ = [
 ]
 
 
+_RENAMED = {'measure_turning': 'measure_moment_curve'}
+
+
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(f'icofabric_sim.{_HOMES[name]}'), name)
+    if name in _RENAMED:
+        renamed_text = import_module('icofabric_sim.checks').renamed_text
+        raise AttributeError(renamed_text('icofabric_sim', name, _RENAMED))
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 

@@ -6,7 +6,7 @@ Validated conversions of external arguments.
 Each function returns the argument in the type used internally, or raises an error that names the
 argument, the requirement and the value. TypeError: a wrong type; ValueError: out of range, not
 finite or of another shape. Integers count as numbers, also those of NumPy; booleans and texts do
-not.
+not. `renamed_attributes` and `renamed_text` are for errors that give the new name of an attribute.
 """
 
 import codecs
@@ -23,6 +23,7 @@ import numpy as np
 
 T = TypeVar('T')
 E = TypeVar('E', bound=IntEnum)
+Class = TypeVar('Class', bound=type)
 
 _COUNTS = {2: 'two', 3: 'three', 4: 'four', 6: 'six'}
 _MAX_SHOWN_LENGTH = 80  # characters of a value in a message
@@ -321,6 +322,31 @@ def _fits(found: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
         found = found[max(len(found) - len(wanted), 0):]
     return len(found) == len(wanted) and all(
         isinstance(size, str) or size == own for own, size in zip(found, wanted))
+
+
+def renamed_attributes(**names: str) -> Callable[[Class], Class]:
+    """
+    Return a decorator of classes whose attributes have new names.
+
+    Reading an attribute by a former name raises AttributeError with the new name. `names` maps
+    former names to new ones. Type checkers do not see the decorated `__getattr__`, so they still
+    report attributes that the class lacks.
+    """
+    def decorate(cls: Class) -> Class:
+        def find_missing(self: Any, name: str) -> Any:
+            if name in names:
+                raise AttributeError(renamed_text(cls.__name__, name, names))
+            return object.__getattribute__(self, name)
+
+        cls.__getattr__ = find_missing  # type: ignore[attr-defined]
+        return cls
+
+    return decorate
+
+
+def renamed_text(owner: str, name: str, names: Mapping[str, str]) -> str:
+    """Return the error for a former name of an attribute of `owner`."""
+    return f'{owner}.{name} has been renamed: use {owner}.{names[name]}'
 
 
 def _may_lack(shape: Sequence[int | str]) -> bool:

@@ -16,7 +16,7 @@ import math
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from icofabric_sim import checks
-from icofabric_sim.renamed import renamed_attributes, renamed_text
+from icofabric_sim.checks import renamed_attributes, renamed_text
 import numpy as np
 
 Pose = tuple[Any, Any]

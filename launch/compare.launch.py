@@ -37,7 +37,7 @@ def generate_launch_description():
     arguments = [
         DeclareLaunchArgument(
             'scene', default_value='hanging_slab',
-            description='of both: ready scene (a name in config/) or path of a parameter file'),
+            description='of both: example scene (a name in config/) or path of a parameter file'),
         DeclareLaunchArgument(
             'real_time_factor', default_value='',
             description='target real-time factor of both, 0: as fast as possible'),
@@ -59,12 +59,12 @@ def generate_launch_description():
 
 
 def find_scene(share, argument, scene):
-    """Return the path of a scene's parameter file: a ready scene's name goes before a path."""
-    ready = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
-    path = ready.get(scene, Path(scene).expanduser())
+    """Return the path of a scene's parameter file: an example scene's name goes before a path."""
+    examples = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
+    path = examples.get(scene, Path(scene).expanduser())
     if not path.is_file():
         raise RuntimeError(
-            f'{argument}:={scene} is neither a ready scene ({", ".join(ready)}) nor a file; '
+            f'{argument}:={scene} is neither an example scene ({", ".join(examples)}) nor a file; '
             f'give one of these names or the path of a parameter file; --show-args '
             f'lists all arguments')
     return path.resolve()

@@ -5,7 +5,7 @@ Starts the simulation of one scene, and RViz beside it if asked.
 
     ros2 launch icofabric_sim simulate.launch.py scene:=hanging_slab rviz:=true
 
-`scene` is a ready scene (a name in config/) or the path of a parameter file.
+`scene` is an example scene (a name in config/) or the path of a parameter file.
 """
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def generate_launch_description():
     arguments = [
         DeclareLaunchArgument(
             'scene', default_value='hanging_slab',
-            description='ready scene (a name in config/) or path of a parameter file'),
+            description='example scene (a name in config/) or path of a parameter file'),
         DeclareLaunchArgument(
             'namespace', default_value='', description='namespace of the node icofabric'),
         DeclareLaunchArgument(
@@ -61,12 +61,12 @@ def generate_launch_description():
 
 
 def find_scene(share, scene):
-    """Return the path of a scene's parameter file: a ready scene's name goes before a path."""
-    ready = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
-    path = ready.get(scene, Path(scene).expanduser())
+    """Return the path of a scene's parameter file: an example scene's name goes before a path."""
+    examples = {path.stem: path for path in sorted((share / 'config').glob('*.yaml'))}
+    path = examples.get(scene, Path(scene).expanduser())
     if not path.is_file():
         raise RuntimeError(
-            f'scene:={scene} is neither a ready scene ({", ".join(ready)}) nor a file; '
+            f'scene:={scene} is neither an example scene ({", ".join(examples)}) nor a file; '
             f'give one of these names or the path of a parameter file; --show-args '
             f'lists all arguments')
     return path.resolve()

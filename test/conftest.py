@@ -35,7 +35,7 @@ LONG_FILES = (
     'validation/test/benchmarks/test_benchmark_terms', 'commands/test_warm',
     'simulation/test_threads', 'ros/test_fabric_node_advance', 'ros/test_fabric_node_clock',
     'ros/test_fabric_node_start', 'validation/test/material/test_material_study',
-    'running/test_change_column', 'scene/test_ready_scenes', 'simulation/test_traversal_order',
+    'running/test_change_column', 'scene/test_example_scenes', 'simulation/test_traversal_order',
     'test_installation', 'running/test_checkpoint_files', 'simulation/inputs/test_pulls',
     'simulation/test_evaluation_counts', 'ros/test_fabric_node_limits',
     'running/replay/test_verify', 'ros/test_fabric_node_recording',

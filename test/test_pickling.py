@@ -85,7 +85,7 @@ def results(tmp_path_factory):
         ico.solve_equilibrium(scene), ico.solve_modes(scene), ico.homogenise(slab),
         ico.measure_growth(make_scene((2, 2, 2)), 0.01),
         ico.measure_curve(slab, 'shear', [0.01, 0.02]),
-        ico.measure_turning(slab, 'twist', [0.01]),
+        ico.measure_moment_curve(slab, 'twist', [0.01]),
         ico.measure_cycles(slab, 'shear', [0.01, 0.02]),
         ico.sweep(slab, {'connector.stiffness': [400.0, 500.0]}, verbs='elasticity', workers=0,
                   store=tmp_path_factory.mktemp('sweep') / 'store')]

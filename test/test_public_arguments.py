@@ -261,12 +261,12 @@ def table(t):
         'Elasticity.shear_modulus': (t.elasticity.shear_modulus, {
             'normal': array((1.0, 0.0, 0.0), [[1, 0, 0]], bad=[(0, 0, 0), (0.0, 1.0, 0.0)]),
             'along': array((0.0, 1.0, 0.0), [[0, 0, 1]], bad=[(0, 0, 0), (1.0, 1.0, 0.0)])}),
-        'Elasticity.along': (t.elasticity.along, {
+        'Elasticity.directional_moduli': (t.elasticity.directional_moduli, {
             'direction': array((1.0, 0.0, 0.0), [0, 0, 1], bad=[(0, 0, 0), np.eye(3)])}),
         'Elasticity.response': (t.elasticity.response, {
             'strain': array((0.0, 0.0, 1e-3, 0.0, 0.0, 0.0), [0, 0, 1, 0, 0, 0], bad=[
                 np.zeros(6), np.eye(6)])}),
-        'Elasticity.pulled': (t.elasticity.pulled, {
+        'Elasticity.uniaxial_response': (t.elasticity.uniaxial_response, {
             'direction': array((1.0, 0.0, 0.0), [0, 0, 1], bad=[(0, 0, 0), np.eye(3)]),
             'sign': number(1.0, -1, np.int64(1), bad=[0.0, 2])}),
         'Growth.final_error': (t.growth.final_error, {'tolerance': from_zero(1e-6, 0)}),
@@ -374,7 +374,7 @@ def table(t):
                 [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0]]),
             'body_force': function(None, optional=True),
             'progress': function(None, lambda done: None, optional=True)}),
-        'measure_turning': (ico.measure_turning, {
+        'measure_moment_curve': (ico.measure_moment_curve, {
             'scene': scene, 'kind': text('bend', bad=['', 'bends', 'pull']),
             'angles': array([0.01, 0.02], (np.float32(-0.01),), any_length=True, bad=[
                 [0.0, 0.1], [-0.1, 0.1], [0.2, 0.1], [0.1, 0.1], [[0.1]], 0.1]),

@@ -70,19 +70,19 @@ def installed_verbs() -> dict[str, str]:
 
 def bash_script() -> str:
     """Return the script for bash."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes
     cases = []
     verbs = installed_verbs()
     for verb in verbs:
         options, scene = words_of(verb)
-        words = [*(ready_scenes() if scene else ()), *options]
+        words = [*(example_scenes() if scene else ()), *options]
         cases.append(f'        {verb}) words="{" ".join(words)}" ;;')
     return _BASH.format(verbs=' '.join(verbs), cases='\n'.join(cases))
 
 
 def fish_script() -> str:
     """Return the script for fish."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes
     lines = ['# Completion of icofabric for fish']
     for verb, summary in installed_verbs().items():
         lines.append(
@@ -93,5 +93,5 @@ def fish_script() -> str:
             word = f'-l {option[2:]}' if option.startswith('--') else f'-a {option}'
             lines.append(f'complete -c icofabric {seen} {word}')
         if scene:
-            lines.append(f"complete -c icofabric {seen} -a '{' '.join(ready_scenes())}'")
+            lines.append(f"complete -c icofabric {seen} -a '{' '.join(example_scenes())}'")
     return '\n'.join(lines) + '\n'

@@ -37,7 +37,9 @@ def judged(
     named: dict[str, Sequence[float]] = dict(_DIRECTIONS)
     named.update({' '.join(f'{part:g}' for part in one): one for one in more})
     with bad_input():
-        return [(name, constants.along(np.array(one, float))) for name, one in named.items()]
+        return [
+            (name, constants.directional_moduli(np.array(one, float)))
+            for name, one in named.items()]
 
 
 def text(found: Sequence[tuple[str, 'Directional']]) -> list[str]:

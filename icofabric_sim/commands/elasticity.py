@@ -104,8 +104,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     about = None if arguments.about is None else 'xyz'.index(arguments.about)
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.held_motion import check_along
+    from icofabric_sim.statics.moment_curve import check_about
     from icofabric_sim.statics.periodic import homogenise
-    from icofabric_sim.statics.turning import check_about
     import numpy as np
 
     with bad_input():
@@ -144,7 +144,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     if outputs.picture is not None:
         from icofabric_sim.pictures.elastic_picture import draw_elasticity
         outputs.picture.parent.mkdir(parents=True, exist_ok=True)
-        draw_elasticity(outputs.picture, name, constants, cases.curves, cases.turns)
+        draw_elasticity(outputs.picture, name, constants, cases.curves, cases.moment_curves)
         print(f'drawn to {outputs.picture}')
     if constants is None:
         return {'scene': name, **cases.numbers()}, cases.early
@@ -225,7 +225,7 @@ def one_sided_ratios(
     """
     import numpy as np
 
-    found = constants.pulled(np.array(_DIRECTIONS[label], float), sign)
+    found = constants.uniaxial_response(np.array(_DIRECTIONS[label], float), sign)
     if not found.modulus > 0.0:
         return []
     strain = dict(zip('xyz', found.strain[:3].tolist()))
@@ -319,7 +319,8 @@ def _one_sided_text(constants: 'Elasticity') -> list[str]:
                 + ''.join(f'{value:12.5g}' for value in cells))
     for label, direction in _DIRECTIONS.items():
         pull, push = (
-            constants.pulled(np.array(direction, float), sign).modulus for sign in (1.0, -1.0))
+            constants.uniaxial_response(np.array(direction, float), sign).modulus
+            for sign in (1.0, -1.0))
         lines.append(
             f"  Young's modulus along {label:3} {pull:12.6g} Pa in tension, {push:12.6g} Pa in "
             "compression")

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Film a recorded run, or a scene that is simulated for the film."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes
     path = Path(arguments.film).expanduser()
     size = _check(arguments, path)
     require_place('FILE', path)
@@ -65,7 +65,7 @@ def main(arguments: argparse.Namespace) -> int:
         if path.suffix.lower() == '.mp4':
             encoder()
         source = bag_path(arguments.scene)
-        if arguments.scene not in ready_scenes() and is_bag(source):
+        if arguments.scene not in example_scenes() and is_bag(source):
             if arguments.parameter or arguments.duration is not None:
                 raise InputError('-p and --duration apply to scenes; a recorded run cannot be '
                                  'changed')

@@ -27,9 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Describe a scene, or summarise a bag."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes
     path = bag_path(arguments.scene)
-    if arguments.scene not in ready_scenes() and is_bag(path):
+    if arguments.scene not in example_scenes() and is_bag(path):
         if arguments.parameter:
             raise InputError('-p applies to scenes; a recorded run cannot be changed')
         from icofabric_sim.bag.summary import summarise_bag

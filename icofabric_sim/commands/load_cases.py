@@ -12,14 +12,14 @@ from icofabric_sim.terminal import bad_input, Progress
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.statics.cycles import Cycle
-    from icofabric_sim.statics.stretching import CurvePoint
-    from icofabric_sim.statics.turning import TurnPoint
+    from icofabric_sim.statics.moment_curve import MomentCurvePoint
+    from icofabric_sim.statics.stress_strain import CurvePoint
 
 STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic', 'inflation'), ('bend', 'twist')
 # Load cases that use `along`.
 DIRECTED = ('pull', 'push', 'shear')
 BREAK_COLUMNS = (
-    'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_j')
+    'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_energy_j')
 
 
 @dataclass
@@ -34,7 +34,7 @@ class LoadCases:
     count: int  # number of cycles; 0: load only
     along: Sequence[float] | None = None  # of pull, push and shear; None: default of each
     curves: dict[str, list['CurvePoint']] = field(default_factory=dict)
-    turns: dict[str, list['TurnPoint']] = field(default_factory=dict)
+    moment_curves: dict[str, list['MomentCurvePoint']] = field(default_factory=dict)
     cycles: dict[str, list['Cycle']] = field(default_factory=dict)
     early: bool = False
 
@@ -42,7 +42,7 @@ class LoadCases:
         """Find the states of all load cases; an interrupted search keeps the states found."""
         for kind in self.kinds:
             points: list[Any] = []
-            found: dict[str, list[Any]] = self.curves if kind in STRAINED else self.turns
+            found: dict[str, list[Any]] = self.curves if kind in STRAINED else self.moment_curves
             found[kind] = points
             if self.count:
                 whole = self._cycle(scene, kind, points)
@@ -52,8 +52,8 @@ class LoadCases:
 
     def _load(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
         """Add the states of a load case to `points`, and return their intended number."""
-        from icofabric_sim.statics.stretching import curve_points
-        from icofabric_sim.statics.turning import turn_points
+        from icofabric_sim.statics.moment_curve import moment_curve_points
+        from icofabric_sim.statics.stress_strain import curve_points
 
         amounts = self._amounts(kind)
         with Progress(len(amounts), 'states') as progress, bad_input():
@@ -62,7 +62,7 @@ class LoadCases:
                     scene, kind, amounts, axis=self.axis, along=self._along(kind),
                     progress=progress.update))
             else:
-                points.extend(turn_points(
+                points.extend(moment_curve_points(
                     scene, kind, amounts, axis=self.axis, about=self._about(kind),
                     progress=progress.update))
         return len(amounts)
@@ -96,7 +96,7 @@ class LoadCases:
     def text(self, name: str) -> list[str]:
         """Return lines for the terminal."""
         lines, letter = [], 'xyz'[self.axis]
-        curves, turns = _any(self.curves), _any(self.turns)
+        curves, turns = _any(self.curves), _any(self.moment_curves)
         if curves:
             lines.append(
                 f'{name}: slab, fixed at both ends along {letter}, sides free (hydrostatic, '
@@ -105,18 +105,18 @@ class LoadCases:
         if turns:
             lines.append(
                 f'{name}: slab, ends along {letter} rotated against each other, sides free')
-            lines += turn_text(turns)
+            lines += moment_curve_text(turns)
         return lines + cycle_text(self.cycles)
 
     def write(self, outputs: RestOutputs) -> None:
         """Write tables of all results."""
         if curves := _any(self.curves):
-            from icofabric_sim.statics.stretching import CURVE_COLUMNS
+            from icofabric_sim.statics.stress_strain import CURVE_COLUMNS
             outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
                 [kind, *point.row()] for kind, points in curves.items() for point in points))
-        if turns := _any(self.turns):
-            from icofabric_sim.statics.turning import TURN_COLUMNS
-            outputs.table('turns.csv', ('kind', *TURN_COLUMNS), (
+        if turns := _any(self.moment_curves):
+            from icofabric_sim.statics.moment_curve import MOMENT_CURVE_COLUMNS
+            outputs.table('moment_curves.csv', ('kind', *MOMENT_CURVE_COLUMNS), (
                 [kind, *turned.row()] for kind, states in turns.items() for turned in states))
         if cycles := _any(self.cycles):
             from icofabric_sim.statics.cycles import CYCLE_COLUMNS
@@ -132,7 +132,8 @@ class LoadCases:
         return {
             'curves': {kind: [_state(one) for one in found]
                        for kind, found in self.curves.items()},
-            'turns': {kind: [_state(one) for one in found] for kind, found in self.turns.items()},
+            'moment_curves': {kind: [_state(one) for one in found]
+                              for kind, found in self.moment_curves.items()},
             'cycles': {kind: [_without(cycle._asdict(), 'points') for cycle in found]
                        for kind, found in self.cycles.items()}}
 
@@ -142,7 +143,7 @@ def _any(found: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
     return {kind: points for kind, points in found.items() if points}
 
 
-def _state(point: 'CurvePoint | TurnPoint') -> dict[str, Any]:
+def _state(point: 'CurvePoint | MomentCurvePoint') -> dict[str, Any]:
     """Return a state without its snapshot."""
     return {**_without(point._asdict(), 'snapshot'),
             'breaks': [each._asdict() for each in point.breaks]}
@@ -169,7 +170,7 @@ def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[
     return lines
 
 
-def turn_text(turns: Mapping[str, Sequence['TurnPoint']]) -> list[str]:
+def moment_curve_text(turns: Mapping[str, Sequence['MomentCurvePoint']]) -> list[str]:
     """Return lines for the terminal."""
     lines = []
     for kind, points in turns.items():
@@ -186,20 +187,20 @@ def turn_text(turns: Mapping[str, Sequence['TurnPoint']]) -> list[str]:
 def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
     """Return lines for the terminal."""
     return [
-        f'  {kind:11} cycle {number}: {cycle.work:.6g} J loading, {cycle.regained:.6g} J '
-        'unloading, '
-        f'{cycle.lost:.3g} J dissipated' + (
-            f'; breaks released {cycle.released:.6g} J, {cycle.broken} broken'
+        f'  {kind:11} cycle {number}: {cycle.loading_work:.6g} J loading, '
+        f'{cycle.unloading_work:.6g} J unloading, '
+        f'{cycle.loop_area:.3g} J dissipated' + (
+            f'; breaks released {cycle.released_energy:.6g} J, {cycle.broken} broken'
             if cycle.broken else '')
         for kind, found in cycles.items() for number, cycle in enumerate(found, start=1)]
 
 
 def break_rows(
-    cases: Iterable[tuple[str, Sequence['CurvePoint | TurnPoint']]]
+    cases: Iterable[tuple[str, Sequence['CurvePoint | MomentCurvePoint']]]
 ) -> list[list[object]]:
     """Return rows of `BREAK_COLUMNS`: the broken connectors of each case, in order."""
     return [
-        [kind, each.amount, each.connector, each.side, each.length, each.released]
+        [kind, each.amount, each.connector, each.side, each.length, each.released_energy]
         for kind, points in cases for point in points for each in point.breaks]
 
 
@@ -207,12 +208,12 @@ def _over(stress: float, strain: float) -> str:
     return f'{stress / strain:.6g}' if strain else ''
 
 
-def _more(point: 'CurvePoint | TurnPoint') -> str:
+def _more(point: 'CurvePoint | MomentCurvePoint') -> str:
     """Return remarks on a state besides its verdict."""
     parts = [
         f'  {count} {words}' for count, words in (
             (point.obstructed, 'obstructed'), (point.broken, 'broken'),
-            (point.touching, 'pairs in contact'), (point.sliding, 'sliding'),
+            (point.contact_pairs, 'pairs in contact'), (point.sliding_pairs, 'sliding'),
             (point.at_kink, 'at their kink'),
             (point.past_kink, 'past it')) if count]
     return ''.join(parts)

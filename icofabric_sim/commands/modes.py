@@ -125,22 +125,25 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
     branches = {key: _numbers(one) for key, one in spectrum.branches.items()}
     return {'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
             **_numbers(spectrum), 'branch': spectrum.branch, 'branches': branches,
-            'bounds_rad_per_s': spectrum.bounds, 'bounds_from': spectrum.bounds_from}
+            'bounds_rad_per_s': spectrum.bounds,
+            'first_bounded_motion': spectrum.first_bounded_motion}
 
 
 def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
     return {
-        'freedoms': spectrum.freedoms, 'frequencies_rad_per_s': spectrum.frequencies,
+        'degrees_of_freedom': spectrum.degrees_of_freedom,
+        'frequencies_rad_per_s': spectrum.frequencies,
         'mechanism_count': spectrum.mechanism_count, 'rigid_count': spectrum.rigid_count,
         'unstable_count': spectrum.unstable_count, 'self_stress_count': spectrum.self_stress_count,
         'largest_frequency_rad_per_s': spectrum.largest_frequency,
-        'relative_errors': spectrum.relative_errors, 'hidden_count': spectrum.hidden_count,
-        'zero_below_rad_per_s': spectrum.zero_below}
+        'relative_errors': spectrum.relative_errors,
+        'stretching_mechanism_count': spectrum.stretching_mechanism_count,
+        'zero_frequency_limit_rad_per_s': spectrum.zero_frequency_limit}
 
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
     """Return lines for the terminal."""
-    lines = [f'freedoms    {spectrum.freedoms:,}']
+    lines = [f'freedoms    {spectrum.degrees_of_freedom:,}']
     if spectrum.first_touches:
         lines.append(f'touching    {touch_text(spectrum.first_touches)}')
     if not spectrum.branches:
@@ -179,8 +182,9 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
     counts = spectrum.counts
     if counts is not None:
         lines.append(
-            f'geometry    {counts.freedoms:,} freedoms - {counts.connectors:,} connectors = '
-            f'{counts.mechanisms:,} mechanisms - {counts.self_stresses:,} states of self-stress')
+            f'geometry    {counts.degrees_of_freedom:,} freedoms - '
+            f'{counts.connectors:,} connectors = {counts.mechanisms:,} mechanisms - '
+            f'{counts.self_stresses:,} states of self-stress')
     lines += _rounding_text(spectrum)
     if spectrum.unstable_count > 0:
         lines.append(f'unstable    {spectrum.unstable_count:,} motions decrease the energy')
@@ -216,14 +220,14 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
 def _rounding_text(spectrum: 'Spectrum') -> list[str]:
     """Report what round-off hides if stiffnesses differ by orders of magnitude."""
     lines, rates, errors = [], spectrum.frequencies, spectrum.relative_errors
-    if hidden := spectrum.hidden_count:
+    if hidden := spectrum.stretching_mechanism_count:
         lines.append(
             f'round-off   {hidden:,} of the zero-energy motions stretch connectors: '
-            f'frequencies below {spectrum.zero_below:.3g} rad/s are counted as 0')
+            f'frequencies below {spectrum.zero_frequency_limit:.3g} rad/s are counted as 0')
     elif spectrum.mechanism_count > 0 and len(rates) and (
-            spectrum.zero_below > _UNCLEAR * rates[0]):
-        lines.append(f'round-off   frequencies below {spectrum.zero_below:.3g} rad/s are counted '
-                     'as 0')
+            spectrum.zero_frequency_limit > _UNCLEAR * rates[0]):
+        lines.append(f'round-off   frequencies below {spectrum.zero_frequency_limit:.3g} rad/s '
+                     'are counted as 0')
     if len(errors) and errors[0] > _INEXACT:
         lines.append(f'round-off   relative error of the lowest frequency {errors[0]:.1g}')
     return lines
@@ -237,7 +241,7 @@ def _bounds_text(spectrum: 'Spectrum') -> list[str]:
         'between     frequencies of every mixture, by their index among all motions; those '
         'of zero energy come first, as 0']
     lines += [
-        f'  {spectrum.bounds_from + row:4d}  {least:14.8g} to {most:14.8g} rad/s'
+        f'  {spectrum.first_bounded_motion + row:4d}  {least:14.8g} to {most:14.8g} rad/s'
         for row, (least, most) in enumerate(bounds[:_SHOWN].tolist())]
     if len(bounds) > _SHOWN:
         lines.append(f'  ... and {len(bounds) - _SHOWN:,} more')
@@ -260,7 +264,7 @@ def _write(outputs: RestOutputs, spectrum: 'Spectrum') -> None:
                 for body, motion in enumerate(shape)))
     if spectrum.bounds is not None:
         outputs.table('frequency_bounds.csv', ('place', 'least_rad_per_s', 'most_rad_per_s'), (
-            [spectrum.bounds_from + row, *pair]
+            [spectrum.first_bounded_motion + row, *pair]
             for row, pair in enumerate(spectrum.bounds.tolist())))
 
 

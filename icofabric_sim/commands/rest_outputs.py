@@ -51,13 +51,13 @@ class RestOutputs(NamedTuple):
     def write(
         self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
         reaction: 'np.ndarray', reactions: 'Reactions | None' = None,
-        contacts: 'ContactForces | None' = None, leftover: 'np.ndarray | None' = None
+        contacts: 'ContactForces | None' = None, unbalanced_wrench: 'np.ndarray | None' = None
     ) -> None:
         """
         Write tables of bodies, connectors, reactions and contacts, and draw start and end.
 
         If shells can touch, `bodies.csv` also has the contact resultants of each body and, if
-        given, the residual `leftover` (n, 6).
+        given, the residual `unbalanced_wrench` (n, 6).
         """
         if self.folder is not None:
             head: tuple[str, ...] = _BODIES
@@ -67,9 +67,9 @@ class RestOutputs(NamedTuple):
                 columns.append(contacts.resultants(scene.body_count))
                 touching = contacts.table()
                 self.table('contacts.csv', tuple(touching), zip(*touching.values()))
-            if leftover is not None:
+            if unbalanced_wrench is not None:
                 head += _LEFT
-                columns.append(leftover)
+                columns.append(unbalanced_wrench)
             self.table('bodies.csv', head, (
                 [number, *(value for part in row for value in part)]
                 for number, row in enumerate(zip(*(part.tolist() for part in columns)))))

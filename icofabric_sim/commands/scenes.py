@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE') -> None:
     """Declare SCENE and `-p name:=value`."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
-    names = ', '.join(ready_scenes()) or 'none is installed'
+    from icofabric_sim.parameters.example_scenes import example_scenes
+    names = ', '.join(example_scenes()) or 'none is installed'
     text = f'parameter file of a scene, or the name of an example scene ({names})'
     if metavar != 'SCENE':
         text += ', or the folder of a bag'
@@ -30,8 +30,8 @@ def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE')
 
 def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
     """Return the name of the scene and its parameters with the overrides."""
+    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file, parse_parameter_override
-    from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
     with bad_input():
         path = find_scene(arguments.scene)
@@ -51,7 +51,7 @@ def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputEr
 
     `given` are the parameters `NAME:=VALUE` of the command line that replace values of the file.
     """
-    from icofabric_sim.parameters.ready_scenes import find_scene
+    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.validation import ParameterError
     cause = error.__cause__
     # Errors of code that does not know parameters start with the name of one.

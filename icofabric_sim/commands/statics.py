@@ -111,14 +111,14 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     print('\n'.join(summary(scene, result, time.monotonic() - began)))
     outputs.write(
         name, scene, result.snapshot, result.tension, result.reaction, result.reactions,
-        result.contacts, None if arguments.objective == 'energy' else result.leftover)
+        result.contacts, None if arguments.objective == 'energy' else result.unbalanced_wrench)
     steps = [dict(zip(_STEP_COLUMNS, _step_row(scene, *step))) for step in reached]
     report = {
         'scene': name, 'bodies': scene.body_count, 'connectors': scene.connector_count,
         'converged': result.converged, 'load': factor, 'unstable_count': result.unstable_count,
         'mechanism_count': result.mechanism_count, 'force_scale_n': result.force_scale,
         'tension_n': result.tension, 'reaction': result.reaction,
-        'leftover': result.leftover,
+        'unbalanced_wrench': result.unbalanced_wrench,
         'reactions': _reaction_numbers(result),
         'contacts': None if result.contacts is None else result.contacts.table(),
         'friction_needed': result.friction_needed,
@@ -192,11 +192,11 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         f'{seconds:.3g} s']
     if not result.converged:
         worst = ', '.join(map(str, result.worst_bodies))
-        most = float(np.linalg.norm(result.leftover[:, :3], axis=1).max())
+        most = float(np.linalg.norm(result.unbalanced_wrench[:, :3], axis=1).max())
         lines.append(f'unbalanced up to {most:.4g} N, most on bodies {worst}')
         lines.append(f'reason     {result.reason}')
     elif result.verdict == LEAST_RESULTANTS:
-        worst, left = ', '.join(map(str, result.worst_bodies)), result.leftover
+        worst, left = ', '.join(map(str, result.worst_bodies)), result.unbalanced_wrench
         lines.append(
             f'unbalanced up to {float(np.linalg.norm(left[:, :3], axis=1).max()):.4g} N and '
             f'{float(np.linalg.norm(left[:, 3:], axis=1).max()):.4g} N m, most on bodies {worst}: '
@@ -229,7 +229,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
         lines.append(
             f'obstructed {obstructed:,} connectors pass through their own shell: the equilibrium '
             'does not include this')
-    touching = result.touching
+    touching = result.contact_state
     if touching is not None:
         lines.append(
             f'contact    {len(touching.pairs):,} pairs of shells and '
@@ -240,9 +240,9 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             lines.append(
                 '           more than the intended 1 % of a: real shells would overlap '
                 f'less; use a contact.stiffness of {2.0 * deep * touching.stiffness:.2g} N/m')
-    if result.rubbing is not None and len(result.rubbing.pairs):
-        slides = int(np.count_nonzero(result.rubbing.slides))
-        sizes = np.linalg.norm(result.rubbing.force, axis=1)
+    if result.friction is not None and len(result.friction.pairs):
+        slides = int(np.count_nonzero(result.friction.slides))
+        sizes = np.linalg.norm(result.friction.force, axis=1)
         lines.append(
             f'friction   {len(sizes) - slides:,} contacts stick, {slides:,} slide; up to '
             f'{float(sizes.max()):.4g} N')

@@ -119,8 +119,8 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
     """Return name and plan, from a study file or a scene, with the options."""
+    from icofabric_sim.parameters.example_scenes import example_scenes
     from icofabric_sim.parameters.file import parse_parameter_override
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.sweeps.study_file import is_study, read_study
     from icofabric_sim.sweeps.sweep import Study
@@ -130,7 +130,7 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
     cases = sample = keep = None
     verbs: Any = ['run']
     with bad_input():
-        if arguments.scene not in ready_scenes() and is_study(path):
+        if arguments.scene not in example_scenes() and is_study(path):
             text = read_study(path)
             name = path.stem
             given = dict(text.given)

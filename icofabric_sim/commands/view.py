@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
-    from icofabric_sim.parameters.ready_scenes import ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes
     from icofabric_sim.viewer.page import require_viser
     if not 0 <= arguments.port < 65536:
         raise InputError(f'--port must lie in 0 to 65535, got {arguments.port}')
@@ -48,7 +48,7 @@ def main(arguments: argparse.Namespace) -> int:
     with bad_input():
         require_viser()
     path = bag_path(arguments.scene)
-    if arguments.scene not in ready_scenes() and is_bag(path):
+    if arguments.scene not in example_scenes() and is_bag(path):
         if arguments.parameter:
             raise InputError('-p applies to scenes; a recorded run cannot be changed')
         return _show_bag(arguments, path)

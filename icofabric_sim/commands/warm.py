@@ -110,11 +110,11 @@ def main(arguments: argparse.Namespace) -> int:
 
 def variants_of(scenes: Sequence[str]) -> Iterator[Variant]:
     """Yield the kernel variants of these scenes, or of all common cases without scenes."""
-    from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+    from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
     with bad_input():
         for scene in scenes:
             find_scene(scene)
-    for scene in scenes or ready_scenes():
+    for scene in scenes or example_scenes():
         yield Variant(scene)
     if not scenes:
         for change in CHANGES:
@@ -125,8 +125,8 @@ def variants_of(scenes: Sequence[str]) -> Iterator[Variant]:
 
 def _parts_of(kind: Variant) -> list[Variant]:
     """Return both parts of a variant for two processes; some kernels are shared."""
+    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file
-    from icofabric_sim.parameters.ready_scenes import find_scene
     with bad_input():
         given = load_parameter_file(find_scene(kind.scene))
     if kind.verb or given.get('contact.mode', 'auto') != 'auto':
@@ -189,8 +189,8 @@ def compile_variant(kind: Variant) -> str:
 
 
 def _run(kind: Variant) -> None:
+    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file
-    from icofabric_sim.parameters.ready_scenes import find_scene
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.scene.scene import Scene
     from icofabric_sim.simulation.precompile import kinds_of_steps

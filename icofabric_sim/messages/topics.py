@@ -209,7 +209,8 @@ class Outputs:
             (len(contacts.bodies), 15))
         return message.filled(partial(_write_columns, [
             contacts.bodies.astype(float), contacts.point, contacts.force,
-            contacts.overlap[:, None], contacts.first[:, 3:], contacts.second[:, 3:]]))
+            contacts.overlap[:, None], contacts.wrench_on_first[:, 3:],
+            contacts.wrench_on_second[:, 3:]]))
 
     def broken(self, snapshot: Snapshot) -> bytes:
         """

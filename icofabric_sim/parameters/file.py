@@ -16,8 +16,8 @@ import re
 import stat
 from typing import NamedTuple
 
+from icofabric_sim.parameters.example_scenes import suggest_scene
 from icofabric_sim.parameters.rcl_parameters import full_node_name, section_matches, Value
-from icofabric_sim.parameters.ready_scenes import suggest_scene
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
 from icofabric_sim.parameters.yaml_events import ParameterFileError

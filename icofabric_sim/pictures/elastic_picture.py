@@ -8,9 +8,9 @@ from typing import Any
 
 from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.figure_style import draw_line, line_styles
+from icofabric_sim.statics.moment_curve import MomentCurvePoint
 from icofabric_sim.statics.periodic import Elasticity
-from icofabric_sim.statics.stretching import CurvePoint
-from icofabric_sim.statics.turning import TurnPoint
+from icofabric_sim.statics.stress_strain import CurvePoint
 import numpy as np
 
 _AROUND, _DOWN = 121, 61
@@ -21,7 +21,7 @@ _FEW_AROUND, _FEW_DOWN = 49, 25
 def draw_elasticity(
     path: Path, title: str, constants: Elasticity | None,
     curves: Mapping[str, Sequence[CurvePoint]],
-    turns: Mapping[str, Sequence[TurnPoint]]
+    turns: Mapping[str, Sequence[MomentCurvePoint]]
 ) -> None:
     """Draw to a PNG file; no display needed. `constants`: None where no endless fabric is."""
     require_library('matplotlib', 'a picture')
@@ -64,7 +64,7 @@ def _draw_moduli(left: Any, constants: Elasticity) -> None:
     most = 0.0
     for sign in (1.0, -1.0) if kinked else (1.0,):
         modulus = constants.young_modulus(direction) if not kinked else np.array([
-            [constants.pulled(one, sign).modulus for one in row] for row in direction])
+            [constants.uniaxial_response(one, sign).modulus for one in row] for row in direction])
         most = max(most, float(modulus.max()))
         left.plot_surface(
             *np.moveaxis(modulus[..., None] * direction, -1, 0), rcount=rows, ccount=around,

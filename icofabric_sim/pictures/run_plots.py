@@ -22,7 +22,7 @@ from icofabric_sim.pictures.measures import connector_ends, connector_segments, 
 from icofabric_sim.pictures.render import recorded_bodies, spread_times
 from icofabric_sim.scene.published import spread
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.statics.stretching import cross_section
+from icofabric_sim.statics.stress_strain import cross_section
 import numpy as np
 
 # Kinds of plots, and what each shows.

@@ -97,7 +97,7 @@ class EquilibriumSolve:
             'verdict': result.verdict, 'residual': result.residual,
             'mechanism_count': result.mechanism_count,
             **({} if result.contacts is None else {'contacts': result.contacts.table()}),
-            **({'leftover': result.leftover.tolist()} if is_least else {}),
+            **({'unbalanced_wrench': result.unbalanced_wrench.tolist()} if is_least else {}),
             'position': result.snapshot.position.tolist(),
             'orientation': result.snapshot.orientation.tolist()}
         before = state.simulation.checkpoint()
@@ -116,8 +116,9 @@ class EquilibriumSolve:
 
 
 def _resultants_text(result: 'Equilibrium') -> str:
-    """Say which resultants of force and moment are left, at most, and on which bodies."""
-    force, moment = (np.linalg.norm(part, axis=1) for part in np.split(result.leftover, 2, 1))
+    """Return the largest unbalanced force and moment, and the bodies on which they act."""
+    force, moment = (
+        np.linalg.norm(part, axis=1) for part in np.split(result.unbalanced_wrench, 2, 1))
     return (f', the largest resultants left are {force.max():.3g} N on body {np.argmax(force)} '
             f'and {moment.max():.3g} N m on body {np.argmax(moment)}')
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from icofabric_sim.checks import number_in
+from icofabric_sim.parameters.example_scenes import scene_folders
 from icofabric_sim.parameters.named_files import recorded_content, register_content
-from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.triangle_mesh import load_mesh, parse_mesh, SUFFIXES, TriangleMesh
 from icofabric_sim.scene.weave_geometry import ROUNDING_RATIO

@@ -13,9 +13,9 @@ from typing import Any
 from icofabric_sim import checks
 from icofabric_sim.checks import counted
 from icofabric_sim.geometry.shell import Shell
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.parameters.file import load_parameter_file
 from icofabric_sim.parameters.named_files import NamedFile, use_recorded_files
-from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.parameters.table import BY_NAME, OF_KIND
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import make_parameters, ParameterError, Parameters
@@ -382,7 +382,7 @@ def load_scene(path: str | Path) -> Scene:
     given = checks.path(
         'path', path, 'the path of a parameter file, or the name of an example scene')
     return Scene.from_parameters(make_parameters(load_parameter_file(
-        ready_scenes().get(str(given), given))))
+        example_scenes().get(str(given), given))))
 
 
 def as_parameters(parameters: Mapping[str, Any]) -> Parameters:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from icofabric_sim.checks import decoded, number_in
+from icofabric_sim.parameters.example_scenes import scene_folders
 from icofabric_sim.parameters.named_files import recorded_content, register_content
-from icofabric_sim.parameters.ready_scenes import scene_folders
 from icofabric_sim.parameters.validation import ParameterError
 import numpy as np
 

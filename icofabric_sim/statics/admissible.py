@@ -48,7 +48,7 @@ class Admissible(NamedTuple):
     """Admissible contact forces of one configuration."""
 
     contacts: ContactForces  # with normal forces and margins
-    leftover: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
+    unbalanced_wrench: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
     is_balanced: bool
     # Smallest coefficient of friction with which the contacts hold; infinite: none does.
     friction_needed: float
@@ -94,7 +94,7 @@ class _Problem:
         self._here, self._met = here, met
         fabric = here.fabric
         count, self._bodies = len(met.pairs), fabric.scene.body_count
-        elastic, rubbed = here.touching, here.rubbing
+        elastic, rubbed = here.contact_state, here.friction
         self._others = here.force.copy()
         for part in (elastic, rubbed):
             if part is not None:
@@ -125,11 +125,12 @@ class _Problem:
         """
         here, met = self._here, self._met
         normal, rubbed = met.normal, np.zeros((len(met.pairs), 4))
-        if here.rubbing is not None:
-            known = {pair: row for row, pair in enumerate(map(tuple, here.rubbing.pairs.tolist()))}
+        if here.friction is not None:
+            pairs = here.friction.pairs.tolist()
+            known = {pair: row for row, pair in enumerate(map(tuple, pairs))}
             for row, pair in enumerate(map(tuple, met.pairs.tolist())):
                 if pair in known:
-                    rubbed[row] = -here.rubbing.stretch[known[pair]]
+                    rubbed[row] = -here.friction.stretch[known[pair]]
         along = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         plane = np.stack([along, np.cross(normal, along)], axis=1)  # (p, 2, 3)

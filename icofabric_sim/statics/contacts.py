@@ -19,7 +19,7 @@ _SOFTER_STAGES = 6
 MAX_INTENDED_OVERLAP_RATIO = 0.01
 
 
-class Contacts(NamedTuple):
+class ContactState(NamedTuple):
     """Contacts in one configuration."""
 
     energy: float  # [J]
@@ -92,7 +92,7 @@ class StaticContacts:
         whole = self._setup.stiffness
         return [*(whole / _STIFFENING_FACTOR**k for k in range(count, 0, -1)), whole]
 
-    def act(self, position: np.ndarray, axes: np.ndarray) -> Contacts:
+    def act(self, position: np.ndarray, axes: np.ndarray) -> ContactState:
         """Return the contacts at `position` (n, 3) and `axes` (n, 3, 3), body axes as rows."""
         near = self._candidate_pairs(position)
         planes = tuple(self._forces.near_planes(position))
@@ -133,10 +133,10 @@ class StaticContacts:
         second = np.hstack([-first[:, :3], self.stiffness * out[:, 6:9]])
         cones: tuple[np.ndarray, ...] = ()
         if friction is not None:
-            rubbing, wrenches, sizes, coefficient = friction
+            in_friction, wrenches, sizes, coefficient = friction
             push, rubbed = np.linalg.norm(first[:, :3], axis=1), np.zeros(len(pairs))
             place = {pair: row for row, pair in enumerate(map(tuple, pairs.tolist()))}
-            for pair, wrench, size in zip(map(tuple, rubbing.tolist()), wrenches, sizes):
+            for pair, wrench, size in zip(map(tuple, in_friction.tolist()), wrenches, sizes):
                 if pair in place:
                     first[place[pair]] += wrench[:6]
                     second[place[pair]] += wrench[6:]
@@ -191,7 +191,7 @@ class StaticContacts:
         return found
 
     def blocks(
-        self, contacts: Contacts, position: np.ndarray, axes: np.ndarray
+        self, contacts: ContactState, position: np.ndarray, axes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return second derivatives of the contacts, see simulation/contact/pair_forces.py."""
         return self._forces.blocks(
@@ -236,7 +236,7 @@ class StaticContacts:
     def _evaluate(
         self, position: np.ndarray, axes: np.ndarray, pairs: np.ndarray,
         planes: tuple[np.ndarray, ...]
-    ) -> Contacts:
+    ) -> ContactState:
         wrench, found = np.zeros((self._count, 6)), []
         energies, depths, forces = 0.0, [np.zeros(0)], [np.zeros((0, 3))]
         groups = [pairs, *(np.repeat(bodies[:, None], 2, axis=1) for bodies in planes)]
@@ -252,7 +252,7 @@ class StaticContacts:
             forces.append(pushes[:, :3])
             found.append(group)
         sizes = np.linalg.norm(np.concatenate(forces), axis=1)
-        return Contacts(
+        return ContactState(
             energies, wrench, found[0], tuple(group[:, 0] for group in found[1:]),
             float(np.concatenate(depths).max(initial=0.0)), float(sizes.max(initial=0.0)),
             self.stiffness)

@@ -6,32 +6,41 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from icofabric_sim import checks
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
 from icofabric_sim.statics.held_motion import check_along, held_motion, STRAINED, TURNED
+from icofabric_sim.statics.moment_curve import (
+    check_about,
+    check_angles,
+    moment_curve_point,
+    MomentCurvePoint,
+)
 from icofabric_sim.statics.slab_path import follow_path, InitialEquilibrium, Step
-from icofabric_sim.statics.stretching import check_strains, curve_point, CurvePoint
-from icofabric_sim.statics.turning import check_about, check_angles, turn_point, TurnPoint
+from icofabric_sim.statics.stress_strain import check_strains, curve_point, CurvePoint
 import numpy as np
 
 KINDS = (*STRAINED, *TURNED)
 
 
+@renamed_attributes(
+    work='loading_work', regained='unloading_work', lost='loop_area',
+    released='released_energy', left='energy_gain')
 class Cycle(NamedTuple):
     """One cycle of loading and unloading; energies are NaN if the cycle ended early."""
 
-    work: float  # [J] external work of loading
-    regained: float  # [J] work regained in unloading
-    lost: float  # [J] area of the loop: `work` less `regained`
-    released: float  # [J] decrease of energy at breaks
-    left: float  # [J] increase of the slab's energy over the cycle
+    loading_work: float  # [J] external work of loading
+    unloading_work: float  # [J] work returned in unloading
+    loop_area: float  # [J] `loading_work` less `unloading_work`
+    released_energy: float  # [J] decrease of energy at breaks
+    energy_gain: float  # [J] increase of the slab's energy over the cycle
     broken: int  # connectors that broke in the cycle
-    points: tuple[CurvePoint | TurnPoint, ...]
+    points: tuple[CurvePoint | MomentCurvePoint, ...]
 
     def __repr__(self) -> str:
         """Return a summary without the states."""
-        return (f'<Cycle: {self.work:.6g} J external work, {self.lost:.6g} J lost, '
+        return (f'<Cycle: {self.loading_work:.6g} J loading work, loop of {self.loop_area:.6g} J, '
                 f'{self.broken:,} broken, {len(self.points):,} states>')
 
     def row(self) -> list[float]:
@@ -40,7 +49,9 @@ class Cycle(NamedTuple):
 
 
 # Names of columns of a table of cycles, with units.
-CYCLE_COLUMNS = ('work_j', 'regained_j', 'lost_j', 'released_j', 'left_j', 'broken')
+CYCLE_COLUMNS = (
+    'loading_work_j', 'unloading_work_j', 'loop_area_j', 'released_energy_j', 'energy_gain_j',
+    'broken')
 
 
 def measure_cycles(
@@ -57,7 +68,7 @@ def measure_cycles(
         The slab, as in `measure_curve`.
     kind
         'pull', 'push', 'shear', 'hydrostatic' or 'inflation' (strains, as in `measure_curve`), or
-        'bend' or 'twist' (angles, as in `measure_turning`).
+        'bend' or 'twist' (angles, as in `measure_moment_curve`).
     amounts
         Strains, or angles [rad], of the loading path.
     count
@@ -65,7 +76,7 @@ def measure_cycles(
     axis
         World axis from end to end.
     about
-        Axis of a bend, as in `measure_turning`.
+        Axis of a bend, as in `measure_moment_curve`.
     along
         Direction of the displacement (3,), world frame, as in `measure_curve`.
     body_force
@@ -83,8 +94,8 @@ def measure_cycles(
     The work is the sum over the steps of mean force times displacement. A step leads from the
     state after the breaks of the previous step to the state before its own breaks. So the area of
     a loop without breaks is 0 up to round-off, and the error with breaks is of second order in the
-    step size. For exact steps `lost` equals `released` plus `left`, or exceeds it if the slab
-    snaps through.
+    step size. For exact steps `loop_area` equals `released_energy` plus `energy_gain`, or exceeds
+    this sum if the slab snaps through.
     """
     if progress is not None:
         checks.function('progress', progress)
@@ -121,13 +132,13 @@ class CycleRun:
         self._motion = held_motion(
             scene, kind, axis, about, body_force, check_along(kind, axis, along))
         self._rest = InitialEquilibrium(self._motion)
-        self._found: list[tuple[Step, CurvePoint | TurnPoint]] = []
+        self._found: list[tuple[Step, CurvePoint | MomentCurvePoint]] = []
 
-    def points(self) -> Iterator[CurvePoint | TurnPoint]:
+    def points(self) -> Iterator[CurvePoint | MomentCurvePoint]:
         """Yield the states one by one, each when found."""
         for step in follow_path(self._motion, self.path, self._rest):
             point = (
-                turn_point(self._motion, self._rest, step) if self._kind in TURNED else
+                moment_curve_point(self._motion, self._rest, step) if self._kind in TURNED else
                 curve_point(self._motion, self._kind, self._rest, step))
             self._found.append((step, point))
             yield point
@@ -151,6 +162,6 @@ class CycleRun:
             if len(part) < size or not part[-1][0].found.converged:
                 there = back = left = np.nan
             cycles.append(Cycle(
-                there, back, there - back, sum(each.released for each in breaks), left,
+                there, back, there - back, sum(each.released_energy for each in breaks), left,
                 len(breaks), points))
         return cycles

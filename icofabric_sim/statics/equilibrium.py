@@ -15,7 +15,7 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim import checks
-from icofabric_sim.checks import counted
+from icofabric_sim.checks import counted, renamed_attributes
 from icofabric_sim.kernels.conjugate import product_of, weighted_square
 from icofabric_sim.parameters.table import OBJECTIVES
 from icofabric_sim.scene.scene import require_scene, Scene
@@ -24,7 +24,7 @@ from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, 
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
 from icofabric_sim.statics.admissible import find_admissible
-from icofabric_sim.statics.contacts import Contacts, StaticContacts
+from icofabric_sim.statics.contacts import ContactState, StaticContacts
 from icofabric_sim.statics.crossings import Crossings
 from icofabric_sim.statics.fabric import check_snapshot, Configuration, StaticFabric
 from icofabric_sim.statics.friction import ContactFriction, FrictionPath, Relaxation
@@ -88,6 +88,8 @@ class Progress(NamedTuple):
     energy: float  # [J]
 
 
+@renamed_attributes(
+    leftover='unbalanced_wrench', touching='contact_state', rubbing='friction')
 @dataclass(frozen=True, repr=False)
 class Equilibrium(AsTable):
     """Result of an equilibrium solve: state, verdict, unbalanced forces, tensions, reactions."""
@@ -102,9 +104,9 @@ class Equilibrium(AsTable):
     mechanism_count: int
     unstable_count: int  # motions that lower the energy; -1: not counted; large fabrics: 1 = some
     force_scale: float  # [N] largest acting force
-    leftover: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
+    unbalanced_wrench: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
     tension: np.ndarray  # (c,) [N], positive in extension
-    touching: Contacts | None  # contacts without friction; None: the scene has no contact
+    contact_state: ContactState | None  # contacts without friction; None: the scene has no contact
     reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
     step_count: int
     product_count: int
@@ -123,7 +125,7 @@ class Equilibrium(AsTable):
     # Reactions of supports, drives, anchors and planes, by name.
     reactions: Reactions | None = None
     # Friction on a path of states; None without friction.
-    rubbing: ContactFriction | None = None
+    friction: ContactFriction | None = None
     # Force, torques and point of each contact, including friction; None without contact.
     contacts: ContactForces | None = None
     # Smallest contact.friction with which contact forces balance the loads; infinite: none does;
@@ -146,7 +148,7 @@ class Equilibrium(AsTable):
     @property
     def worst_bodies(self) -> tuple[int, ...]:
         """Bodies with the largest unbalanced forces, at most four."""
-        size = np.abs(self.leftover[:, :3]).max(axis=1)
+        size = np.abs(self.unbalanced_wrench[:, :3]).max(axis=1)
         return tuple(int(b) for b in np.argsort(-size, kind='stable')[:4] if size[b] > 0.0)
 
 
@@ -180,9 +182,9 @@ def solve_equilibrium(
     objective
         'energy': the potential energy, with contacts as springs. 'resultants': the sum of squares
         of the force and moment resultants (torques over a) on free bodies, without contact forces
-        and without overlap, as the document states after eq 48. `leftover` then has the resultants
-        that contacts must bear; if they are not 0 the verdict is 'least resultants'. None: the
-        `equilibrium.objective` of the scene.
+        and without overlap, as the document states after eq 48. `unbalanced_wrench` then has
+        the resultants that contacts must bear; if they are not 0 the verdict is 'least
+        resultants'. None: the `equilibrium.objective` of the scene.
     progress
         Called with a `Progress` at each step.
 
@@ -208,7 +210,7 @@ def solve_equilibrium(
        the smallest margin (`contacts.margin`, see admissible.py).
 
     If no such forces exist, the verdict is 'not in equilibrium', the reason states that the fabric
-    slides, and `leftover` has the unbalanced forces.
+    slides, and `unbalanced_wrench` has the unbalanced forces.
 
     References
     ----------
@@ -254,7 +256,7 @@ def seek_least_resultants(
         bare, fabric, _start(bare, start), largest_step_count, report)
     result = replace(
         _Search(bare, found.here, tolerance, found.step_count, None).result(),
-        touching=found.there.touching, step_count=found.step_count)
+        contact_state=found.there.contact_state, step_count=found.step_count)
     if result.converged:
         return result
     return replace(
@@ -299,25 +301,25 @@ def _check_friction(search: '_Search', coefficient: float) -> Equilibrium:
         return result
     here = search.exact()
     held = find_admissible(here, coefficient)
-    assert here.touching is not None
-    force = here.force - here.touching.wrench + held.contacts.resultants(len(here.position))
-    if here.rubbing is not None:
-        force -= here.rubbing.wrench
+    assert here.contact_state is not None
+    force = here.force - here.contact_state.wrench + held.contacts.resultants(len(here.position))
+    if here.friction is not None:
+        force -= here.friction.wrench
     result = replace(
         result, contacts=held.contacts, reactions=reactions_of(here, force, held.contacts),
-        reaction=np.where(here.fabric.free, 0.0, -force), rubbing=None,
+        reaction=np.where(here.fabric.free, 0.0, -force), friction=None,
         friction_needed=held.friction_needed)
     if held.is_balanced:
         return result
-    left = float(np.linalg.norm(held.leftover[:, :3], axis=1).max())
+    left = float(np.linalg.norm(held.unbalanced_wrench[:, :3], axis=1).max())
     needed = held.friction_needed
     way_out = (
         f'it would hold with contact.friction of at least {needed:.6g}' if needed < math.inf else
         'more friction would not help: add supports.NAME, anchors.NAME or planes.NAME')
     return replace(
         result, converged=False, verdict=NOT_AT_REST, mechanism_count=-1, unstable_count=-1,
-        leftover=held.leftover, branches={}, residual=float(np.abs(held.leftover[:, :3]).max(
-            initial=0.0) / here.force_scale), reason=(
+        unbalanced_wrench=held.unbalanced_wrench, branches={}, residual=float(
+            np.abs(held.unbalanced_wrench[:, :3]).max(initial=0.0) / here.force_scale), reason=(
                 f'the fabric slides: no contact forces within the friction cones '
                 f'(contact.friction {coefficient:g}) balance the loads, and a force of up to '
                 f'{left:.4g} N on a body is unbalanced; {way_out}'))
@@ -581,7 +583,7 @@ class _Search:
 
     def _acting(self) -> float:
         """Return the largest force [N] on a body: weight, loads, connectors, or unbalanced."""
-        return max(self.here.force_scale, float(np.abs(self.leftover()[:, :3]).max(initial=0.0)))
+        return max(self.here.force_scale, float(np.abs(self.unbalanced()[:, :3]).max(initial=0.0)))
 
     def _descend(self, tolerance: float, last: float = math.inf) -> None:
         stuck = 0
@@ -599,7 +601,7 @@ class _Search:
 
     def residual(self) -> float:
         """Return the largest unbalanced force, or torque over a, over the largest acting force."""
-        left = np.abs(self.leftover())
+        left = np.abs(self.unbalanced())
         left[:, 3:] /= self.fabric.half_edge
         most, scale = float(left.max(initial=0.0)), self._scale()
         least = 10.0 * self.fabric.rounding
@@ -649,14 +651,14 @@ class _Search:
         return self.residual() <= max(
             tolerance, rounding / scale if scale > 10.0 * rounding else 0.0)
 
-    def leftover(self) -> np.ndarray:
+    def unbalanced(self) -> np.ndarray:
         """Return the unbalanced forces and torques (n, 6); 0 on held degrees of freedom."""
         return np.where(self.free, self.here.force, 0.0)
 
     def _step(self) -> bool:
         """Try one step; return True if it was accepted."""
         here, layout = self.here, self.fabric.layout
-        gradient = layout.spread(-self.leftover())
+        gradient = layout.spread(-self.unbalanced())
         size = math.sqrt(weighted_square(self.weight, gradient))
         self.first_gradient = max(self.first_gradient, size)
         accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
@@ -692,7 +694,7 @@ class _Search:
 
     def _has_equal_contacts(self, there: Configuration) -> bool:
         """Return True if the number of contacts is the same as in the present configuration."""
-        here = self.here.touching, there.touching
+        here = self.here.contact_state, there.contact_state
         return all(part is None for part in here) or len({
             len(part.pairs) + sum(map(len, part.planes)) for part in here if part is not None
         }) == 1
@@ -788,13 +790,13 @@ class _Search:
         return Equilibrium(
             snapshot=here.snapshot, converged=converged, residual=residual, verdict=verdict,
             mechanism_count=curvature.zero, unstable_count=curvature.negative,
-            force_scale=here.force_scale, leftover=self.leftover(), tension=here.tension,
-            touching=here.touching,
+            force_scale=here.force_scale, unbalanced_wrench=self.unbalanced(),
+            tension=here.tension, contact_state=here.contact_state,
             reaction=np.where(self.free, 0.0, -here.force), step_count=self.steps,
             product_count=self.products, at_kink=here.at_kink,
             anchors_at_kink=here.anchors_at_kink, branches=branches,
             first_touches=here.first_touches, reason=reason, reactions=reactions_of(
-                here, here.force, contacts), rubbing=here.rubbing, contacts=contacts)
+                here, here.force, contacts), friction=here.friction, contacts=contacts)
 
     def exact(self) -> Configuration:
         """Return the present configuration with exact second derivatives of contacts."""
@@ -845,7 +847,7 @@ class _Search:
     def _compressed_wrapped(self) -> list[int]:
         """Return wrapped connectors in compression on the bodies with the largest residuals."""
         here, of = self.here, self.here.wrapped.of
-        left = np.abs(self.leftover()[:, :3]).max(axis=1)
+        left = np.abs(self.unbalanced()[:, :3]).max(axis=1)
         bodies = self.fabric.scene.connectors.bodies[of]
         chosen = (here.tension[of] < 0.0) & (left[bodies].max(axis=1) > 0.1 * left.max())
         found: list[int] = of[chosen].tolist()

@@ -41,9 +41,15 @@ from icofabric_sim.simulation.model.shared_kinds import (
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.charges import largest_repulsion
-from icofabric_sim.statics.contacts import Contacts, StaticContacts
+from icofabric_sim.statics.contacts import ContactState, StaticContacts
 from icofabric_sim.statics.friction import ContactFriction, FrictionPath
-from icofabric_sim.statics.loads import Acting, AnchorPull, DeadLoads, Pulled, turned_potential
+from icofabric_sim.statics.loads import (
+    Acting,
+    AnchorPull,
+    AnchorState,
+    DeadLoads,
+    turned_potential,
+)
 from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
 from icofabric_sim.statics.tangent import Stretched, TangentLaws
@@ -276,9 +282,10 @@ class Configuration:
     def _alike(self, side: str) -> 'Configuration':
         there = Configuration(self.fabric, self.position, self.orientation, side)
         # Copy the cached values that do not depend on the side.
-        for name in ('snapshot', 'energy', 'force', 'touching', 'contact_blocks', 'acting', 'axes',
-                     'tension', 'stretched', 'pulled', 'state', 'first_touches', 'wrapped',
-                     'free_ends', 'rubbing', 'rubbing_blocks', 'own_wrench', 'own_force_blocks'):
+        for name in (
+                'snapshot', 'energy', 'force', 'contact_state', 'contact_blocks', 'acting', 'axes',
+                'tension', 'stretched', 'anchor_state', 'state', 'first_touches', 'wrapped',
+                'free_ends', 'friction', 'friction_blocks', 'own_wrench', 'own_force_blocks'):
             if name in self.__dict__:
                 there.__dict__[name] = self.__dict__[name]
         return there
@@ -301,14 +308,14 @@ class Configuration:
     def anchors_at_kink(self) -> tuple[str, ...]:
         """Names of the anchors at their kink."""
         names = tuple(self.fabric.scene.anchors)
-        return tuple(names[a] for a in np.flatnonzero(self.pulled.here.at_kink))
+        return tuple(names[a] for a in np.flatnonzero(self.anchor_state.here.at_kink))
 
     @property
     def kink_jumps(self) -> np.ndarray:
         """k_e - k_c [N/m] of the connectors and anchors at their kink, (j,)."""
         jumps = [self.fabric.laws.jump(self.at_kink)]
-        if self.pulled.here.at_kink.any():
-            jumps.append(self.pulled.jump[self.pulled.here.at_kink])
+        if self.anchor_state.here.at_kink.any():
+            jumps.append(self.anchor_state.jump[self.anchor_state.here.at_kink])
         return np.concatenate(jumps)
 
     @cached_property
@@ -325,7 +332,7 @@ class Configuration:
     @cached_property
     def anchor_slope(self) -> np.ndarray:
         """Tangent stiffnesses of the anchors [N/m], (a,)."""
-        return self.fabric.anchors.slope(self.pulled, self.side)
+        return self.fabric.anchors.slope(self.anchor_state, self.side)
 
     def moved(self, motion: np.ndarray) -> 'Configuration':
         """Return the configuration displaced and rotated by a vector (n, 6)."""
@@ -341,8 +348,8 @@ class Configuration:
             'work_in': 0.0, 'spent': 0.0, 'start': 0.0,
             'potential': 0.0 if fabric.own_force is None else fabric.own_force.energy(
                 self.position, self.orientation),
-            'anchors': self.pulled.energy,
-            'contact': 0.0 if self.touching is None else self.touching.energy}
+            'anchors': self.anchor_state.energy,
+            'contact': 0.0 if self.contact_state is None else self.contact_state.energy}
         arrays = self.position, self.orientation, zero, zero.copy()
         for array in arrays:
             array.flags.writeable = False
@@ -354,8 +361,8 @@ class Configuration:
     @cached_property
     def energy(self) -> float:
         """Potential energy [J] of the fabric and of the dead loads."""
-        rubbing = 0.0 if self.rubbing is None else self.rubbing.energy
-        return float(self.snapshot.energy['total']) + self.acting.energy + rubbing
+        friction = 0.0 if self.friction is None else self.friction.energy
+        return float(self.snapshot.energy['total']) + self.acting.energy + friction
 
     @cached_property
     def force(self) -> np.ndarray:
@@ -365,17 +372,17 @@ class Configuration:
         keep_accelerations(
             fabric.unheld, self._placed(), work, fabric.time, 0, len(fabric.layout.blocks.slot))
         force = fabric.layout.gather(work.acceleration) * fabric.root**2
-        force += self.pulled.wrench + self.acting.wrench
+        force += self.anchor_state.wrench + self.acting.wrench
         if self.own_wrench is not None:
             force += self.own_wrench
-        if self.touching is not None:
-            force += self.touching.wrench
-        if self.rubbing is not None:
-            force += self.rubbing.wrench
+        if self.contact_state is not None:
+            force += self.contact_state.wrench
+        if self.friction is not None:
+            force += self.friction.wrench
         return np.asarray(force)
 
     @cached_property
-    def touching(self) -> Contacts | None:
+    def contact_state(self) -> ContactState | None:
         """Contacts without friction; None without contact."""
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
@@ -383,20 +390,20 @@ class Configuration:
     @property
     def contact_forces(self) -> ContactForces | None:
         """Force, torques and point of each contact; None without contact."""
-        contacts, rubbing, path = self.fabric.contacts, self.rubbing, self.fabric.friction
+        contacts, friction, path = self.fabric.contacts, self.friction, self.fabric.friction
         return None if contacts is None else contacts.forces(
             self.position, self.axes,
-            None if rubbing is None or path is None else (
-                rubbing.pairs, rubbing.wrenches, path.sizes(rubbing), path.coefficient))
+            None if friction is None or path is None else (
+                friction.pairs, friction.wrenches, path.sizes(friction), path.coefficient))
 
     @cached_property
-    def rubbing(self) -> ContactFriction | None:
+    def friction(self) -> ContactFriction | None:
         """Friction; None without friction."""
         friction = self.fabric.friction
         return None if friction is None else friction.act(self.position, self.axes)
 
     @cached_property
-    def rubbing_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+    def friction_blocks(self) -> tuple[np.ndarray, np.ndarray]:
         """Second derivatives of friction by pairs, in the form of `contact_blocks`."""
         friction = self.fabric.friction
         if friction is None or not len(friction.pairs):
@@ -446,9 +453,9 @@ class Configuration:
         if fabric.model.gravity is not None:
             size = float(np.linalg.norm(fabric.model.gravity.acceleration))
             weight = max(weight, size * float(fabric.packed.masses.mass.max()))
-        pulls = [*np.abs(self.tension), *np.abs(self.pulled.tension)]
-        if self.touching is not None:
-            pulls.append(self.touching.largest_force)
+        pulls = [*np.abs(self.tension), *np.abs(self.anchor_state.tension)]
+        if self.contact_state is not None:
+            pulls.append(self.contact_state.largest_force)
         scale = max(
             fabric.loads.largest_force, weight, fabric.repulsion, max(pulls, default=0.0))
         if scale > 10.0 * fabric.rounding:
@@ -465,9 +472,9 @@ class Configuration:
     def contact_blocks(self) -> tuple[np.ndarray, np.ndarray]:
         """Second derivatives of contacts: bodies (m, 2), and blocks (m, 12, 12)."""
         fabric = self.fabric
-        if fabric.contacts is None or self.touching is None:
+        if fabric.contacts is None or self.contact_state is None:
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
-        return fabric.contacts.blocks(self.touching, self.position, self.axes)
+        return fabric.contacts.blocks(self.contact_state, self.position, self.axes)
 
     @cached_property
     def wrapped(self) -> Wrapped:
@@ -515,7 +522,7 @@ class Configuration:
     @cached_property
     def pair_blocks(self) -> tuple[np.ndarray, np.ndarray]:
         """Second derivatives of contacts, wrapped connectors and friction by pairs."""
-        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks, self.rubbing_blocks)
+        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks, self.friction_blocks)
         return np.concatenate(bodies), np.concatenate(blocks)
 
     def times(self, motion: np.ndarray, *, pairs: bool = True) -> np.ndarray:
@@ -553,11 +560,11 @@ class Configuration:
     def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Slots (m,) and second derivatives (m, 6, 6) of anchors, dead loads and body forces."""
         slot, found = self.fabric.layout.slot, []
-        pulled = self.fabric.anchors.blocks(
-            self.pulled, self.position, self.axes, self.anchor_slope)
-        if pulled:
+        anchored = self.fabric.anchors.blocks(
+            self.anchor_state, self.position, self.axes, self.anchor_slope)
+        if anchored:
             found.append((
-                slot[[body for body, _ in pulled]], np.array([block for _, block in pulled])))
+                slot[[body for body, _ in anchored]], np.array([block for _, block in anchored])))
         if self._turning is not None:
             turning = np.zeros((len(slot), 6, 6))
             turning[:, 3:, 3:] = self._turning
@@ -589,7 +596,7 @@ class Configuration:
         return without(self.tangent, *BESIDE_CONNECTORS)
 
     @cached_property
-    def pulled(self) -> Pulled:
+    def anchor_state(self) -> AnchorState:
         return self.fabric.anchors.act(self.position, self.axes, self.fabric.lever)
 
     @cached_property

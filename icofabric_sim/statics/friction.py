@@ -161,9 +161,9 @@ class FrictionPath:
         bodies = np.where(planes[:, None], self.pairs[:, :1], self.pairs)
         return bodies, 0.5 * (part + np.swapaxes(part, 1, 2))
 
-    def sizes(self, rubbing: ContactFriction) -> np.ndarray:
+    def sizes(self, friction: ContactFriction) -> np.ndarray:
         """Return the magnitude of friction [N], (p,), including the part about the normal."""
-        stretch = np.linalg.norm(rubbing.stretch, axis=1)
+        stretch = np.linalg.norm(friction.stretch, axis=1)
         return np.asarray(self.stiffness * np.minimum(stretch, self.limit))
 
     def update_limits(

@@ -164,7 +164,7 @@ def _rest(
     lattice: Lattice, here: Configuration, gradient: np.ndarray, turn: np.ndarray,
     curvature: np.ndarray, count: int
 ) -> LatticeRest:
-    touching = here.touching
+    touching = here.contact_state
     pressing = np.zeros((0, 3)) if touching is None else (
         here.position[touching.pairs[:, 1]] - here.position[touching.pairs[:, 0]])
     return LatticeRest(

@@ -132,13 +132,13 @@ class AnchorPull:
         reach = reach / np.linalg.norm(reach, axis=1, keepdims=True)
         return list(zip(self._bodies.tolist(), arm, reach))
 
-    def act(self, position: np.ndarray, axes: np.ndarray, lever: float) -> 'Pulled':
+    def act(self, position: np.ndarray, axes: np.ndarray, lever: float) -> 'AnchorState':
         """Return the anchors in a configuration; `lever`: see `lever_of`."""
         wrench = np.zeros((len(position), 6))
         anchors = self._anchors
         if anchors is None:
             none = np.zeros(0)
-            return Pulled(
+            return AnchorState(
                 0.0, wrench, none, none, Stretched(none, none, none > 0.0, none > 0.0))
         arm = np.einsum('ai,aij->aj', anchors.arm, axes[self._bodies])
         reach = self._points - position[self._bodies] - arm
@@ -152,23 +152,23 @@ class AnchorPull:
         with np.errstate(invalid='ignore', divide='ignore'):
             force = np.where(length[:, None] > 0.0, reach * (tension / length)[:, None], 0.0)
         np.add.at(wrench, self._bodies, np.hstack([force, np.cross(arm, force)]))
-        return Pulled(float(0.5 * (tension * stretch).sum()), wrench, tension, jump, here)
+        return AnchorState(float(0.5 * (tension * stretch).sum()), wrench, tension, jump, here)
 
-    def slope(self, pulled: 'Pulled', side: str) -> np.ndarray:
+    def slope(self, state: 'AnchorState', side: str) -> np.ndarray:
         """Return tangent stiffnesses [N/m], (a,), with the `side` of anchors at their kink."""
-        anchors, here = self._anchors, pulled.here
+        anchors, here = self._anchors, state.here
         return np.zeros(0) if anchors is None else slopes_on(
             side, anchors.extension, anchors.compression, here.stretch, here.at_kink, here.rounded)
 
     def blocks(
-        self, pulled: 'Pulled', position: np.ndarray, axes: np.ndarray, slope: np.ndarray
+        self, state: 'AnchorState', position: np.ndarray, axes: np.ndarray, slope: np.ndarray
     ) -> list[tuple[int, np.ndarray]]:
         """Return second derivatives (6, 6) by body, from tangent stiffnesses [N/m], (a,)."""
-        anchors, here = self._anchors, pulled.here
+        anchors, here = self._anchors, state.here
         if anchors is None:
             return []
         stiffness, rest = as_springs(
-            np.where(here.rounded, 0.0, pulled.tension), slope, here.length)
+            np.where(here.rounded, 0.0, state.tension), slope, here.length)
         laws = anchors._replace(
             extension=stiffness, compression=stiffness, natural_length=rest)
         blocks = []
@@ -178,7 +178,7 @@ class AnchorPull:
         return blocks
 
 
-class Pulled(NamedTuple):
+class AnchorState(NamedTuple):
     """Anchors in one configuration."""
 
     energy: float  # [J]

@@ -24,14 +24,14 @@ _ZERO_RATIO = 1e-9
 class Counts(NamedTuple):
     """Counts of a fabric that follow from the rank of the compatibility matrix."""
 
-    freedoms: int
+    degrees_of_freedom: int
     connectors: int
     rank: int
 
     @property
     def mechanisms(self) -> int:
         """Number of motions that stretch no connector, including rigid motions of the whole."""
-        return self.freedoms - self.rank
+        return self.degrees_of_freedom - self.rank
 
     @property
     def self_stresses(self) -> int:

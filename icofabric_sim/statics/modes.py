@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from icofabric_sim import checks
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.masses import require_isotropic
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
@@ -73,6 +74,9 @@ _DEFAULT_COUNT = 20
 _SEARCHES = 40
 
 
+@renamed_attributes(
+    here='configuration', freedoms='degrees_of_freedom', zero_below='zero_frequency_limit',
+    bounds_from='first_bounded_motion', hidden_count='stretching_mechanism_count')
 @dataclass(frozen=True, repr=False)
 class Spectrum(AsTable):
     """Frequencies and shapes of small vibrations, and zero-energy motions."""
@@ -88,11 +92,11 @@ class Spectrum(AsTable):
     # (u,) [1/s] of motions that lower the energy; empty for large fabrics
     growth_rates: np.ndarray
     unstable_count: int  # number of motions that lower the energy; -1: not counted
-    freedoms: int  # free degrees of freedom
+    degrees_of_freedom: int  # free degrees of freedom
     # Counts from the geometry of the connectors; None above 400,000 degrees of freedom.
     counts: Counts | None
-    snapshot: Snapshot  # the configuration
-    here: Configuration = field(repr=False)  # the configuration with its loads and contacts
+    snapshot: Snapshot  # positions and orientations of the configuration
+    configuration: Configuration = field(repr=False)  # with its loads and contacts
     # Connectors, by number, and anchors, by name, at their natural length with k_e other than k_c.
     # There is no single tangent there, so all of the above is for the `branch`, 'push' (k_c) or
     # 'pull' (k_e in all of them); '' if nothing is at its kink.
@@ -102,19 +106,19 @@ class Spectrum(AsTable):
     # Both branches by name; empty if nothing is at its kink.
     branches: Mapping[str, 'Spectrum'] = field(default_factory=dict, repr=False)
     # (m, 2) [rad/s] bounds of the frequencies for every mixture of connectors in extension and
-    # compression. Row k belongs to motion k + bounds_from of all motions, where zero-energy
-    # motions come first, with 0; NaN below motions that lower the energy. None if nothing is at
-    # its kink, or zero-energy motions were not counted.
+    # compression. Row k belongs to motion k + first_bounded_motion of all motions, where
+    # zero-energy motions come first, with 0; NaN below motions that lower the energy. None if
+    # nothing is at its kink, or zero-energy motions were not counted.
     bounds: np.ndarray | None = None
-    bounds_from: int = 0
+    first_bounded_motion: int = 0
     # Pairs of shells, or shells and planes, at first touch: they count as open, but resist
     # compression.
     first_touches: int = 0
     # (m,) estimated relative round-off errors of the frequencies.
     relative_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    zero_below: float = 0.0  # [rad/s] smaller frequencies count as zero
-    # Number of motions counted as zero-energy motions that stretch connectors.
-    hidden_count: int = 0
+    zero_frequency_limit: float = 0.0  # [rad/s] smaller frequencies count as zero
+    # Motions that stretch connectors but count as zero-energy motions because of round-off.
+    stretching_mechanism_count: int = 0
 
     def __repr__(self) -> str:
         """Return a summary without arrays."""
@@ -132,9 +136,9 @@ class Spectrum(AsTable):
     @cached_property
     def largest_frequency(self) -> float:
         """Largest frequency [rad/s] of all, by the iteration that chooses steps (lanczos.py)."""
-        if self.here.fabric.scene.principal_inertia is None:
-            return math.sqrt(largest_square(self.here))
-        matrix = _scaled(self.here)
+        if self.configuration.fabric.scene.principal_inertia is None:
+            return math.sqrt(largest_square(self.configuration))
+        matrix = _scaled(self.configuration)
         if matrix.shape[0] > DENSE:
             return math.sqrt(float(_iterate(matrix, k=1, which='LA')[0][0]))
         return math.sqrt(float(np.linalg.eigvalsh(matrix.toarray())[-1])) if (
@@ -148,7 +152,7 @@ class Spectrum(AsTable):
         At this amplitude the first connector crosses its natural length, to first order. 0 if a
         connector at its kink changes its length; infinite if none has two stiffnesses.
         """
-        return amplitudes_to_kink(self.here, self.shapes)
+        return amplitudes_to_kink(self.configuration, self.shapes)
 
     @property
     def self_stress_count(self) -> int:
@@ -234,7 +238,7 @@ def solve_modes(
         soft, stiff = (_solve(here.on(side), count, which) for side in (SOFT, STIFF))
     first, bounds = _bounds(soft, stiff, which)
     return replace(
-        branches[branch or PUSH], branches=branches, bounds=bounds, bounds_from=first)
+        branches[branch or PUSH], branches=branches, bounds=bounds, first_bounded_motion=first)
 
 
 def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
@@ -297,11 +301,12 @@ def _some_modes(
         mechanism_count=curvature.zero,
         mechanisms=np.zeros((0, here.fabric.scene.body_count, 6)),
         rigid_count=rigid_count(here), growth_rates=np.zeros(0),
-        unstable_count=curvature.negative, freedoms=size,
+        unstable_count=curvature.negative, degrees_of_freedom=size,
         counts=counts, relative_errors=0.5 * ROUNDING_RATIO * largest / values,
-        zero_below=math.sqrt(LARGE_ZERO_RATIO * largest),
-        hidden_count=0 if counts is None else max(0, curvature.zero - counts.mechanisms),
-        snapshot=here.snapshot, here=here, first_touches=here.first_touches)
+        zero_frequency_limit=math.sqrt(LARGE_ZERO_RATIO * largest),
+        stretching_mechanism_count=0 if counts is None else max(
+            0, curvature.zero - counts.mechanisms),
+        snapshot=here.snapshot, configuration=here, first_touches=here.first_touches)
 
 
 def _without_matrix(here: Configuration, count: int | None, which: str) -> Spectrum:
@@ -333,7 +338,7 @@ def _bounds(soft: Spectrum, stiff: Spectrum, which: str) -> tuple[int, np.ndarra
         return 0, None
     quiet = [s.mechanism_count + s.unstable_count for s in (soft, stiff)]
     starts = quiet if which == LOWEST else [
-        s.freedoms - len(s.frequencies) for s in (soft, stiff)]
+        s.degrees_of_freedom - len(s.frequencies) for s in (soft, stiff)]
     # 'highest' may be fewer than all; below 'lowest' are the zero-energy motions.
     first = min(starts) if which == LOWEST else max(starts)
     last = min(start + len(s.frequencies) for start, s in zip(starts, (soft, stiff)))
@@ -363,7 +368,7 @@ def _all_values(
 
 def _all_modes(
     here: Configuration, values: np.ndarray, vectors: np.ndarray, errors: np.ndarray,
-    zero_below: float, count: int | None, which: str
+    zero_limit_square: float, count: int | None, which: str
 ) -> Spectrum:
     changes = compatibility_matrix(here)
     counts = count_mechanisms(changes)
@@ -376,9 +381,11 @@ def _all_modes(
         frequencies=np.sqrt(values[above]), shapes=_shapes(here, vectors[:, above]),
         mechanism_count=curvature.zero, mechanisms=_shapes(here, vectors[:, zero]),
         rigid_count=rigid_count(here), growth_rates=np.sqrt(-values[:zero.start]),
-        unstable_count=curvature.negative, freedoms=len(values), counts=counts,
-        relative_errors=0.5 * errors[above] / values[above], zero_below=math.sqrt(zero_below),
-        hidden_count=_count_hidden(changes, vectors[:, zero]), snapshot=here.snapshot, here=here,
+        unstable_count=curvature.negative, degrees_of_freedom=len(values), counts=counts,
+        relative_errors=0.5 * errors[above] / values[above],
+        zero_frequency_limit=math.sqrt(zero_limit_square),
+        stretching_mechanism_count=_count_hidden(changes, vectors[:, zero]),
+        snapshot=here.snapshot, configuration=here,
         first_touches=here.first_touches)
 
 

@@ -17,6 +17,7 @@ import math
 from typing import Any
 
 from icofabric_sim import checks
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.connector_groups import differ_by_direction_only
@@ -139,8 +140,8 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
         here = deformed_configuration(
             fabric, piece.position - piece.position[body], rest.gradient, rest.turn)
         _stick(here)
-        if here.touching is not None:
-            pairs = here.touching.pairs
+        if here.contact_state is not None:
+            pairs = here.contact_state.pairs
             pressed = np.where(pairs == body, pairs[:, ::-1], -1).max(axis=1)
             neighbours = np.concatenate([neighbours, np.setdiff1d(
                 pressed[pressed >= 0], neighbours)])
@@ -289,6 +290,7 @@ def _grid_axes(scene: Scene) -> np.ndarray:
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
+@renamed_attributes(pulled='uniaxial_response', along='directional_moduli')
 @dataclass(frozen=True, repr=False)
 class Elasticity(AsTable):
     """Elastic constants of the periodic fabric, world axes."""
@@ -353,7 +355,7 @@ class Elasticity(AsTable):
             strain, stress, self._modulus(float(stress @ strain) / float(strain @ strain)),
             y[6:], self.energy.limit(y))
 
-    def pulled(self, direction: np.ndarray, sign: float = 1.0) -> Response:
+    def uniaxial_response(self, direction: np.ndarray, sign: float = 1.0) -> Response:
         """
         Return the response to a small uniaxial load, exact also at the kink; lateral faces free.
 
@@ -474,7 +476,7 @@ class Elasticity(AsTable):
             modulus = 1.0 / np.einsum('...i,ij,...j', shear, self._compliance, shear)
         return np.where(yields, 0.0, modulus)
 
-    def along(self, direction: np.ndarray) -> Directional:
+    def directional_moduli(self, direction: np.ndarray) -> Directional:
         """
         Return Young's modulus for one direction, and extreme Poisson's ratios and shear moduli.
 
@@ -518,7 +520,7 @@ def homogenise(
         Scene with the shell, connectors and weave; its size, loads and supports have no effect.
     branch
         Side of connectors at their kink in the constants: 'push' (None) or 'pull'. The methods
-        `response` and `pulled` of the result are exact for small strains of one sign.
+        `response` and `uniaxial_response` of the result are exact for small strains of one sign.
     relaxed
         Refer to the equilibrium of the periodic fabric (`rest` of the result), with contact unless
         `contact.mode` is never, instead of the woven state. Contacts at first touch are left out

@@ -30,7 +30,7 @@ def reactions_of(
         rows.append(resultant(part, position, np.any(mine, axis=1)))
     directions = fabric.anchors.directions(position, here.axes)
     for (_, _, along), end, tension in zip(
-            directions, fabric.anchors.points, here.pulled.tension):
+            directions, fabric.anchors.points, here.anchor_state.tension):
         # An anchor of zero length has no direction.
         pull = np.where(np.isfinite(along), along, 0.0) * tension
         rows.append((end, pull, np.zeros(3)))
@@ -39,7 +39,7 @@ def reactions_of(
         bodies, wrenches = np.zeros(0, np.int64), np.zeros((0, 6))
         if contacts is not None:
             mine = contacts.bodies[:, 1] == -1 - number
-            bodies, wrenches = contacts.bodies[mine, 0], contacts.first[mine]
+            bodies, wrenches = contacts.bodies[mine, 0], contacts.wrench_on_first[mine]
         push = wrenches[:, :3]
         moment = np.cross(position[bodies] - foot, push) + wrenches[:, 3:]
         rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))

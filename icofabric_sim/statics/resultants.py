@@ -93,8 +93,8 @@ def find_least_resultants(
         point = search.point(point.here.position, point.here.orientation)
         point, taken, converged = search.descend(point, largest_step_count - steps, report, steps)
         steps += taken
-        if point.there.touching is not None:
-            depth = point.there.touching.depth
+        if point.there.contact_state is not None:
+            depth = point.there.contact_state.depth
         if not converged:
             return LeastResultants(
                 point.here, point.there, False, steps,
@@ -128,7 +128,7 @@ class _Search:
         here = Configuration(self._fabric, position, orientation)
         there = Configuration(self._touching, position, orientation)
         resultants = (here.force * self._scale)[self._free]
-        energy = 0.0 if there.touching is None else there.touching.energy
+        energy = 0.0 if there.contact_state is None else there.contact_state.energy
         return _Point(
             here, there, resultants,
             0.5 * float(resultants @ resultants) + self.penalty * energy)
@@ -148,7 +148,7 @@ class _Search:
             hessian = self.hessian(point.here)
             gradient = -(hessian @ point.resultants)
             matrix = hessian @ hessian
-            touching = point.there.touching
+            touching = point.there.contact_state
             size = row_sum(hessian) * float(np.abs(point.resultants).max(initial=0.0))
             if touching is not None and touching.energy > 0.0:
                 push = self.penalty * (touching.wrench * self._scale)[self._free]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.equilibrium import Equilibrium, find_next_equilibrium, solve_equilibrium
@@ -17,6 +18,7 @@ import numpy as np
 EXTENSION, COMPRESSION = 'extension', 'compression'
 
 
+@renamed_attributes(released='released_energy')
 class Break(NamedTuple):
     """Break of one connector."""
 
@@ -24,7 +26,7 @@ class Break(NamedTuple):
     amount: float  # strain, or angle [rad], at which it was beyond its break length
     side: str  # 'extension' or 'compression'
     length: float  # [m] when it broke
-    released: float  # [J] decrease of the energy to the equilibrium without the connector
+    released_energy: float  # [J] decrease of the energy to the equilibrium without the connector
 
 
 class Step(NamedTuple):
@@ -41,10 +43,10 @@ class StateCounts(NamedTuple):
     """Counts of connectors and contacts in one state."""
 
     obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
-    beyond: int  # connectors beyond the length at which they break
+    beyond_break_length: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells in contact
-    sliding: int  # of these, sliding pairs (contact.friction)
+    contact_pairs: int  # pairs of shells in contact
+    sliding_pairs: int  # of these, sliding pairs (contact.friction)
     at_kink: int  # connectors at their natural length with k_e other than k_c
     # Connectors at their kink in the initial equilibrium, or on the other side since then.
     past_kink: int
@@ -120,8 +122,8 @@ class InitialEquilibrium:
             int(np.count_nonzero(now.obstructed)),
             int(np.count_nonzero(_excess(self._scene, now) >= 0.0)),
             int(np.count_nonzero(~now.intact)),
-            0 if found.touching is None else len(found.touching.pairs),
-            0 if found.rubbing is None else int(np.count_nonzero(found.rubbing.slides)),
+            0 if found.contact_state is None else len(found.contact_state.pairs),
+            0 if found.friction is None else int(np.count_nonzero(found.friction.slides)),
             len(found.at_kink), int(np.count_nonzero(past)))
 
 

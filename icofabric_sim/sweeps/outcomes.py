@@ -302,7 +302,7 @@ def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any
                 Column('pull', 'N', float(np.max(found.tension, initial=0.0))),
                 Column('push', 'N', float(np.min(found.tension, initial=0.0)))]
         elif phrase.word == 'contacts':
-            there = found.touching
+            there = found.contact_state
             columns += [
                 Column('touching', '', 0 if there is None else len(there.pairs)),
                 Column('overlap', 'm', 0.0 if there is None else there.depth),
@@ -348,8 +348,9 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
     for name, direction in _DIRECTIONS.items():
         axis = np.array(direction, float)
         columns += [
-            Column(f'young.{name}.pulled', 'Pa', float(found.pulled(axis).modulus)),
-            Column(f'young.{name}.pushed', 'Pa', float(found.pulled(axis, -1.0).modulus))]
+            Column(
+                f'young.{name}.{word}', 'Pa', float(found.uniaxial_response(axis, sign).modulus))
+            for word, sign in (('pulled', 1.0), ('pushed', -1.0))]
     return columns
 
 
@@ -379,7 +380,7 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
 
 
 def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
-    from icofabric_sim.statics.stretching import measure_curve
+    from icofabric_sim.statics.stress_strain import measure_curve
     from icofabric_sim.sweeps.slab_outcomes import SLAB_WORDS
     columns: list[Column] = []
     for phrase in phrases:
@@ -406,7 +407,7 @@ def _mechanisms(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
     from icofabric_sim.statics.floppy import find_floppy
     found = find_floppy(scene)
     return [
-        Column('freedoms', '', found.counts.freedoms),
+        Column('freedoms', '', found.counts.degrees_of_freedom),
         Column('connectors', '', found.counts.connectors),
         Column('count', '', found.counts.mechanisms),
         Column('self_stresses', '', found.counts.self_stresses),

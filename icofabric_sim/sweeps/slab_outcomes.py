@@ -8,7 +8,7 @@ from typing import Final
 
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.cycles import measure_cycles
-from icofabric_sim.statics.stretching import CurvePoint, measure_curve
+from icofabric_sim.statics.stress_strain import CurvePoint, measure_curve
 from icofabric_sim.sweeps.independent import compare_energies
 from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
 import numpy as np
@@ -53,12 +53,12 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
         Column(f'{name}.buckles_under', 'Pa', _buckling_stress(states)),
         Column(f'{name}.unstable_at', '', _first(
             states, lambda state: state.verdict == 'equilibrium, unstable')),
-        Column(f'{name}.touches_at', '', _first(states, lambda state: state.touching > 0)),
-        Column(f'{name}.slips_at', '', _first(states, lambda state: state.sliding > 0)),
+        Column(f'{name}.touches_at', '', _first(states, lambda state: state.contact_pairs > 0)),
+        Column(f'{name}.slips_at', '', _first(states, lambda state: state.sliding_pairs > 0)),
         Column(f'{name}.obstructed_at', '', _first(states, lambda state: state.obstructed > 0)),
         Column(f'{name}.breaks_at', '', _first(states, lambda state: state.broken > 0)),
         Column(f'{name}.broken', '', states[-1].broken),
-        Column(f'{name}.touching', '', max(state.touching for state in states)),
+        Column(f'{name}.touching', '', max(state.contact_pairs for state in states)),
         Column(f'{name}.energy', 'J', states[-1].energy),
         Column(f'{name}.reached', '', states[-1].strain),
         Column(f'{name}.residual', '', max(state.residual for state in states)),
@@ -108,14 +108,17 @@ def _first(states: Sequence[CurvePoint], holds: Callable[[CurvePoint], bool]) ->
 def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
     kind, strains, axis, along, name = curve_arguments(phrase)
     cycles = measure_cycles(scene, kind, strains, axis=axis, along=along)
-    if not cycles or not math.isfinite(cycles[0].work):
+    if not cycles or not math.isfinite(cycles[0].loading_work):
         raise Failed(f'{phrase}: no equilibrium on the way')
     cycle = cycles[0]
     name = f'cycle.{name}'
     return [
-        Column(f'{name}.work', 'J', cycle.work), Column(f'{name}.regained', 'J', cycle.regained),
-        Column(f'{name}.lost', 'J', cycle.lost), Column(f'{name}.released', 'J', cycle.released),
-        Column(f'{name}.left', 'J', cycle.left), Column(f'{name}.broken', '', cycle.broken)]
+        Column(f'{name}.work', 'J', cycle.loading_work),
+        Column(f'{name}.regained', 'J', cycle.unloading_work),
+        Column(f'{name}.lost', 'J', cycle.loop_area),
+        Column(f'{name}.released', 'J', cycle.released_energy),
+        Column(f'{name}.left', 'J', cycle.energy_gain),
+        Column(f'{name}.broken', '', cycle.broken)]
 
 
 def _independent(phrase: Phrase, scene: Scene) -> list[Column]:

@@ -17,8 +17,8 @@ import re
 from typing import Any, NamedTuple
 
 from icofabric_sim.checks import decoded, shown
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.parameters.file import load_parameter_file
-from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.parameters.text import flatten_parameters
 import yaml
 
@@ -103,9 +103,9 @@ def _read(path: Path) -> StudyText:
             f'{unknown[0]} is not known; a study has {", ".join(KEYS)} at its top')
     if not isinstance(said.get('scene'), str):
         raise ValueError(
-            'scene is missing: the name of a ready scene, or a parameter file beside this one')
+            'scene is missing: the name of an example scene, or a parameter file beside this one')
     name = said['scene']
-    scene = find_scene(name if name in ready_scenes() else str(path.parent / name))
+    scene = find_scene(name if name in example_scenes() else str(path.parent / name))
     given = dict(load_parameter_file(scene))
     if said.get('parameters') is not None:
         given.update(flatten_parameters(said['parameters']))

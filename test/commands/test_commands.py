@@ -21,8 +21,8 @@ from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.commands.main import main, VERBS
 from icofabric_sim.commands.scene_estimates import frequency_bound
 from icofabric_sim.messages.schedule import seconds
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.parameters.file import load_parameter_file
-from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.running.cross_check import cross_check, DISTURBANCE
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.summary import evaluations_text
@@ -134,15 +134,15 @@ def test_help_lists_the_verbs_and_starts_without_a_compiler(tmp_path: Path) -> N
             assert all(f'  {verb} ' in done.stdout for verb in VERBS)
 
 
-def test_ready_scenes_are_found_by_name_and_by_path() -> None:
-    assert {'hanging_slab', 'free_slab', 'bias_column'} <= set(ready_scenes())
-    path = ready_scenes()['free_slab']
+def test_example_scenes_are_found_by_name_and_by_path() -> None:
+    assert {'hanging_slab', 'free_slab', 'bias_column'} <= set(example_scenes())
+    path = example_scenes()['free_slab']
     assert find_scene('free_slab') == path == find_scene(str(path))
     with pytest.raises(ValueError, match='hanging_slab'):
         find_scene('no_such_scene')
 
 
-def test_ready_scenes_are_found_in_an_installation(tmp_path: Path) -> None:
+def test_example_scenes_are_found_in_an_installation(tmp_path: Path) -> None:
     # As colcon, pip and Debian lay it out: the package somewhere below PREFIX, scenes in share.
     source = Path(__file__).parents[2]
     for place in ('lib/python3.11/site-packages', 'local/lib/python3.12/dist-packages'):
@@ -151,12 +151,13 @@ def test_ready_scenes_are_found_in_an_installation(tmp_path: Path) -> None:
         package.mkdir(parents=True)
         (prefix / 'share' / 'icofabric_sim' / 'config').mkdir(parents=True)
         (prefix / 'share' / 'icofabric_sim' / 'config' / 'mine.yaml').write_text('{}')
-        where = Path(ready_scenes.__code__.co_filename).relative_to(source)
+        where = Path(example_scenes.__code__.co_filename).relative_to(source)
         module = prefix / place / where
         module.parent.mkdir(parents=True)
         module.write_text((source / where).read_text())
         done = subprocess.run(
-            [sys.executable, '-c', 'import ready_scenes; print(*ready_scenes.ready_scenes())'],
+            [sys.executable, '-c',
+             'import example_scenes; print(*example_scenes.example_scenes())'],
             cwd=module.parent, capture_output=True, text=True, check=True)
         assert done.stdout.split() == ['mine']
 
@@ -754,7 +755,7 @@ def test_statics_and_curves_follow_friction_along_a_path(
     found = json.loads(held.out)
     assert found['friction_needed'] == pytest.approx(1.0 / 9.81, rel=1e-6)
     assert found['contacts']['margin'] == [pytest.approx(1.0 - 1.0 / 9.81 / 0.3, abs=1e-5)]
-    assert 'push_n,friction_n,margin' in (folder / 'contacts.csv').read_text()
+    assert 'normal_force_n,friction_n,margin' in (folder / 'contacts.csv').read_text()
     slides = call(*incline, '-p', 'gravity:=[3.2, 0.0, -9.81]')
     assert slides.status == 1 and 'slides' in slides.out
     curve = call(
@@ -844,13 +845,14 @@ def test_elasticity_bends_twists_and_presses(
     assert done.status == 0, done.err
     for words in ('EI [N m^2]', 'GJ [N m^2]', 'hydrostatic', 'rotated against each other'):
         assert words in done.out
-    rows = [line.split(',') for line in (tmp_path / 'out' / 'turns.csv').read_text().splitlines()]
+    rows = [line.split(',') for line in
+            (tmp_path / 'out' / 'moment_curves.csv').read_text().splitlines()]
     assert rows[0][:4] == ['kind', 'angle_rad', 'moment_nm', 'rigidity_nm2'] and len(rows) == 5
     assert [row[0] for row in rows[1:]] == ['bend', 'bend', 'twist', 'twist']
     for _, angle, moment, rigidity, *_ in rows[1:]:
         assert float(angle) in (-0.3, -0.6) and float(moment) < 0.0 < float(rigidity)
     broken = (tmp_path / 'out' / 'breaks.csv').read_text().splitlines()
-    assert broken[0] == 'kind,strain_or_angle_rad,connector,side,length_m,released_j'
+    assert broken[0] == 'kind,strain_or_angle_rad,connector,side,length_m,released_energy_j'
     assert len(broken) > 1 and all('extension' in line for line in broken[1:])
     assert (tmp_path / 'e.png').read_bytes().startswith(b'\x89PNG')
     loop = call(
@@ -860,8 +862,8 @@ def test_elasticity_bends_twists_and_presses(
     assert re.search(r'pull +cycle 1: .* J dissipated; breaks released .* broken', loop.out)
     rows = [line.split(',') for line in
             (tmp_path / 'loop' / 'cycles.csv').read_text().splitlines()]
-    assert rows[0] == ['kind', 'cycle', 'work_j', 'regained_j', 'lost_j', 'released_j', 'left_j',
-                       'broken']
+    assert rows[0] == ['kind', 'cycle', 'loading_work_j', 'unloading_work_j', 'loop_area_j',
+                       'released_energy_j', 'energy_gain_j', 'broken']
     assert [row[:2] for row in rows[1:]] == [
         ['pull', '1'], ['pull', '2'], ['twist', '1'], ['twist', '2']]
     assert float(rows[1][4]) > 0.05 * float(rows[1][2]) and int(rows[1][7]) > 0

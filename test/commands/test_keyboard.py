@@ -12,7 +12,7 @@ import subprocess
 from icofabric_sim.commands.main import main, VERBS
 from icofabric_sim.commands.scene_estimates import frequency_bound, hints, members
 from icofabric_sim.commands.scenes import line_of
-from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.scene.scene import load_scene, Scene
 from icofabric_sim.statics.modes import solve_modes
 import numpy as np
@@ -176,7 +176,7 @@ def test_completion_knows_verbs_options_and_scenes(
         shell: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['completion', shell]) == 0
     script = capsys.readouterr().out
-    for word in (*VERBS, *ready_scenes()):
+    for word in (*VERBS, *example_scenes()):
         assert word in script
     assert 'no-growth' in script and 'torn_slab' in script
     program = shutil.which(shell)

@@ -11,8 +11,8 @@ import time
 
 from icofabric_sim.commands import warm
 from icofabric_sim.commands.main import BAD_INPUT, FAILED, main, VERBS
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.parameters.file import load_parameter_file
-from icofabric_sim.parameters.ready_scenes import find_scene, ready_scenes
 from icofabric_sim.parameters.validation import make_parameters
 from icofabric_sim.scene.scene import Scene
 import pytest
@@ -55,12 +55,12 @@ def test_a_run_finds_what_was_compiled(tmp_path):
     assert not [name for name in more if name.partition('.')[0] in steps], more
 
 
-def test_everything_means_all_ready_scenes_changes_and_verbs():
+def test_everything_means_all_example_scenes_changes_and_verbs():
     kinds = list(warm.variants_of([]))
-    assert {kind.scene for kind in kinds} == set(ready_scenes())
+    assert {kind.scene for kind in kinds} == set(example_scenes())
     plain = [kind for kind in kinds if not kind.changes + kind.verb]
-    assert {kind.scene for kind in plain} == set(ready_scenes())
-    assert len(set(map(str, kinds))) >= len(ready_scenes()) + len(warm.CHANGES) + len(warm.VERBS)
+    assert {kind.scene for kind in plain} == set(example_scenes())
+    assert len(set(map(str, kinds))) >= len(example_scenes()) + len(warm.CHANGES) + len(warm.VERBS)
     assert {kind.verb[0] for kind in kinds if kind.verb} <= set(VERBS)
     assert {kind.scene for kind in warm.variants_of(['woven_ball'])} == {'woven_ball'}
 

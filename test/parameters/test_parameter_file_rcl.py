@@ -258,7 +258,7 @@ def test_ros_reads_what_we_dump(ros, tmp_path):
             name: typed(value) for name, value in flat.items()}
 
 
-def test_ready_scenes(ros):
+def test_example_scenes(ros):
     for path in sorted(CONFIG.glob('*.yaml')):
         assert compare(ros, ['--ros-args', '--params-file', str(path)]) == 'equal', path
         assert load_parameter_file(path), path

@@ -14,7 +14,7 @@ from icofabric_sim.statics.equilibrium import NOT_COUNTED, STABLE
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.held_motion import held_motion
 from icofabric_sim.statics.spectrum import scaled_hessian
-from icofabric_sim.statics.stretching import strained_volume
+from icofabric_sim.statics.stress_strain import strained_volume
 import numpy as np
 import pytest
 

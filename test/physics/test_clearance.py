@@ -5,7 +5,7 @@
 from fabrics import changed, make_scene, same_state
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import vertices
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +24,7 @@ def lowest(scene, snapshot):
 
 
 def test_steps_in_which_nothing_can_touch_are_those_without_contact():
-    scene = ico.load_scene(ready_scenes()['woven_ball'])
+    scene = ico.load_scene(example_scenes()['woven_ball'])
     end, steps = [], []
     for mode in ('auto', 'never'):
         run = ico.compile_scene(changed(scene, {'contact.mode': mode}))

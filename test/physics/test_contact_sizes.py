@@ -256,7 +256,7 @@ def test_a_body_rests_on_a_plane_and_on_another_by_its_own_faces(size):
         gravity=[0.0, 0.0, -9.81], contact__stiffness=1e5)
     weight = 9.81 * scene.masses.mass[1:]
     found = ico.solve_equilibrium(scene)
-    assert found.converged and len(found.touching.pairs) == 1
+    assert found.converged and len(found.contact_state.pairs) == 1
     # Sides lean outwards, which takes a little of the mean depth.
     gaps = found.snapshot.position[1:, 2] - [low, high]
     assert gaps[0] == pytest.approx(-weight.sum() / 1e5, rel=0.02)
@@ -291,5 +291,5 @@ def test_slabs_that_are_stretched_keep_the_sizes_of_their_shells():
             ico.Scene.from_parameters({**close, 'masses.mid.edge_length': edge}), 'push', [0.03],
             axis=2)[0]
         for edge in (0.02, 0.032)]
-    assert pressed[0].touching == 0 and pressed[1].touching > 3
+    assert pressed[0].contact_pairs == 0 and pressed[1].contact_pairs > 3
     assert pressed[1].energy > 1.2 * pressed[0].energy > 0.0

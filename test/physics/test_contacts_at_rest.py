@@ -30,7 +30,7 @@ def test_a_shell_on_an_incline_is_held_by_its_weight_turned_round():
     assert contacts.force[0] == pytest.approx(expected, rel=1e-6, abs=1e-9 * weight)
     arm = contacts.point[0] - found.snapshot.position[0]
     assert contacts.point[0, 2] == pytest.approx(-HALF, abs=1e-6)
-    assert contacts.first[0, 3:] == pytest.approx(
+    assert contacts.wrench_on_first[0, 3:] == pytest.approx(
         np.cross(arm, contacts.force[0]), abs=1e-4 * weight * HALF)
     # The support, which keeps it from turning, takes what the contact turns.
     assert contacts.resultants(1)[0, 3:] == pytest.approx(
@@ -68,7 +68,7 @@ def test_connectors_and_contacts_balance_on_each_shell():
     left = np.abs(wrenches) / np.repeat([1.0, scene.geometry.half_edge], 3)
     assert left.max() < 1e-8 * found.force_scale
     # The two bodies of a contact are pushed apart by equal forces.
-    assert np.array_equal(contacts.first[:, :3], -contacts.second[:, :3])
+    assert np.array_equal(contacts.wrench_on_first[:, :3], -contacts.wrench_on_second[:, :3])
 
 
 def test_the_command_writes_contacts_and_resultants(tmp_path):

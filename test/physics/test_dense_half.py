@@ -133,11 +133,11 @@ def test_shells_face_to_face_rest_as_woven_however_stiff_contacts_are(size, rati
     rest = ico.solve_equilibrium(scene)
     assert rest.converged and rest.residual == 0.0
     # Rounding of places times the stiffness of contacts is all that acts.
-    assert np.abs(rest.leftover[:, :3]).max() < 1e-15 * ratio * 500.0
+    assert np.abs(rest.unbalanced_wrench[:, :3]).max() < 1e-15 * ratio * 500.0
     assert np.abs(rest.snapshot.position - scene.initial.position).max() < 1e-12
     tight = ico.solve_equilibrium(scene.with_changes({
         'connector.natural_length': 0.99 * scene.geometry.connector_length}))
-    assert tight.converged and len(tight.touching.pairs) > pairs and tight.residual > 0.0
+    assert tight.converged and len(tight.contact_state.pairs) > pairs and tight.residual > 0.0
 
 
 @pytest.mark.parametrize('ratio, pairs, mechanisms', [
@@ -149,8 +149,8 @@ def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mecha
         'natural_length': ratio * scene.geometry.connector_length})
     rest = ico.solve_equilibrium(tense)
     assert rest.converged and rest.verdict == 'equilibrium, with mechanisms'
-    assert rest.mechanism_count == mechanisms and len(rest.touching.pairs) == pairs
-    assert rest.touching.depth < 0.005 * scene.shell.half_edge
+    assert rest.mechanism_count == mechanisms and len(rest.contact_state.pairs) == pairs
+    assert rest.contact_state.depth < 0.005 * scene.shell.half_edge
     assert (np.abs(rest.tension).max() > 1e-3) == (pairs > 0)
 
 
@@ -189,10 +189,10 @@ def test_dense_slabs_whose_faces_meet_and_part_rest(variant, size, pairs):
         'connector.natural_length': 0.88 * woven.geometry.connector_length})
     rest = ico.solve_equilibrium(tense)
     assert rest.converged and rest.residual < 1e-9 and rest.unstable_count == 0
-    assert len(rest.touching.pairs) > pairs and np.abs(rest.tension).max() > 1e-3
+    assert len(rest.contact_state.pairs) > pairs and np.abs(rest.tension).max() > 1e-3
     # By forces that are found anew, in motion: nothing moves from there.
     simulation = ico.compile_scene(tense.with_changes({
-        'contact.stiffness': rest.touching.stiffness}))
+        'contact.stiffness': rest.contact_state.stiffness}))
     simulation.set_state(position=rest.snapshot.position, orientation=rest.snapshot.orientation)
     simulation.advance_to(1e-3)
     moved = np.abs(simulation.snapshot().position - rest.snapshot.position).max()
@@ -210,7 +210,7 @@ def test_a_bias_slab_of_point_springs_rests_however_far_it_is_pulled():
     stress = np.array([point.stress for point in curve])
     # Nothing bears up to 12.5 %; then shells that touch, and connectors that are stretched.
     assert np.abs(stress[:6]).max() < 1e-6 and (np.diff(stress[5:]) > 10.0).all()
-    assert curve[6].touching > 0
+    assert curve[6].contact_pairs > 0
 
 
 def test_depths_of_shells_that_are_close_lead_to_where_they_touch():

@@ -10,7 +10,7 @@ from fabrics import changed, FORMS, LOADED, make_scene, packed_state, RANDOM, SU
 import icofabric_sim as ico
 from icofabric_sim.kernels.loads import work_load
 from icofabric_sim.kernels.profiles import ONES
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
 from icofabric_sim.simulation.stepping.methods import METHODS
 import numpy as np
@@ -153,9 +153,9 @@ def test_balance_converges_at_the_order_of_the_method(name, method, form):
 @pytest.mark.parametrize('path', [
     pytest.param(path, id=name, marks=(
         () if name in ('dropped_slab', 'hanging_slab') else pytest.mark.long))
-    for name, path in ready_scenes().items()])
-def test_balance_of_ready_scenes_holds_by_far(path):
-    # At their own tolerance: test/scene/test_ready_scenes.py.
+    for name, path in example_scenes().items()])
+def test_balance_of_example_scenes_holds_by_far(path):
+    # At their own tolerance: test/scene/test_example_scenes.py.
     simulation = ico.compile_scene(changed(ico.load_scene(path), {'solver.tolerance': 1e-3}))
     simulation.advance_to(0.6)
     balance = simulation.balance

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 # Drag that stops all motion within some 20 ms: what is added is added then. With a little
-# damping, of the kind of a ready scene.
+# damping, of the kind of an example scene.
 STOPPED = {
     'weave.size': [2, 2, 2], 'weave.connector_angle': 0.5, 'contact.mode': 'never',
     'drag.linear': 0.5, 'drag.angular': 5e-5, 'connector.damping': 1e-3,

@@ -57,13 +57,13 @@ def test_a_slider_follows_its_loop():
     moved = [float(each.snapshot.position[0, 1]) for each in found]
     force = [3.0 * factor for factor in factors]
     edge, stiff = MU * PUSH, 100.0 + PUSH / (10.0 - HALF)
-    assert moved[0] < give and not found[0].rubbing.slides.any()
+    assert moved[0] < give and not found[0].friction.slides.any()
     for index, sign in ((1, -1.0), (2, -1.0), (4, 1.0), (5, 1.0)):
         assert moved[index] == pytest.approx((force[index] + sign * edge) / stiff, rel=1e-4)
-        assert found[index].rubbing.slides.all()
-        assert found[index].rubbing.force[0, 1] == pytest.approx(sign * edge, rel=1e-4)
+        assert found[index].friction.slides.all()
+        assert found[index].friction.force[0, 1] == pytest.approx(sign * edge, rel=1e-4)
     # Between the two it sticks where it was.
-    assert abs(moved[3] - moved[2]) < 2.0 * give and not found[3].rubbing.slides.any()
+    assert abs(moved[3] - moved[2]) < 2.0 * give and not found[3].friction.slides.any()
     assert moved[5] == pytest.approx(edge / stiff, rel=1e-4)
     # The floor bears the push and what rubs.
     floor = found[2].reactions
@@ -105,9 +105,9 @@ def test_an_incline_holds_up_to_the_angle_of_friction(part, holds):
     assert found[-1].converged == holds and (len(found) == 2 if holds else True)
     if holds:
         weight = 9.81 * scene.shell.mass
-        assert found[-1].rubbing.force[0, 0] == pytest.approx(
+        assert found[-1].friction.force[0, 0] == pytest.approx(
             -weight * math.sin(angle), rel=1e-6)
-        assert not found[-1].rubbing.slides.any()
+        assert not found[-1].friction.slides.any()
 
 
 def dense(friction):
@@ -173,8 +173,8 @@ def test_a_dense_slab_loses_energy_in_a_cycle_of_shear():
     for friction in (0.0, 0.3):
         cycle, = ico.measure_cycles(dense(friction), 'shear', [0.004, 0.008, 0.012])
         assert len(cycle.points) == 6
-        lost[friction] = cycle.lost
-        work = cycle.work
+        lost[friction] = cycle.loop_area
+        work = cycle.loading_work
     assert abs(lost[0.0]) < 1e-6 * work
     assert lost[0.3] > 0.01 * work
 
@@ -189,7 +189,7 @@ def test_strong_friction_and_pushes_agree():
         'contact.friction': 0.6})
     points = ico.measure_curve(scene, 'shear', [1e-4, 3e-4, 1e-3, 0.0025, 0.005, 0.0075, 0.01])
     assert len(points) == 7 and max(point.residual for point in points) < 1e-9
-    assert points[0].sliding == 0 and points[-1].sliding > 3
+    assert points[0].sliding_pairs == 0 and points[-1].sliding_pairs > 3
     # What slides is left between mu N on either side, which is less than what sticks would bear.
     slopes = np.diff([point.stress for point in points]) / np.diff([
         point.strain for point in points])
@@ -197,7 +197,7 @@ def test_strong_friction_and_pushes_agree():
     kept = {column.name: column.value for column in carry_out(
         make_work('curve', ['strength shear 0.001 1 x']), scene, Path())}
     assert kept['curve.shear.x.slips_at'] == next(
-        point.strain for point in points if point.sliding)
+        point.strain for point in points if point.sliding_pairs)
 
 
 @pytest.mark.parametrize('part', [0.3, 0.999, 1.001, 2.0])
@@ -210,16 +210,16 @@ def test_contact_forces_hold_on_an_incline_up_to_the_angle_of_friction(part):
     found, weight = ico.solve_equilibrium(scene), 9.81 * scene.shell.mass
     assert found.friction_needed == pytest.approx(part * MU, rel=1e-6)
     assert found.converged == (part <= 1.0) and found.reactions.names[-1] == 'planes.floor'
-    assert found.contacts.push == pytest.approx(weight * math.cos(angle), rel=1e-6)
+    assert found.contacts.normal_force == pytest.approx(weight * math.cos(angle), rel=1e-6)
     if part <= 1.0:
         assert found.contacts.margin == pytest.approx(1.0 - part, abs=1e-6)
         assert found.reactions.force[-1] == pytest.approx(
             weight * np.array([-math.sin(angle), 0.0, math.cos(angle)]), rel=1e-6, abs=1e-12)
-        assert np.abs(found.leftover).max() < 1e-9 * weight
+        assert np.abs(found.unbalanced_wrench).max() < 1e-9 * weight
     else:
         assert found.verdict == 'not in equilibrium' and 'slides' in found.reason
         assert f'contact.friction of at least {part * MU:.4g}'[:-1] in found.reason
-        assert found.leftover[0, 0] == pytest.approx(
+        assert found.unbalanced_wrench[0, 0] == pytest.approx(
             weight * (math.sin(angle) - MU * math.cos(angle)), rel=1e-6)
 
 
@@ -278,7 +278,8 @@ def test_a_shell_in_a_groove_needs_friction_where_the_load_leans_out(beyond):
     assert found.converged
     assert found.friction_needed == pytest.approx(max(0.0, math.tan(beyond)), abs=1e-6)
     pushes = np.maximum([math.sin(-beyond), math.cos(beyond)], 0.0)
-    assert sorted(found.contacts.push) == pytest.approx(sorted(pushes[pushes > 0.0]), abs=1e-5)
+    assert sorted(found.contacts.normal_force) == pytest.approx(
+        sorted(pushes[pushes > 0.0]), abs=1e-5)
     assert found.contacts.smallest_margin == pytest.approx(
         1.0 - max(0.0, math.tan(beyond)) / MU, abs=1e-5)
 
@@ -294,7 +295,7 @@ def test_contact_forces_of_a_dense_slab_are_admissible_and_balance():
     here = {tuple(pair): row for row, pair in enumerate(plain.contacts.bodies.tolist())}
     seen = 0
     for pair, force, push, margin in zip(
-            contacts.bodies.tolist(), contacts.force, contacts.push, contacts.margin):
+            contacts.bodies.tolist(), contacts.force, contacts.normal_force, contacts.margin):
         if tuple(pair) in here and push > 1e-3:
             along = float(force @ normal[here[tuple(pair)]])
             across = float(np.linalg.norm(force - along * normal[here[tuple(pair)]]))
@@ -316,9 +317,9 @@ def test_a_plane_has_a_force_and_no_torque():
     for found in (ico.solve_equilibrium(scene), next(iter(ico.step_loads(scene, [1.0])))[1]):
         contacts = found.contacts
         assert contacts.bodies.tolist() == [[0, -1]]
-        assert np.abs(contacts.second[0, :3]).max() > 0.5
-        assert not contacts.second[0, 3:].any()
-        assert np.array_equal(contacts.second[:, :3], -contacts.first[:, :3])
+        assert np.abs(contacts.wrench_on_second[0, :3]).max() > 0.5
+        assert not contacts.wrench_on_second[0, 3:].any()
+        assert np.array_equal(contacts.wrench_on_second[:, :3], -contacts.wrench_on_first[:, :3])
 
 
 def test_differences_of_friction_take_two_calls(monkeypatch):

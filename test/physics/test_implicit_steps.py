@@ -249,7 +249,7 @@ def test_the_matrix_knows_what_touches(form):
     factors = VelocityMatrix(packed, scene.weave.grid, held).factors(
         packed.model, state, work.points, g)
     here = Configuration(StaticFabric(scene), position, orientation)
-    assert len(here.contact_blocks[0]) > 10 and (here.touching.planes[0].size > 0)
+    assert len(here.contact_blocks[0]) > 10 and (here.contact_state.planes[0].size > 0)
     masses = np.column_stack([scene.masses.mass, scene.masses.inertia])
     root = np.repeat(masses, 3, axis=1) ** -0.5
     assert np.ptp(root[:, 0]) > 1.0

@@ -10,7 +10,7 @@ from icofabric_sim.statics.equilibrium import AT_KINK, MECHANISM, STABLE
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.kinks import anchor_changes, length_changes
 from icofabric_sim.statics.periodic import solve_bands
-from icofabric_sim.statics.stretching import cross_section
+from icofabric_sim.statics.stress_strain import cross_section
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -114,7 +114,7 @@ def test_the_last_bit_of_a_length_decides_nothing():
             *(constants.branches[name].stiffness[0, 0] for name in ('pull', 'push')),
             *(found.branches[name].frequencies[0] for name in ('pull', 'push')),
             *(constants.response(sign * np.eye(6)[k]).modulus for k in (0, 3) for sign in (1, -1)),
-            constants.pulled((1, 0, 0)).modulus, *found.bounds[0]])
+            constants.uniaxial_response((1, 0, 0)).modulus, *found.bounds[0]])
     results = np.array(results)
     ratio = results / results[0] - 1.0
     assert np.abs(ratio[:3]).max() < 1e-6
@@ -192,7 +192,7 @@ def test_pulls_lie_between_the_branches(push, bending):
         branches = sorted(
             float(constants.branches[name].young_modulus(direction)) for name in ('pull', 'push'))
         for sign in (1.0, -1.0):
-            found = constants.pulled(direction, sign)
+            found = constants.uniaxial_response(direction, sign)
             n = direction / np.linalg.norm(direction)
             slack = 1e-9 * np.abs(constants.branches['pull'].stiffness).max()
             assert branches[0] - slack <= found.modulus <= branches[1] + slack
@@ -216,7 +216,7 @@ def test_one_connector_has_the_frequencies_of_both_stiffnesses():
     lever = np.linalg.norm(np.cross(ends[0] - scene.position[0], direction))
     square = 2.0 / shell.mass + 2.0 * lever**2 / shell.inertia
     assert found.bounds == pytest.approx(np.sqrt([[PUSH * square, PULL * square]]), rel=1e-12)
-    assert found.bounds_from == 11 and found.amplitudes.tolist() == [0.0]
+    assert found.first_bounded_motion == 11 and found.amplitudes.tolist() == [0.0]
     again = ico.solve_modes(scene, branch='pull')
     assert again.frequencies == pytest.approx(found.bounds[:, 1]) and again.branch == 'pull'
 
@@ -230,10 +230,10 @@ def test_frequencies_of_mixtures_lie_between_those_of_the_branches(push, count):
     connector = {'stiffness': PULL, 'stiffness_compression': push, 'bending_stiffness': 0.01}
     scene = woven((3, 3, 3), connector=connector)
     found = ico.solve_modes(scene, count=count)
-    bounds, first = found.bounds, found.bounds_from
+    bounds, first = found.bounds, found.first_bounded_motion
     assert (bounds[:, 0] <= bounds[:, 1] * (1.0 + 1e-12)).all() and len(bounds) >= 5
     if count is None:
-        assert first + len(bounds) == found.freedoms
+        assert first + len(bounds) == found.degrees_of_freedom
     random = np.random.default_rng(2)
     inside = 0
     for _ in range(4):
@@ -261,7 +261,7 @@ def test_groups_of_both_kinds_are_bounded_too():
     found = ico.solve_modes(scene)
     for spectrum in found.branches.values():
         every = np.concatenate([np.zeros(spectrum.mechanism_count), spectrum.frequencies])
-        part = every[found.bounds_from:]
+        part = every[found.first_bounded_motion:]
         assert (part >= found.bounds[:, 0] * (1.0 - 1e-9)).all()
         assert (part <= found.bounds[:, 1] * (1.0 + 1e-9)).all()
         assert (part > 1.01 * found.bounds[:, 0]).any()
@@ -275,7 +275,7 @@ def test_under_pre_stress_the_first_connector_changes_side_at_the_amplitude_that
     assert not found.branches and not len(found.at_kink) and found.branch == ''
     at = found.snapshot
     side = at.connector_length > rest
-    here = found.here
+    here = found.configuration
     for number in (0, 3, len(found.frequencies) - 1):
         amplitude = found.amplitudes[number]
         assert 0.0 < amplitude < np.inf
@@ -301,7 +301,7 @@ def test_lengths_of_connectors_and_anchors_change_as_motions_say():
     h = 1e-7
     for changes, stretched in (
             (length_changes, lambda at: at.stretched),
-            (anchor_changes, lambda at: at.pulled.here)):
+            (anchor_changes, lambda at: at.anchor_state.here)):
         ends = [[stretched(here.moved(sign * h * motion)).length for motion in motions]
                 for sign in (1.0, -1.0)]
         found = changes(here, motions)
@@ -425,7 +425,7 @@ def test_results_near_flat_connectors_follow_the_geometry_not_the_kink():
         for law in ({}, {'stiffness_compression': PULL})]
     kinked, plain = (
         np.array([one.young_modulus((1, 1, 0)) for one in pair]) if not pair[0].branches else
-        np.array([one.pulled((1, 1, 0)).modulus for one in pair]) for pair in constants)
+        np.array([one.uniaxial_response((1, 1, 0)).modulus for one in pair]) for pair in constants)
     change, expected = (abs(pair[1] / pair[0] - 1.0) for pair in (kinked, plain))
     assert change == pytest.approx(expected, rel=0.2) and 1e-8 < change < 1e-6
 
@@ -480,15 +480,15 @@ def test_contacts_resist_alike_however_little_they_overlap():
             planes={'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -0.03}}, **sections)
 
     at = ico.solve_equilibrium(resting(1e6, gravity=[0.0, 0.0, -9.81]))
-    touch = at.snapshot.position[0, 2] + at.touching.depth
+    touch = at.snapshot.position[0, 2] + at.contact_state.depth
     ratios = []
     for part in (1.0, 1e-2, 1e-4):
-        depth = part * at.touching.depth
+        depth = part * at.contact_state.depth
         scene = resting(1e6, initial={'up': {
             'group': 'it', 'displacement': [0.0, 0.0, touch - depth]}})
         found = ico.solve_modes(scene)
         assert found.first_touches == 0
-        assert found.here.touching.depth == pytest.approx(depth, rel=1e-4)
+        assert found.configuration.contact_state.depth == pytest.approx(depth, rel=1e-4)
         ratios.append(found.frequencies[0]**2 * scene.shell.mass / 1e6)
     assert depth < 1e-8 * scene.geometry.half_edge
     assert ratios == pytest.approx([ratios[0]] * 3, rel=1e-3)

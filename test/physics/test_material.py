@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE, MINIMUM_LENGTH_RATIO
-from icofabric_sim.statics.stretching import _middle_strain, CURVE_COLUMNS
+from icofabric_sim.statics.stress_strain import _middle_strain, CURVE_COLUMNS
 import numpy as np
 import pytest
 
@@ -58,7 +58,7 @@ def test_moduli_by_direction_have_closed_forms_and_say_what_is_undefined(angle):
     """docs/material.md: cubic constants with C44 = 0, along an axis and along two diagonals."""
     scene = woven(angle)
     found, W, S = ico.homogenise(scene), scene.geometry.pitch, math.sin(2.0 * angle)
-    axis = found.along(X)
+    axis = found.directional_moduli(X)
     assert axis.undefined == ''
     assert axis.poisson_ratio == pytest.approx([S / (2.0 + S)] * 2, abs=1e-12)
     assert axis.young_modulus == pytest.approx(
@@ -69,14 +69,14 @@ def test_moduli_by_direction_have_closed_forms_and_say_what_is_undefined(angle):
     shear = K / W * (2.0 - S) / 4.0
     assert found.shear_modulus(X + Y, X - Y) == pytest.approx(shear, rel=1e-12)
     assert found.shear_modulus([X, Y, X + Y], [Y, Z, Z]).tolist() == [0.0, 0.0, 0.0]
-    face = found.along(X + Y)
+    face = found.directional_moduli(X + Y)
     assert face.shear_modulus[0] == 0.0
     assert face.shear_modulus[1] == pytest.approx(shear, rel=1e-12)
     assert np.abs(face.shear_along @ np.array([X - Y, Z]).T / [math.sqrt(2.0), 1.0]) == (
         pytest.approx(np.eye(2)[::-1], abs=1e-9))
     assert face.young_modulus == 0.0 and np.isnan(face.poisson_ratio).all()
     assert face.undefined == 'the load does work on the strain xy, which costs no energy'
-    cube = found.along(X - Y + Z)
+    cube = found.directional_moduli(X - Y + Z)
     assert np.isnan(cube.poisson_ratio).all() and cube.shear_modulus == (0.0, 0.0)
     assert all(label in cube.undefined for label in ('yz', 'xz', 'xy'))
     with pytest.raises(ValueError, match='along must be perpendicular to normal'):
@@ -93,7 +93,7 @@ def test_extremes_by_direction_are_those_of_all_directions_across(angle, weave):
     found = ico.homogenise(scene)
     assert not len(found.soft_strains)
     for direction in ([1.0, 2.0, 3.0], [1.0, 0.0, 0.0], [-1.0, 1.0, 0.2]):
-        one = found.along(np.array(direction))
+        one = found.directional_moduli(np.array(direction))
         n = one.direction
         assert n @ direction == pytest.approx(np.linalg.norm(direction))
         first = np.cross(n, [0.3, -0.5, 0.8])

@@ -89,8 +89,8 @@ def test_mechanisms_are_counted_exactly(variant, size):
 def test_zero_energy_motions_of_held_and_anchored_fabrics():
     scene = make_scene((3, 3, 2), groups={'one': 'ids 0'}, supports={'one': {'group': 'one'}})
     held = ico.solve_modes(scene)
-    assert held.rigid_count == 0 and held.freedoms == 6 * scene.body_count - 6
-    assert held.mechanism_count == held.freedoms - held.counts.rank
+    assert held.rigid_count == 0 and held.degrees_of_freedom == 6 * scene.body_count - 6
+    assert held.mechanism_count == held.degrees_of_freedom - held.counts.rank
     rope = {'body': 0, 'edge': 'down', 'position': [0.0, 0.0, -0.1]}
     anchored = ico.solve_modes(make_scene((3, 3, 2), anchors={'rope': rope}))
     assert anchored.rigid_count == 5
@@ -154,11 +154,11 @@ def test_largest_is_what_the_steps_follow(sections, exact):
     moved = rotated_by_noise(scene, 0.01 if 'planes' in sections else 0.2)
     for at in (None, moved):
         found = ico.solve_modes(scene, at=at)
-        values = np.linalg.eigvalsh(scaled_hessian(found.here).toarray())
+        values = np.linalg.eigvalsh(scaled_hessian(found.configuration).toarray())
         assert found.largest_frequency == pytest.approx(np.sqrt(values[-1]), rel=1e-8)
         assert found.frequencies[-1] == pytest.approx(found.largest_frequency, rel=1e-8)
         if 'planes' in sections:
-            assert len(found.here.touching.planes[0]) > 3
+            assert len(found.configuration.contact_state.planes[0]) > 3
         if at is not None:
             simulation.set_state(position=at.position, orientation=at.orientation)
         ratio = simulation.status.largest_frequency / found.largest_frequency
@@ -192,7 +192,7 @@ def test_steps_and_modes_begin_the_same_iteration():
 def test_a_large_fabric_has_the_same_largest_frequency():
     scene = make_scene((9, 8, 7), **CANTILEVER)
     found = ico.solve_modes(scene, count=1, which='highest')
-    assert found.freedoms > spectrum.DENSE // 2
+    assert found.degrees_of_freedom > spectrum.DENSE // 2
     assert found.largest_frequency == pytest.approx(found.frequencies[0], rel=1e-7)
     assert ico.compile_scene(scene).status.largest_frequency == pytest.approx(
         found.largest_frequency, rel=1e-4)
@@ -242,12 +242,13 @@ def test_lowest_without_factors(size, sections, counted, monkeypatch):
     assert found.counts == (whole.counts if counted else None)
     assert found.frequencies == pytest.approx(expected, rel=1e-9)
     # They are orthogonal, and each is a mode.
-    root = found.here.fabric.root
+    root = found.configuration.fabric.root
     flat = (found.shapes * root).reshape(count, -1)
     assert np.abs(flat @ flat.T - np.eye(count)).max() < 1e-9
     for rate, shape in zip(found.frequencies, found.shapes):
         wanted = rate**2 * root**2 * shape
-        left = np.where(found.here.fabric.free, found.here.times(shape) - wanted, 0.0)
+        here = found.configuration
+        left = np.where(here.fabric.free, here.times(shape) - wanted, 0.0)
         assert np.abs(left / root).max() < 1e-6 * np.abs(wanted / root).max()
     again = ico.solve_modes(scene, count=count)
     assert np.array_equal(again.shapes, found.shapes)
@@ -280,7 +281,7 @@ def test_elimination_counts_what_all_eigenvalues_say(monkeypatch):
             # Squeezed until shells touch that are no neighbours.
             here.position[:] *= 0.45
             joined = {tuple(sorted(pair)) for pair in scene.connectors.bodies.tolist()}
-            assert {tuple(pair) for pair in np.sort(here.touching.pairs).tolist()} - joined
+            assert {tuple(pair) for pair in np.sort(here.contact_state.pairs).tolist()} - joined
         matrix = scaled_hessian(here)
         values = np.linalg.eigvalsh(matrix.toarray())
         for part in (-0.3, -1e-3, 1e-3, 0.02, 0.2, 0.9):
@@ -354,7 +355,7 @@ def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_five_ways():
         assert found.rank == found.connectors
         # No threshold decides: all values are far from it, on either side.
         assert found.smallest > 0.05 and found.largest < 1e-13
-        most = max(most, found.freedoms)
+        most = max(most, found.degrees_of_freedom)
     assert most == 648
 
 

@@ -109,7 +109,7 @@ def test_reactions_bear_the_load_and_no_body_is_left_with_a_force():
     result = ico.solve_equilibrium(scene)
     assert result.verdict == STABLE and result.residual <= 1e-10
     # Shells touch, and are counted in.
-    assert len(result.touching.pairs) > 3
+    assert len(result.contact_state.pairs) > 3
     weight = scene.body_count * scene.shell.mass * 9.81
     load = np.array([0.02, 0.0, -0.05 - weight])
     assert np.abs(result.reaction[:, :3].sum(axis=0) + load).max() < 1e-9 * weight
@@ -230,7 +230,7 @@ def test_a_search_that_ends_too_early_says_so():
     result = ico.solve_equilibrium(scene, largest_step_count=2)
     assert result.verdict == NOT_AT_REST and not result.converged
     assert result.mechanism_count == result.unstable_count == -1
-    assert result.residual > 1e-10 and np.abs(result.leftover).max() > 0.0
+    assert result.residual > 1e-10 and np.abs(result.unbalanced_wrench).max() > 0.0
     assert len(result.worst_bodies) == 4
     assert 'all of its 2 steps' in result.reason and 'largest_step_count' in result.reason
     turned = make_scene((2, 2, 2), groups={'low': 'z_min', 'high': 'z_max'}, supports={
@@ -238,7 +238,7 @@ def test_a_search_that_ends_too_early_says_so():
     lost = ico.solve_equilibrium(turned, largest_step_count=2)
     assert 'loads.l: follows' in lost.reason and 'there may be no equilibrium' in lost.reason
     assert not lost.converged and not ico.solve_equilibrium(make_scene((2, 2, 2))).reason
-    assert result.leftover[scene.groups['top']].max() == 0.0
+    assert result.unbalanced_wrench[scene.groups['top']].max() == 0.0
 
 
 def test_drives_stand_where_they_are_at_the_time():
@@ -306,8 +306,8 @@ def test_contact_forces_and_hessian_are_derivatives_of_the_energy():
     shape = scene.body_count, 3
     here = fabric.start.moved(np.hstack([
         8e-3 * random.standard_normal(shape), 0.3 * random.standard_normal(shape)]))
-    assert len(here.touching.pairs) >= 3 and len(here.touching.planes[0]) >= 5
-    assert 0.2 < here.touching.energy / here.energy < 1.0
+    assert len(here.contact_state.pairs) >= 3 and len(here.contact_state.planes[0]) >= 5
+    assert 0.2 < here.contact_state.energy / here.energy < 1.0
     first, second = motions(fabric)
     h = 1e-5
     ahead, behind = here.moved(h * first), here.moved(-h * first)
@@ -337,9 +337,9 @@ def test_a_slab_on_a_floor():
     here = Configuration(
         StaticFabric(scene), result.snapshot.position.copy(), result.snapshot.orientation.copy())
     weight = scene.body_count * scene.shell.mass * 9.81
-    assert here.touching.wrench[:, 2].sum() == pytest.approx(weight, rel=1e-9)
-    assert len(here.touching.planes[0]) == 13 and not len(here.touching.pairs)
-    assert 0.0 < here.touching.depth < 0.05 * scene.geometry.half_edge
+    assert here.contact_state.wrench[:, 2].sum() == pytest.approx(weight, rel=1e-9)
+    assert len(here.contact_state.planes[0]) == 13 and not len(here.contact_state.pairs)
+    assert 0.0 < here.contact_state.depth < 0.05 * scene.geometry.half_edge
     assert ico.solve_modes(scene, at=result.snapshot).mechanism_count == 3
 
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The promise of `solver.tolerance`, on every ready scene and on 50 random ones.
+The promise of `solver.tolerance`, on every example scene and on 50 random ones.
 
 Restarted from the run's own state at 20 random moments and followed for one shortest period of
 the fabric, the error against a far tighter reference, divided by that time, stays below it. Where
@@ -13,7 +13,7 @@ from typing import NamedTuple
 from analytical import rotation_distance
 from fabrics import changed, make_scene, STATE
 import icofabric_sim as ico
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.simulation.stepping.method_needs import required_method
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ LONG = {
     'auxetic_slab', 'charged_slab', 'draped_slab', 'folded_slab', 'hung_slab', 'pressed_slab',
     'radial_arch', 'shaken_slab', 'squeezed_slab', 'stiff_cantilever', 'tightened_slab',
     'torn_slab'}
-# Ready scenes in which shells meet each other, planes, or held bodies: no method keeps a tolerance
-# through impacts.
+# Example scenes in which shells meet each other, planes, or held bodies: no method keeps a
+# tolerance through impacts.
 WITHOUT_CONTACT = {
     'dropped_slab', 'draped_slab', 'folded_slab', 'squeezed_slab', 'tightened_slab', 'woven_ball'}
 # Step times frequency of the reference, srkn8, or dop8 where it must be: for motion of 1000 a/s
@@ -172,8 +172,8 @@ def check(scene, generator, periods, *, passing=0.0, moments=MOMENTS):
     pytest.param(1e-4, marks=pytest.mark.long), 1e-6, pytest.param(1e-8, marks=pytest.mark.long)])
 @pytest.mark.parametrize('path', [
     pytest.param(path, id=name, marks=pytest.mark.long if name in LONG else ())
-    for name, path in ready_scenes().items()])
-def test_ready_scenes(path, tolerance):
+    for name, path in example_scenes().items()])
+def test_example_scenes(path, tolerance):
     scene = changed(ico.load_scene(path), {'solver.tolerance': tolerance})
     if path.stem in WITHOUT_CONTACT:
         # The others run as they are, with kernels that other tests compile.

@@ -191,7 +191,7 @@ def test_the_moment_of_a_twist_is_that_of_bands_around_shells():
     for obstruction in ('wrap', 'warn'):
         scene = changed(ico.load_scene('twisted_column'), {
             'connector.natural_length': 0.06, 'connector.obstruction': obstruction})
-        points = ico.measure_turning(
+        points = ico.measure_moment_curve(
             scene, 'twist', [0.4, 0.8, 1.2, 1.5999, 1.6, 1.6001], axis=2)
         assert len(points) == 6 and all(point.residual < 1e-9 for point in points)
         low, middle, high = points[3:]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The gallery has every ready scene, in pictures of the size and colours that its commands say."""
+"""The gallery has every example scene, in pictures of the size and colours of its commands."""
 
 from pathlib import Path
 import re
@@ -8,7 +8,7 @@ import runpy
 import shlex
 
 from icofabric_sim.geometry.icosahedron import NAMED_EDGE_DIRECTIONS, NAMED_EDGES
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.pictures.document_figures import draw_figure
 from icofabric_sim.pictures.fabric_polygons import FREE_COLOR
 from icofabric_sim.pictures.measures import QUANTITIES, Scale
@@ -30,7 +30,7 @@ def section(name: str) -> str:
     return found[1]
 
 
-@pytest.mark.parametrize('name', ready_scenes())
+@pytest.mark.parametrize('name', example_scenes())
 def test_every_ready_scene_is_in_the_gallery(name: str) -> None:
     text = section(name)
     picture, = re.findall(r'!\[[^\]]+\]\(([\w/]+\.png)\)', text)
@@ -68,7 +68,7 @@ def boxes(data: bytes) -> dict[bytes, bytes]:
     return found
 
 
-@pytest.mark.parametrize('name', ready_scenes())
+@pytest.mark.parametrize('name', example_scenes())
 def test_every_ready_scene_has_a_film_of_ten_seconds_that_its_command_makes(name: str) -> None:
     text = section(name)
     path = ROOT / 'docs' / 'gallery' / f'{name}.mp4'
@@ -110,7 +110,7 @@ def test_the_script_of_the_gallery_runs_its_commands() -> None:
 
 def test_the_index_of_the_gallery_leads_to_every_scene() -> None:
     index = GALLERY.partition('\n## ')[0]
-    for name in ready_scenes():
+    for name in example_scenes():
         assert f'(gallery/{name}.png)](#{name})<br>`{name}`' in index
 
 
@@ -122,7 +122,7 @@ def test_the_films_are_small_enough_for_a_repository() -> None:
 def test_the_gallery_shows_nothing_else() -> None:
     shown = {path.stem for path in (ROOT / 'docs' / 'gallery').iterdir()
              if not path.name.startswith('.')}
-    assert shown == set(ready_scenes()) == set(re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE))
+    assert shown == set(example_scenes()) == set(re.findall(r'^## (\w+)$', GALLERY, re.MULTILINE))
 
 
 def test_the_figures_of_the_concepts_are_what_their_command_draws(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import BROKEN, CONNECTORS, POSES
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.pictures.render import draw_sheet
 from icofabric_sim.running.diagnostics import HealthReport
 from icofabric_sim.running.replay.verify import verify_run
@@ -26,11 +26,11 @@ import pytest
 from recorded_runs import record_run
 from runner_helpers import ListSink
 
-SCENE = ico.load_scene(ready_scenes()['torn_slab'])
+SCENE = ico.load_scene(example_scenes()['torn_slab'])
 
 
 def torn(**changes):
-    """The ready scene that breaks in two within 2 ms, with outputs before, meanwhile and after."""
+    """An example scene that breaks in two within 2 ms; outputs before, meanwhile and after."""
     return ico.Scene.from_parameters(SCENE.parameters.with_changes({
         'duration': 0.004, 'real_time_factor': 0.0, 'publish_rate': 3000.0,
         'marker_rate': 1000.0, **{name.replace('__', '.'): to for name, to in changes.items()}}))

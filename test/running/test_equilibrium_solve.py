@@ -159,4 +159,5 @@ def test_least_resultants_are_put_and_told():
             runner.solve_equilibrium().result(LIMIT)
     assert rest.position[0, 2] > -0.016 + 0.0161803
     facts = events(sink)[-1]
-    assert facts['leftover'][0] == pytest.approx([0.0, 0.0, -9.81 * mass, 0.0, 0.0, 0.0], abs=1e-9)
+    assert facts['unbalanced_wrench'][0] == pytest.approx(
+        [0.0, 0.0, -9.81 * mass, 0.0, 0.0, 0.0], abs=1e-9)

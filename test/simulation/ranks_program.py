@@ -221,7 +221,7 @@ def run(name, ranks=None):
 
 
 def run_ready(name, ranks=None):
-    """Run a ready scene for a while; what came of it, or why it is refused."""
+    """Run an example scene for a while; what came of it, or why it is refused."""
     try:
         simulation = ico.compile_scene(ico.load_scene(name), ranks=ranks)
     except ValueError as error:

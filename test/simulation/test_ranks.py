@@ -100,7 +100,7 @@ def test_other_scenes_have_the_bits_of_one_process():
 
 
 @pytest.mark.long
-def test_ready_scenes_have_the_bits_of_one_process_or_are_refused():
+def test_example_scenes_have_the_bits_of_one_process_or_are_refused():
     names = [str(path) for path in sorted((ROOT / 'config').glob('*.yaml'))]
     alone = {name: json.loads(json.dumps(run_ready(name))) for name in names}
     done = launch(3, Path(__file__).with_name('ranks_program.py'), 'ready', *names)

@@ -63,7 +63,7 @@ def test_what_is_measured_is_a_table_and_says_what_it_is_in_one_line(tmp_path: P
     simulation = ico.compile_scene(scene)
     reactions = simulation.reactions()
     curve = ico.measure_curve(stiff, 'pull', [1e-3, 2e-3])
-    turns = ico.measure_turning(stiff, 'twist', [1e-3])
+    turns = ico.measure_moment_curve(stiff, 'twist', [1e-3])
     cycles = ico.measure_cycles(stiff, 'pull', [1e-3, 2e-3], count=2)
     elasticity = ico.homogenise(stiff)
     growth = ico.measure_growth(scene, 0.02)

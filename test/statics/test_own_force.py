@@ -138,8 +138,9 @@ def test_curves_take_a_body_force():
         assert point.end_force[0] == pytest.approx(
             end * STIFFNESS * point.strain * length, rel=1e-9)
     [cycle] = ico.measure_cycles(scene, 'pull', [0.02], body_force=own)
-    assert cycle.work == pytest.approx(0.5 * end * STIFFNESS * (0.02 * length)**2, rel=1e-9)
-    [turn] = ico.measure_turning(scene, 'twist', [0.1], body_force=own)
+    assert cycle.loading_work == pytest.approx(
+        0.5 * end * STIFFNESS * (0.02 * length)**2, rel=1e-9)
+    [turn] = ico.measure_moment_curve(scene, 'twist', [0.1], body_force=own)
     arm = scene.position[scene.position[:, 0] > scene.position[:, 0].max() - 1e-9][:, 1:]
     arm = arm - arm.mean(axis=0)
     assert turn.moment == pytest.approx(

@@ -56,9 +56,9 @@ def test_a_wall_askew_to_the_springs_tells_the_two_apart():
         if objective == 'resultants':
             assert found.verdict == LEAST_RESULTANTS
             np.testing.assert_allclose(
-                found.leftover[0, :3], -STIFFNESS * wanted, rtol=1e-4, atol=1e-4)
+                found.unbalanced_wrench[0, :3], -STIFFNESS * wanted, rtol=1e-4, atol=1e-4)
             # The wall alone cannot bear it: that takes friction.
-            push = found.leftover[0, :3]
+            push = found.unbalanced_wrench[0, :3]
             assert np.linalg.norm(push - (push @ normal) * normal) > 0.1 * np.linalg.norm(push)
 
 
@@ -102,9 +102,9 @@ def test_two_shells_and_contradicting_loads_against_an_independent_minimum():
     squares = 2.0 * best.cost
     assert squares == pytest.approx(0.5 * float((loads.sum(axis=0)**2).sum()), rel=1e-6)
     assert found.converged and found.verdict == LEAST_RESULTANTS
-    assert float((found.leftover[:, :3]**2).sum()) == pytest.approx(squares, rel=1e-6)
+    assert float((found.unbalanced_wrench[:, :3]**2).sum()) == pytest.approx(squares, rel=1e-6)
     np.testing.assert_allclose(
-        found.leftover[:, :3], np.tile(0.5 * loads.sum(axis=0), (2, 1)), atol=1e-5)
+        found.unbalanced_wrench[:, :3], np.tile(0.5 * loads.sum(axis=0), (2, 1)), atol=1e-5)
 
 
 def test_weight_that_a_floor_bears_is_what_is_left():
@@ -114,9 +114,9 @@ def test_weight_that_a_floor_bears_is_what_is_left():
     found = ico.solve_equilibrium(scene, objective='resultants')
     assert found.converged and found.verdict == LEAST_RESULTANTS
     np.testing.assert_allclose(
-        found.leftover[0], [0.0, 0.0, -9.81 * scene.shell.mass, 0.0, 0.0, 0.0], atol=1e-9)
+        found.unbalanced_wrench[0], [0.0, 0.0, -9.81 * scene.shell.mass, 0.0, 0.0, 0.0], atol=1e-9)
     # It began in the floor, and is moved out of it.
-    assert found.touching.depth < 1e-5 * A
+    assert found.contact_state.depth < 1e-5 * A
 
 
 def whirl(time, position, orientation, linear_velocity, angular_velocity):

@@ -12,6 +12,7 @@ F is computed by the right-hand side of Runge-Kutta methods in a model that hold
 from dataclasses import dataclass
 from typing import Any
 
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.contact.losses import lose_some
@@ -38,6 +39,8 @@ import numpy as np
 _SPAN, _RADIANS = 1e-4, 1e-3
 
 
+@renamed_attributes(
+    first='wrench_on_first', second='wrench_on_second', push='normal_force')
 @dataclass(frozen=True, repr=False, eq=False)
 class ContactForces(AsTable):
     """
@@ -55,18 +58,18 @@ class ContactForces(AsTable):
     planes: tuple[str, ...]  # names
     # (m, 6) force [N] and torque about its centre [N m] on the first body, and on the second; the
     # torque is 0 on a plane, which has no centre.
-    first: np.ndarray
-    second: np.ndarray
-    # (m,) push N and friction T [N], and margin 1 - T / (mu N) of the friction cone, 1 where none
-    # acts and 0 where the contact is about to slide (NaN: N is 0); None: not of an equilibrium
-    # with friction.
-    push: np.ndarray | None = None
+    wrench_on_first: np.ndarray
+    wrench_on_second: np.ndarray
+    # (m,) normal force N and friction T [N], and margin 1 - T / (mu N) of the friction cone: 1
+    # without friction, 0 if the contact is about to slide, NaN if N is 0. None: not of an
+    # equilibrium with friction.
+    normal_force: np.ndarray | None = None
     friction: np.ndarray | None = None
     margin: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Set torques on planes to 0."""
-        self.second[self.bodies[:, 1] < 0, 3:] = 0.0
+        self.wrench_on_second[self.bodies[:, 1] < 0, 3:] = 0.0
 
     def __repr__(self) -> str:
         """Return the number of contacts in words."""
@@ -76,7 +79,9 @@ class ContactForces(AsTable):
 
     def table(self) -> dict[str, list[Any]]:
         """What touches as plain values: a list for each column, named with its unit."""
-        cones = {'push_n': self.push, 'friction_n': self.friction, 'margin': self.margin}
+        cones = {
+            'normal_force_n': self.normal_force, 'friction_n': self.friction,
+            'margin': self.margin}
         return {
             'contact': list(range(len(self.bodies))),
             'first': self.bodies[:, 0].tolist(),
@@ -85,8 +90,8 @@ class ContactForces(AsTable):
                 for other in self.bodies[:, 1].tolist()],
             **_columns('point', 'm', self.point), **_columns('force', 'n', self.force),
             'overlap_m': self.overlap.tolist(),
-            **_columns('torque', 'nm', self.first[:, 3:]),
-            **_columns('torque_on_second', 'nm', self.second[:, 3:]),
+            **_columns('torque', 'nm', self.wrench_on_first[:, 3:]),
+            **_columns('torque_on_second', 'nm', self.wrench_on_second[:, 3:]),
             **{name: [value if value == value else None for value in part.tolist()]
                for name, part in cones.items() if part is not None}}
 
@@ -115,9 +120,9 @@ class ContactForces(AsTable):
 
         """
         wrenches = np.zeros((body_count, 6))
-        np.add.at(wrenches, self.bodies[:, 0], self.first)
+        np.add.at(wrenches, self.bodies[:, 0], self.wrench_on_first)
         shells = self.bodies[:, 1] >= 0
-        np.add.at(wrenches, self.bodies[shells, 1], self.second[shells])
+        np.add.at(wrenches, self.bodies[shells, 1], self.wrench_on_second[shells])
         return wrenches
 
 

@@ -3,7 +3,7 @@
 """
 What `contact.mode: auto` costs beside `never` while nothing touches, and how many pairs it tests.
 
-Ready scenes to t = 1 s, and a slab within a degree of the least connector angle, whose bounding
+Example scenes to t = 1 s, and a slab within a degree of the least connector angle, whose bounding
 spheres overlap, that moves gently. Times of the processor, both in turn in every round.
 
     .venv/bin/python -m icofabric_validation.benchmarks.contact_cost
@@ -16,8 +16,8 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.parameters.file import load_parameter_file
-from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_validation.benchmarks.machine import describe_machine
 import numpy as np
 
@@ -54,7 +54,7 @@ def main() -> None:
     given = parser.parse_args()
     logging.disable(logging.WARNING)
     print(describe_machine())
-    scenes = [(name, load_parameter_file(ready_scenes()[name]), 1.0) for name in NAMES]
+    scenes = [(name, load_parameter_file(example_scenes()[name]), 1.0) for name in NAMES]
     # Later shells come so close that they may touch.
     scenes.append(('within 1 degree of the least angle', GENTLE, 0.06))
     for name, flat, until in scenes:

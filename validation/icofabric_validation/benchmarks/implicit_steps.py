@@ -45,7 +45,7 @@ def main() -> None:
     """Print a row for each damping, tolerance and method."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--size', type=int, default=5, help='shells along each axis of the grid')
-    parser.add_argument('--scene', help='a ready scene instead of the plain fabric')
+    parser.add_argument('--scene', help='an example scene instead of the plain fabric')
     parser.add_argument('--damping', type=float, nargs='+', default=[38.0, 380.0, 3800.0],
                         help='of each connector [N s/m]; the critical one is about 4')
     parser.add_argument('--tolerance', type=float, nargs='+', default=[1e-2, 1e-4, 1e-6, 1e-8])

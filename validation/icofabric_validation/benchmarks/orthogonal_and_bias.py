@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.statics.stretching import CURVE_COLUMNS, CurvePoint
+from icofabric_sim.statics.stress_strain import CURVE_COLUMNS, CurvePoint
 from icofabric_validation.benchmarks.machine import machine_lines
 import numpy as np
 
@@ -73,7 +73,7 @@ def main() -> None:
                   f'{time.perf_counter() - began:.0f} s', flush=True)
             for point in points:
                 print(f'    {point.strain:8.4f} {point.stress:10.4g} Pa  {point.verdict}, '
-                      f'{point.obstructed} obstructed, {point.touching} touch, '
+                      f'{point.obstructed} obstructed, {point.contact_pairs} touch, '
                       f'{point.broken} broken', flush=True)
     write(folder / 'curves.csv', curves)
     draw(folder / 'curves.png', curves)

@@ -20,13 +20,13 @@ from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.bag.summary import summarise_bag
 from icofabric_sim.commands.main import main as icofabric
 from icofabric_sim.messages import input_topics
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.parameters.file import (
     check_ros_arguments,
     dump_parameters,
     load_parameter_file,
     ParameterFileError,
 )
-from icofabric_sim.parameters.ready_scenes import ready_scenes
 from icofabric_sim.parameters.table import BY_NAME
 from icofabric_sim.parameters.validation import make_parameters, ParameterError
 from icofabric_sim.running.recording import BagSink, summarise_run
@@ -248,7 +248,7 @@ class _Scenes:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / 'scene.yaml'
-        self._good = [path.read_text(encoding='utf-8') for path in ready_scenes().values()]
+        self._good = [path.read_text(encoding='utf-8') for path in example_scenes().values()]
         self._names = list(BY_NAME)
 
     def do(self, chance: random.Random) -> str:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Real-time factors of the ready scenes under random pushes: wanted and reached.
+Real-time factors of the example scenes under random pushes: wanted and reached.
 
     .venv/bin/python -m icofabric_validation.robustness.random_pushes [SCENE ...] [--pushes 30] \
         [--tolerance 1e-4]
@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import icofabric_sim as ico
 from icofabric_sim.messages.topics import Outputs
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.running.diagnostics import remedies
 from icofabric_sim.running.run_records import errors_of, figures, Status
 from icofabric_sim.running.step_limit_reason import StepLimit
@@ -115,7 +115,7 @@ def _status(simulation: ico.Simulation, limited_by: str) -> Status:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Push the scenes; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('scenes', nargs='*', metavar='SCENE', help='default: all ready scenes')
+    parser.add_argument('scenes', nargs='*', metavar='SCENE', help='default: all example scenes')
     parser.add_argument('--pushes', type=int, default=30)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--tolerance', type=float, help="[1/s] (default: the scene's)")
@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with options.csv.open('w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file)
         writer.writerow(Row._fields)
-        for name in options.scenes or ready_scenes():
+        for name in options.scenes or example_scenes():
             row = push_at_random(name, options.pushes, options.seed, options.tolerance)
             writer.writerow(row)
             file.flush()

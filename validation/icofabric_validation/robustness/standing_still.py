@@ -27,8 +27,8 @@ import time  # noqa: E402
 from typing import Any  # noqa: E402
 
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array  # noqa: E402
+from icofabric_sim.parameters.example_scenes import find_scene  # noqa: E402
 from icofabric_sim.parameters.file import load_parameter_file  # noqa: E402
-from icofabric_sim.parameters.ready_scenes import find_scene  # noqa: E402
 from icofabric_validation.benchmarks.machine import describe_machine  # noqa: E402
 from icofabric_validation.robustness.soak_drive import wrench  # noqa: E402
 from icofabric_validation.robustness.soak_graph import (  # noqa: E402

@@ -165,7 +165,7 @@ def test_places_of_mechanisms_add_up_to_their_number(weave):
     assert (found.content > 0.1).all() and (found.content < 6.0).all()
     assert (found.turning < found.content).all() and (found.turning > 0.0).all()
     # The same from the shapes that modes finds: a basis of the same space, in scaled coordinates.
-    shapes = spectrum.mechanisms * spectrum.here.fabric.root
+    shapes = spectrum.mechanisms * spectrum.configuration.fabric.root
     basis = np.linalg.qr(shapes.reshape(spectrum.mechanism_count, -1).T)[0]
     assert (basis**2).sum(axis=1).reshape(-1, 6).sum(axis=1) == pytest.approx(
         found.content, abs=1e-8)
@@ -223,7 +223,7 @@ def test_energies_and_forces_of_a_tight_slab_are_those_of_the_independent_code()
     here = fabric.configuration('here', replace(
         snapshot, position=position, orientation=Rotation.from_matrix(turn).as_quat()))
     energy, gradient = slab.energy(place)
-    assert len(here.touching.pairs) > 10
+    assert len(here.contact_state.pairs) > 10
     assert energy == pytest.approx(here.energy, rel=1e-9)
     step = 1e-6
     for freedom in (0, 4, 31, 50):

@@ -6,7 +6,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.statics.fabric import StaticFabric
-from icofabric_sim.statics.stretching import cross_section
+from icofabric_sim.statics.stress_strain import cross_section
 import numpy as np
 import pytest
 
@@ -90,7 +90,7 @@ def test_connectors_break_one_by_one_and_the_load_drops():
         [point.stress for point in whole[:first]], rel=1e-7)
     for point, other in zip(points[first:], whole[first:]):
         assert point.verdict.startswith('equilibrium')
-        assert point.beyond == 0 and point.stress < other.stress
+        assert point.beyond_break_length == 0 and point.stress < other.stress
         # What holds is shorter than it may be; what broke is gone for good.
         assert point.snapshot.connector_length[point.snapshot.intact].max() < limit
         assert point.energy < other.energy
@@ -177,7 +177,7 @@ def test_connectors_of_their_own_count_in_curves(kind):
     """A group of all of them is the plain fabric; one of a part lies between the two."""
     def measure(**sections):
         scene = slab((5, 3, 3), **sections)
-        [point] = (ico.measure_turning if kind in ('bend', 'twist') else ico.measure_curve)(
+        [point] = (ico.measure_moment_curve if kind in ('bend', 'twist') else ico.measure_curve)(
             scene, kind, [0.05])
         return point.energy
 

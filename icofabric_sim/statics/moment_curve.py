@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from icofabric_sim import checks
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
 from icofabric_sim.simulation.model.body_force import BodyForce, Force
@@ -23,7 +24,9 @@ import numpy as np
 KINDS = TURNED
 
 
-class TurnPoint(NamedTuple):
+@renamed_attributes(
+    beyond='beyond_break_length', touching='contact_pairs', sliding='sliding_pairs')
+class MomentCurvePoint(NamedTuple):
     """State of the slab at one angle."""
 
     angle: float  # [rad] between the ends
@@ -35,10 +38,10 @@ class TurnPoint(NamedTuple):
     verdict: str
     residual: float
     obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
-    beyond: int  # connectors beyond the length at which they break
+    beyond_break_length: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells in contact
-    sliding: int  # of these, sliding pairs (contact.friction)
+    contact_pairs: int  # pairs of shells in contact
+    sliding_pairs: int  # of these, sliding pairs (contact.friction)
     at_kink: int  # connectors at their natural length with k_e other than k_c
     # Connectors at their kink at angle 0, or on the other side since then.
     past_kink: int
@@ -51,26 +54,26 @@ class TurnPoint(NamedTuple):
 
     def __repr__(self) -> str:
         """Return a summary without the state."""
-        return (f'<TurnPoint: angle {self.angle:.6g} rad, moment {self.moment:.6g} N m, '
+        return (f'<MomentCurvePoint: angle {self.angle:.6g} rad, moment {self.moment:.6g} N m, '
                 f'{self.verdict}>')
 
     def row(self) -> list[float | str]:
-        """Return the values in the order of `TURN_COLUMNS`, without breaks and snapshot."""
+        """Return values in the order of `MOMENT_CURVE_COLUMNS`, without breaks and snapshot."""
         return [*self[:14], *self.end_force, *self.end_moment, *self.tension_range]
 
 
 # Names of columns of a table of states, with units.
-TURN_COLUMNS = (
+MOMENT_CURVE_COLUMNS = (
     'angle_rad', 'moment_nm', 'rigidity_nm2', 'energy_j', 'verdict', 'residual', 'obstructed',
-    'beyond_break_length', 'broken', 'touching_pairs', 'sliding_pairs', 'at_kink', 'past_kink',
+    'beyond_break_length', 'broken', 'contact_pairs', 'sliding_pairs', 'at_kink', 'past_kink',
     'rest_moment_nm', 'end_force_x_n', 'end_force_y_n', 'end_force_z_n', 'end_moment_x_nm',
     'end_moment_y_nm', 'end_moment_z_nm', 'least_tension_n', 'largest_tension_n')
 
 
-def measure_turning(
+def measure_moment_curve(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
     body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
-) -> Results[TurnPoint]:
+) -> Results[MomentCurvePoint]:
     """
     Compute the moment-angle curve of a slab in bending or torsion.
 
@@ -98,7 +101,7 @@ def measure_turning(
 
     Returns
     -------
-    Results of TurnPoint
+    Results of MomentCurvePoint
         One for each angle; fewer if no equilibrium is found.
 
     Notes
@@ -107,15 +110,15 @@ def measure_turning(
     end force, because the arc brings the ends closer. So it differs from the component of
     `end_moment`, which is about the centre of the end, in second order of the angle.
     """
-    return Results(TURN_COLUMNS, turn_points(
+    return Results(MOMENT_CURVE_COLUMNS, moment_curve_points(
         scene, kind, angles, axis=axis, about=about, body_force=body_force, progress=progress))
 
 
-def turn_points(
+def moment_curve_points(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
     body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
-) -> Iterator[TurnPoint]:
-    """Yield the points of `measure_turning`, each when found."""
+) -> Iterator[MomentCurvePoint]:
+    """Yield the points of `measure_moment_curve`, each when found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
     steps = check_angles('angles', angles)
@@ -126,7 +129,7 @@ def turn_points(
     motion = held_motion(scene, kind, axis, about, body_force)
     rest = InitialEquilibrium(motion)
     for number, step in enumerate(follow_path(motion, steps, rest)):
-        yield turn_point(motion, rest, step)
+        yield moment_curve_point(motion, rest, step)
         if progress is not None:
             progress(number + 1)
 
@@ -157,12 +160,14 @@ def check_about(kind: str, axis: int, about: int | None) -> None:
             f'got {"xyz"[about]}')
 
 
-def turn_point(motion: HeldMotion, rest: InitialEquilibrium, step: Step) -> TurnPoint:
+def moment_curve_point(
+    motion: HeldMotion, rest: InitialEquilibrium, step: Step
+) -> MomentCurvePoint:
     """Return the point of a curve for one step of a path."""
     found, counts = step.found, rest.count_state(step.found)
     force, moment = motion.end_wrench(found.snapshot.position, found.reaction)
     turned = (step.conjugate - rest.conjugate) * motion.length
-    return TurnPoint(
+    return MomentCurvePoint(
         step.amount, step.conjugate, turned / step.amount if step.amount else np.nan,
         float(found.snapshot.energy['total']), found.verdict, found.residual, *counts,
         rest.conjugate, force, moment, tension_range(found), step.breaks, found.snapshot)

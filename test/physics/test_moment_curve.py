@@ -5,7 +5,7 @@
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.statics.held_motion import held_motion
-from icofabric_sim.statics.turning import TURN_COLUMNS
+from icofabric_sim.statics.moment_curve import MOMENT_CURVE_COLUMNS
 import numpy as np
 import pytest
 
@@ -25,7 +25,7 @@ def test_the_moment_is_the_derivative_of_the_energy(kind, about, angle):
     scene = slab((7, 3, 3), angle, **STIFF)
     step = 2e-4
     for at in (0.05, 0.8):
-        before, here, ahead = ico.measure_turning(
+        before, here, ahead = ico.measure_moment_curve(
             scene, kind, [at - step, at, at + step], about=about)
         assert here.verdict == 'equilibrium, stable'
         slope = (ahead.energy - before.energy) / (2.0 * step)
@@ -61,7 +61,7 @@ def test_the_opposite_angle_meets_the_opposite_moment(kind):
     """A slab with a body in its middle is its own image through that body."""
     scene = slab((7, 3, 3), **STIFF)
     angles = np.array([0.01, 0.2, 0.6])
-    there, back = (ico.measure_turning(scene, kind, sign * angles) for sign in (1.0, -1.0))
+    there, back = (ico.measure_moment_curve(scene, kind, sign * angles) for sign in (1.0, -1.0))
     for one, other in zip(there, back):
         assert one.moment > 0.0
         assert other.moment == pytest.approx(-one.moment, rel=1e-9)
@@ -72,7 +72,7 @@ def test_the_opposite_angle_meets_the_opposite_moment(kind):
 @pytest.mark.parametrize('kind', KINDS)
 def test_reactions_of_both_ends_balance(kind):
     scene = slab((7, 3, 3), **STIFF)
-    [point] = ico.measure_turning(scene, kind, [0.5])
+    [point] = ico.measure_moment_curve(scene, kind, [0.5])
     rest = ico.solve_equilibrium(
         held_motion(scene, kind, 0).placed(0.5), start=point.snapshot)
     held, place = rest.reaction, rest.snapshot.position
@@ -114,7 +114,7 @@ def test_bending_stiffness_is_that_of_a_beam_under_a_load_at_its_tip(about, late
     arm = place[:, 0].max() - place[middle, 0].mean()
     stiffness = force * arm / curvature
     short, long = (
-        ico.measure_turning(slab((size, 3, 3), **STIFF), 'bend', [1e-4], about=about)[0]
+        ico.measure_moment_curve(slab((size, 3, 3), **STIFF), 'bend', [1e-4], about=about)[0]
         for size in (11, 17))
     lengths = [held_motion(slab((size, 3, 3)), 'bend', 0).length for size in (11, 17)]
     # What the ends add is the same for both lengths.
@@ -138,7 +138,7 @@ def test_twisting_stiffness_is_that_of_a_bar_under_a_torque_at_its_tip():
              fitted(x, moved[middle, 2], [x, y, z, x * y])]
     assert rates[0] > 0.0 and rates[1] > 0.0
     short, long = (
-        ico.measure_turning(slab((size, 3, 3), **STIFF), 'twist', [1e-4])[0]
+        ico.measure_moment_curve(slab((size, 3, 3), **STIFF), 'twist', [1e-4])[0]
         for size in (11, 17))
     lengths = [held_motion(slab((size, 3, 3)), 'twist', 0).length for size in (11, 17)]
     yields = long.angle / long.moment - short.angle / short.moment
@@ -150,7 +150,7 @@ def test_point_springs_let_a_slab_be_turned_for_nothing():
     scene = slab((7, 3, 3))
     scale = 500.0 * scene.geometry.pitch**2
     for kind in KINDS:
-        [point] = ico.measure_turning(scene, kind, [0.02])
+        [point] = ico.measure_moment_curve(scene, kind, [0.02])
         assert point.verdict == 'equilibrium, with mechanisms'
         assert abs(point.moment) < 1e-6 * 0.02 * scale
 
@@ -159,20 +159,20 @@ def test_connectors_break_as_a_slab_is_bent_and_say_on_which_side():
     limits = {'break_length_extension': 0.051, 'break_length_compression': 0.0472}
     scene = slab((7, 3, 3), connector={'bending_stiffness': 0.02, **limits})
     angles = np.linspace(0.1, 1.5, 15)
-    points = ico.measure_turning(scene, 'bend', angles)
-    whole = ico.measure_turning(slab((7, 3, 3), **STIFF), 'bend', angles)
+    points = ico.measure_moment_curve(scene, 'bend', angles)
+    whole = ico.measure_moment_curve(slab((7, 3, 3), **STIFF), 'bend', angles)
     breaks = [each for point in points for each in point.breaks]
     assert len(breaks) == points[-1].broken > 3
     assert {each.side for each in breaks} == {'extension', 'compression'}
     for each in breaks:
-        assert each.released > 0.0 and 0.1 <= each.amount <= 1.5
+        assert each.released_energy > 0.0 and 0.1 <= each.amount <= 1.5
         assert each.length >= 0.051 if each.side == 'extension' else each.length <= 0.0472
     first = int(np.argmax([point.broken > 0 for point in points]))
     assert first > 0 and points[first - 1].moment == pytest.approx(
         whole[first - 1].moment, rel=1e-7)
     assert points[first].moment < whole[first].moment
-    row = dict(zip(TURN_COLUMNS, points[-1].row()))
-    assert len(TURN_COLUMNS) == len(points[-1].row())
+    row = dict(zip(MOMENT_CURVE_COLUMNS, points[-1].row()))
+    assert len(MOMENT_CURVE_COLUMNS) == len(points[-1].row())
     assert row['angle_rad'] == 1.5 and row['end_moment_y_nm'] == points[-1].end_moment[1]
     assert row['largest_tension_n'] == points[-1].tension_range[1]
 
@@ -184,6 +184,6 @@ def test_connectors_break_as_a_slab_is_bent_and_say_on_which_side():
     (('twist', [0.1]), {'about': 1}, 'about applies to a bend only')])
 def test_arguments_are_judged(arguments, more, word):
     with pytest.raises(ValueError, match=word):
-        ico.measure_turning(slab((5, 3, 3)), *arguments, **more)
+        ico.measure_moment_curve(slab((5, 3, 3)), *arguments, **more)
     with pytest.raises(ValueError, match='does not have two ends'):
-        ico.measure_turning(slab((2, 2, 1)), 'twist', [0.1], axis=2)
+        ico.measure_moment_curve(slab((2, 2, 1)), 'twist', [0.1], axis=2)

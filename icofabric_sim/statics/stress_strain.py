@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from icofabric_sim import checks
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.radial import check_radius
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import Results
@@ -32,6 +33,8 @@ import numpy as np
 KINDS = STRAINED
 
 
+@renamed_attributes(
+    beyond='beyond_break_length', touching='contact_pairs', sliding='sliding_pairs')
 class CurvePoint(NamedTuple):
     """State of the slab at one strain."""
 
@@ -45,10 +48,10 @@ class CurvePoint(NamedTuple):
     verdict: str
     residual: float
     obstructed: int  # connectors that pass through the shell they are attached to, or wrap over it
-    beyond: int  # connectors beyond the length at which they break
+    beyond_break_length: int  # connectors beyond the length at which they break
     broken: int  # connectors that have broken so far
-    touching: int  # pairs of shells in contact
-    sliding: int  # of these, sliding pairs (contact.friction)
+    contact_pairs: int  # pairs of shells in contact
+    sliding_pairs: int  # of these, sliding pairs (contact.friction)
     at_kink: int  # connectors at their natural length with k_e other than k_c
     # Connectors at their kink without strain, or on the other side since then. If there are any,
     # the response depends on their initial distance from the kink.
@@ -77,7 +80,7 @@ class CurvePoint(NamedTuple):
 # Names of columns of a table of curves, with units.
 CURVE_COLUMNS = (
     'strain', 'stress_pa', 'energy_j', 'verdict', 'residual', 'obstructed', 'beyond_break_length',
-    'broken', 'touching_pairs', 'sliding_pairs', 'at_kink', 'past_kink', 'rest_stress_pa',
+    'broken', 'contact_pairs', 'sliding_pairs', 'at_kink', 'past_kink', 'rest_stress_pa',
     'middle_strain_xx', 'middle_strain_yy', 'middle_strain_zz', 'end_force_x_n', 'end_force_y_n',
     'end_force_z_n', 'least_tension_n', 'largest_tension_n', 'end_moment_x_nm', 'end_moment_y_nm',
     'end_moment_z_nm')

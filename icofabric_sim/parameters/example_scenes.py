@@ -8,7 +8,7 @@ from pathlib import Path
 _PACKAGE = 'icofabric_sim'
 
 
-def ready_scenes() -> dict[str, Path]:
+def example_scenes() -> dict[str, Path]:
     """Return the parameter file of every example scene by name; empty if none is installed."""
     for folder in scene_folders():
         found = {path.stem: path for path in sorted(folder.glob('*.yaml'))}
@@ -23,13 +23,13 @@ def find_scene(scene: str) -> Path:
 
     Raises ValueError if there is no such scene or file.
     """
-    ready = ready_scenes()
-    if scene in ready:
-        return ready[scene]
+    examples = example_scenes()
+    if scene in examples:
+        return examples[scene]
     path = Path(scene).expanduser()
     if not path.is_file():
         reason = 'is a folder' if path.is_dir() else 'does not exist'
-        names = ', '.join(ready) or 'none is installed'
+        names = ', '.join(examples) or 'none is installed'
         raise ValueError(
             f'{scene} {reason}: {suggest_scene(scene)}give the parameter file (.yaml) of a scene, '
             f'or the name of an example scene ({names})'
@@ -39,7 +39,7 @@ def find_scene(scene: str) -> Path:
 
 def suggest_scene(scene: str) -> str:
     """Return a question that suggests the example scene with the nearest name, or ''."""
-    near = difflib.get_close_matches(scene, ready_scenes(), 1)
+    near = difflib.get_close_matches(scene, example_scenes(), 1)
     return f'did you mean {near[0]}? ' if near else ''
 
 

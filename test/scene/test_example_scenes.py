@@ -10,11 +10,11 @@ from pathlib import Path
 
 from fabrics import changed, same_state
 import icofabric_sim as ico
-from icofabric_sim.parameters.ready_scenes import ready_scenes
+from icofabric_sim.parameters.example_scenes import example_scenes
 import numpy as np
 import pytest
 
-SCENES = ready_scenes()
+SCENES = example_scenes()
 # Those that take longer than a second until they have met, torn, or gone far.
 SLOW = {'dropped_slab', 'torn_slab', 'twisted_column'}
 # All; some of them, with kernels of their own, in `make test-long` only.
@@ -40,7 +40,7 @@ def test_the_scenes_of_the_readme_are_there():
 
 
 def test_the_scene_of_the_push_of_2_newtons_is_kept():
-    """It stands for itself: the ready scene of that name may change."""
+    """It stands for itself: the example scene of that name may change."""
     scene = ico.load_scene(Path(__file__).parents[1] / 'scenes' / 'hanging_slab_wide.yaml')
     assert scene.body_count == 56 and scene.connector_count == 207
     assert scene.parameters['weave.connector_angle'] == 0.66
@@ -50,7 +50,7 @@ def test_the_scene_of_the_push_of_2_newtons_is_kept():
 
 def test_scene_is_loaded_by_name_or_path(tmp_path, monkeypatch):
     by_name = ico.load_scene('hanging_slab')
-    by_path = ico.load_scene(ready_scenes()['hanging_slab'])
+    by_path = ico.load_scene(example_scenes()['hanging_slab'])
     assert by_name.parameters == by_path.parameters and by_name.body_count == 56
     # The name goes before a file that is called so.
     monkeypatch.chdir(tmp_path)

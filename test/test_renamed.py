@@ -1,0 +1,78 @@
+# Copyright 2026 The icofabric_sim authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Former names raise an error that gives the new name; the new name exists."""
+
+from dataclasses import fields, is_dataclass
+import pickle
+import re
+
+import icofabric_sim as ico
+from icofabric_sim import contact
+from icofabric_sim.checks import renamed_attributes
+from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.statics.cycles import Cycle
+from icofabric_sim.statics.moment_curve import MomentCurvePoint
+from icofabric_sim.statics.slab_path import Break
+from icofabric_sim.statics.stress_strain import CurvePoint
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize('cls, old', [
+    (contact.ContactForce, 'touching'), (ico.Equilibrium, 'leftover'),
+    (ico.Equilibrium, 'touching'), (ico.Equilibrium, 'rubbing'), (ico.Spectrum, 'here'),
+    (ico.Spectrum, 'freedoms'), (ico.Spectrum, 'zero_below'), (ico.Spectrum, 'bounds_from'),
+    (ico.Spectrum, 'hidden_count'), (ico.Elasticity, 'pulled'), (ico.Elasticity, 'along'),
+    (CurvePoint, 'beyond'), (CurvePoint, 'touching'), (MomentCurvePoint, 'sliding'),
+    (Cycle, 'work'), (Cycle, 'lost'), (Cycle, 'left'), (Break, 'released'),
+    (ContactForces, 'first'), (ContactForces, 'push')])
+def test_former_attributes(cls, old):
+    made = cls.__new__(cls) if is_dataclass(cls) else cls(*len(cls._fields) * [0.0])
+    with pytest.raises(AttributeError, match=f'{cls.__name__}.{old} has been renamed') as raised:
+        getattr(made, old)
+    new = re.search(r'use \w+\.(\w+)$', str(raised.value))[1]
+    assert new in (
+        [field.name for field in fields(cls)] if is_dataclass(cls) else cls._fields) or (
+            callable(getattr(cls, new)))
+    with pytest.raises(AttributeError, match="no attribute 'unknown'"):
+        made.unknown  # noqa: B018
+
+
+@pytest.mark.parametrize('module, old, new', [
+    (ico, 'measure_turning', 'measure_moment_curve'), (contact, 'push', 'contact_force'),
+    (contact, 'push_of_plane', 'plane_contact_force'), (contact, 'Push', 'ContactForce')])
+def test_former_functions(module, old, new):
+    with pytest.raises(AttributeError, match=rf'{old} has been renamed: use \w+\.{new}$'):
+        getattr(module, old)
+    assert callable(getattr(module, new))
+
+
+@renamed_attributes(old='new')
+class Plain:
+    """A class with a renamed attribute and a broken property."""
+
+    def __init__(self):
+        self.new = np.arange(3)
+
+    @property
+    def broken(self):
+        """Property that raises."""
+        return self.new.nothing
+
+
+def test_other_errors_and_pickles_are_kept():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        Plain().broken  # noqa: B018
+    assert (pickle.loads(pickle.dumps(Plain())).new == np.arange(3)).all()
+    assert not hasattr(Plain(), 'old')
