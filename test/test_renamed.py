@@ -1,16 +1,5 @@
-# Copyright 2026 The icofabric_sim authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
 """Former names raise an error that gives the new name; the new name exists."""
 
 from dataclasses import fields, is_dataclass
@@ -20,7 +9,7 @@ import re
 import icofabric_sim as ico
 from icofabric_sim import contact
 from icofabric_sim.checks import renamed_attributes
-from icofabric_sim.simulation.load_cells import ContactForces
+from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.cycles import Cycle
 from icofabric_sim.statics.moment_curve import MomentCurvePoint
 from icofabric_sim.statics.slab_path import Break

@@ -355,7 +355,7 @@ def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_five_ways():
         assert found.rank == found.connectors
         # No threshold decides: all values are far from it, on either side.
         assert found.smallest > 0.05 and found.largest < 1e-13
-        most = max(most, found.degrees_of_freedom)
+        most = max(most, found.freedoms)
     assert most == 648
 
 
