@@ -16,7 +16,11 @@ from icofabric_sim.parameters.table import (
 )
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, Method, METHODS
 
-# Explanations of the values in the column `change`.
+# Words of the column `change`.
+_CHANGE_WORDS = {
+    Change.FIXED: 'fixed', Change.AT_ONCE: 'at once', Change.REBUILDS: 'rebuilds',
+    Change.RESTARTS: 're-weaves'}
+# Explanations of these words.
 _EFFECTS = {
     Change.FIXED: 'refused while the node runs',
     Change.AT_ONCE: 'the fabric is unchanged; `record.*` affects the next bag',
@@ -68,7 +72,7 @@ def allowed(entry: Specification) -> str:
 def row(name: str, entry: Specification) -> str:
     default = '(required)' if entry.required else f'`{entry.default!r}`'
     return (f'| `{name}` | {default} | {entry.unit} | {allowed(entry)} | '
-            f'{entry.change.value} | {entry.description} |\n')
+            f'{_CHANGE_WORDS[entry.change]} | {entry.description} |\n')
 
 
 def method_row(name: str, method: Method) -> str:
@@ -78,7 +82,8 @@ def method_row(name: str, method: Method) -> str:
 
 def text() -> str:
     effects = ''.join(
-        f'- *{change.value}*: {_EFFECTS[change]}.\n' for change in Change)
+        f'- {change.value.replace(word, f"*{word}*")}: {_EFFECTS[change]}.\n'
+        for change, word in _CHANGE_WORDS.items())
     parts = [_HEAD.format(effects=effects)]
     parts += [row(entry.name, entry) for entry in STATIC]
     for family, fields in FAMILIES.items():
