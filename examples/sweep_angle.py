@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Elastic constants of the endless fabric over the connector angle: a table, and a plot.
+Elastic constants of the periodic fabric over the connector angle: a table, and a plot.
 
     .venv/bin/python examples/sweep_angle.py runs/sweep_angle.png
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of the waves in an endless fabric: band structure, and density of states."""
+"""A picture of the waves in a periodic fabric: band structure, and density of states."""
 
 from pathlib import Path
 

@@ -23,7 +23,7 @@ def draw_elasticity(
     curves: Mapping[str, Sequence[CurvePoint]],
     turns: Mapping[str, Sequence[MomentCurvePoint]]
 ) -> None:
-    """Draw to a PNG file; no display needed. `constants`: None where no endless fabric is."""
+    """Draw elasticity to a PNG file; no display needed. `constants` is None if not periodic."""
     require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -76,7 +76,7 @@ def _draw_moduli(left: Any, constants: Elasticity) -> None:
     for axis in (left.xaxis, left.yaxis, left.zaxis):
         axis.set_major_locator(MaxNLocator(4))
     left.set_box_aspect((1, 1, 1))
-    left.set_title("Young's modulus [Pa], endless fabric" + (
+    left.set_title("Young's modulus [Pa], periodic fabric" + (
         ':\npulled (light) and pushed (dark)' if kinked else ''))
     left.set_xlabel('x')
     left.set_ylabel('y')

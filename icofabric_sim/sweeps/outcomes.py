@@ -29,7 +29,7 @@ BAG: Final = 'bag'
 # Points between two neighbouring corners of the path through the zone; waves along each axis of
 # it, by default.
 _BAND_POINTS, _BAND_SAMPLES = 24, 6
-# Word that asks for the rest of the endless fabric.
+# Word that asks for the equilibrium of the periodic fabric.
 _RELAXED: Final = 'relaxed'
 # Words whose arguments are those of a curve.
 _OF_CURVES: Final = ('curve', 'strength', 'cycle', 'independent')
@@ -68,7 +68,7 @@ WORDS: Final[dict[str, Word]] = {
     'frequencies': Word((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
     'moduli': Word(
         (ELASTICITY,), 'moduli [relaxed]', "stiffness [Pa], Young's moduli [Pa], density "
-        '[kg/m^3]; relaxed: about the rest of the endless fabric, with contact'),
+        '[kg/m^3]; relaxed: about the equilibrium of the periodic fabric, with contact'),
     'gap': Word(
         (BANDS,), 'gap [COUNT] [relaxed]', 'the widest gap between the bands, and the highest '
         'frequency; COUNT: waves along each axis of the zone, beside those on the path through '

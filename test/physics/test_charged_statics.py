@@ -117,7 +117,7 @@ def test_large_fabrics_go_without_the_matrix(monkeypatch):
         assert np.sort(some.frequencies) == pytest.approx(whole.frequencies[part], rel=1e-7)
 
 
-def test_a_curve_has_the_charges_and_the_endless_fabric_has_none():
+def test_a_curve_has_the_charges_and_the_periodic_fabric_has_none():
     """A pull does less work where charges push the ends apart, by their force there."""
     stresses = []
     for mutual in (False, True):

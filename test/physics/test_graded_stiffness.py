@@ -118,7 +118,7 @@ def test_digits_that_rounding_takes_are_reported():
 
 
 @pytest.mark.parametrize('stiff, count', [(1e2, 0), (1e10, 1)])
-def test_constants_of_the_endless_fabric_report_lost_digits(stiff, count, caplog):
+def test_constants_of_the_periodic_fabric_report_lost_digits(stiff, count, caplog):
     constants = ico.homogenise(make_scene((3, 3, 3), {
         'connector.stiffness': 1.0, 'connector_groups.s.direction': 'up down',
         'connector_groups.s.stiffness': stiff}))

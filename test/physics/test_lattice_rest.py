@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rest of the endless fabric under pre-stress and with contact, and what it is like about it."""
+"""Rest of the periodic fabric under pre-stress and with contact, and what it is like about it."""
 
 from itertools import combinations_with_replacement
 import json

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Elastic constants of the endless point-spring fabric in closed form (docs/material.md)."""
+"""Elastic constants of the periodic point-spring fabric in closed form (docs/material.md)."""
 
 import math
 from types import SimpleNamespace
@@ -181,7 +181,7 @@ def test_strains_of_the_middle_are_those_of_a_uniform_displacement(weave):
 
 
 @pytest.mark.parametrize('angle', [-0.3, 0.3])
-def test_the_middle_of_a_pulled_slab_goes_as_the_endless_fabric_says(angle):
+def test_the_middle_of_a_pulled_slab_goes_as_the_periodic_fabric_says(angle):
     """Its sign, and the ratio across y of a slab whose sides are free; both ends are held."""
     scene = make_scene(
         weave={'size': [7, 3, 3], 'connector_angle': angle},

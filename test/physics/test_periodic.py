@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The endless fabric: waves and elastic constants against closed forms, motion and finite slabs.
+The periodic fabric: waves and elastic constants against closed forms, motion and finite slabs.
 """
 
 from fabrics import make_scene
@@ -139,8 +139,8 @@ def test_a_plane_wave_in_a_real_slab():
         assert np.abs(expected[inner]).max() > 0.0
 
 
-def test_slabs_approach_the_endless_fabric():
-    """The largest frequency of a slab grows to that of the endless one, from below."""
+def test_slabs_approach_the_periodic_fabric():
+    """The largest frequency of a slab grows to that of the periodic fabric, from below."""
     wanted = solve_bands(woven(**STIFF), sample_zone(woven(**STIFF), 8)).max()
     top = max(wanted, solve_bands(woven(**STIFF), band_path(woven(**STIFF))[0]).max())
     found = [

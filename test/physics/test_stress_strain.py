@@ -32,13 +32,13 @@ def test_work_of_the_moved_end_is_the_energy_stored(kind):
     assert points[0].stress > 0.0 and points[2].energy > points[0].energy > 0.0
 
 
-def test_larger_slabs_come_closer_to_the_endless_fabric():
-    endless = ico.homogenise(slab((3, 3, 3), **STIFF)).young_modulus(np.array([1.0, 0.0, 0.0]))
+def test_larger_slabs_come_closer_to_the_periodic_fabric():
+    periodic = ico.homogenise(slab((3, 3, 3), **STIFF)).young_modulus(np.array([1.0, 0.0, 0.0]))
     found = [
         ico.measure_curve(slab(size, **STIFF), 'pull', [1e-4])[0].stress / 1e-4
         for size in ((7, 3, 3), (9, 5, 5), (11, 9, 9))]
-    assert found[0] < found[1] < found[2] < endless
-    assert found[2] > 0.8 * endless
+    assert found[0] < found[1] < found[2] < periodic
+    assert found[2] > 0.8 * periodic
 
 
 def test_point_springs_let_an_orthogonal_slab_be_pushed_for_nothing():
@@ -133,9 +133,9 @@ def test_forces_under_a_part_of_the_loads_and_without_what_broke(broken):
 @pytest.mark.parametrize('angle', [-0.3, 0.0, 0.3])
 @pytest.mark.parametrize('size, kind', [
     ((3, 3, 3), 'orthogonal'), ((6, 4, 5), 'orthogonal'), ((6, 5, 5), 'bias')])
-def test_all_outer_faces_meet_the_bulk_modulus_of_the_endless_fabric(size, kind, angle):
+def test_all_outer_faces_meet_the_bulk_modulus_of_the_periodic_fabric(size, kind, angle):
     """
-    With all faces held as in the endless fabric, what is within rests there too.
+    With all faces held as in the periodic fabric, what is within rests there too.
 
     So every connector has the energy that the closed form of docs/material.md gives it.
     """

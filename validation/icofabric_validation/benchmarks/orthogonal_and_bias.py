@@ -4,7 +4,7 @@
 Slabs of orthogonal and of turned (bias) fabric pulled, pushed and sheared, up to contact.
 
 With point springs, with bending stiffness, and with connectors that break: stress against strain
-as CSV and as a picture, and the modulus of the endless fabric in the same direction beside them.
+as CSV and as a picture, and the modulus of the periodic fabric in the same direction beside them.
 
     .venv/bin/python -m icofabric_validation.benchmarks.orthogonal_and_bias
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Elastic constants and Poisson's ratio: the endless fabric, and slabs between two ends."""
+"""Elastic constants and Poisson's ratio: the periodic fabric, and slabs between two ends."""
 
 from collections.abc import Iterable
 import math
@@ -42,7 +42,7 @@ def _endless(level: Level) -> dict[str, Stage]:
 
 
 def constants_of(row: Row) -> dict[str, float]:
-    """C11, C12, C44 and moduli of an endless fabric in k / W, and its ratio along an axis."""
+    """C11, C12, C44 and moduli of a periodic fabric in k / W, and its ratio along an axis."""
     unit = modulus_unit(row['weave.connector_angle'])
     c11, c12, c44 = (
         row[f'elasticity.stiffness.{name}'] / unit for name in ('xx.xx', 'xx.yy', 'yz.yz'))
@@ -70,7 +70,7 @@ def _endless_tables(found: Found) -> list[Table]:
          *(fixed(one[name], 3) for name in ('K', 'x', 'xy', 'xyz')))
         for one in every if one['angle'] in chosen]
     return [Table(
-        'Elastic constants of the endless fabric in k / W', (
+        'Elastic constants of the periodic fabric in k / W', (
             'bending / (k a^2)', 'angle [rad]', 'C11', 'C12', 'C44', 'ratio along an axis',
             'closed form without bending', 'K', 'E along x', 'E along xy', 'E along xyz'), rows,
         f'Point springs at {len(there)} angles: the ratio differs from the closed form by at most '
@@ -78,7 +78,7 @@ def _endless_tables(found: Found) -> list[Table]:
 
 
 CONSTANTS = Part(
-    'constants', 'Elastic constants of the endless fabric', _endless, _endless_tables)
+    'constants', 'Elastic constants of the periodic fabric', _endless, _endless_tables)
 
 
 def _slabs(level: Level) -> dict[str, Stage]:
@@ -96,7 +96,7 @@ def _slabs(level: Level) -> dict[str, Stage]:
 
 
 def slab_rows(found: Found) -> list[dict[str, Any]]:
-    """Slabs beside the endless fabric in the same direction."""
+    """Slabs beside the periodic fabric in the same direction."""
     endless = {(row['weave.kind'], row['weave.connector_angle']): row
                for row in found['endless']}
     rows = []
@@ -130,13 +130,13 @@ def _slab_tables(found: Found) -> list[Table]:
     return [Table(
         f'Slabs between two held ends, bending stiffness {SLAB_BENDING:g} k a^2, pulled along x '
         'by 0.0001 to 0.0003', (
-            'weave', 'angle [rad]', 'positions', 'E over that of the endless fabric',
-            'change by 0.001', 'ratio across y', 'across z', 'endless: E W / k', 'across y',
+            'weave', 'angle [rad]', 'positions', 'E over that of the periodic fabric',
+            'change by 0.001', 'ratio across y', 'across z', 'periodic: E W / k', 'across y',
             'across z'),
         [(row['kind'], row['angle'], row['size'], fixed(row['young'], 3), f'{row["curved"]:.1g}',
           fixed(row['y'], 3), fixed(row['z'], 3), fixed(row['endless'], 3),
           fixed(row['endless_y'], 3), fixed(row['endless_z'], 3)) for row in slab_rows(found)])]
 
 
-SLABS = Part('slabs', 'Slabs between two held ends and the endless fabric', _slabs,
+SLABS = Part('slabs', 'Slabs between two held ends and the periodic fabric', _slabs,
              _slab_tables)

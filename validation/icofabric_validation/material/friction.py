@@ -154,7 +154,7 @@ def _tables(found: Found) -> list[Table]:
     finer = {friction_of(row): lost_of(row) for row in found['finer'] if row['state'] == 'done'}
     note = ', '.join(f'{friction:g}: {fixed(lost, 4)}' for friction, lost in finer.items())
     return [
-        Table('The endless fabric at equilibrium, without and with friction: pairs in '
+        Table('The periodic fabric at equilibrium, without and with friction: pairs in '
               'contact stick, whatever the coefficient', (
                   'angle', 'K/k', 'D / L', 'C11 W / k', 'with', 'C12 W / k', 'with', 'C44 W / k',
                   'with', 'highest frequency, with over without', 'all waves cost energy'),

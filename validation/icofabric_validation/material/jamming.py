@@ -163,7 +163,7 @@ def _tables(found: Found) -> list[Table]:
         Table(f'Load cases, D / L = {RATIO:g}', (
             'contact', 'kind', 'first load drop', 'most pairs in contact', 'reached',
             'largest stress W / k', 'at'), far),
-        Table('The endless fabric at equilibrium', (
+        Table('The periodic fabric at equilibrium', (
             'angle', 'contact', 'D / L', 'size over woven', 'C11 W / k', 'C12 W / k', 'C44 W / k',
             'neighbours in contact', 'soft strains', 'waves'), [
                 _endless_row(row) for row in found['endless']])]

@@ -93,7 +93,7 @@ def modulus_unit(angle: float) -> float:
 
 
 def closed_form(angle: float) -> float:
-    """Poisson's ratio along an axis of the endless fabric of point springs (docs/material.md)."""
+    """Poisson's ratio along an axis of the periodic fabric of point springs (docs/material.md)."""
     s = math.sin(2.0 * angle)
     return s / (2.0 + s)
 

@@ -105,8 +105,8 @@ def _slabs(plots: Sequence[Any], found: Found) -> None:
                           linewidth=1.0)
     stiffness.axhline(1.0, color='0.5', linewidth=1.0)
     stiffness.set_ylim(0.0, None)
-    _label(stiffness, 'width [positions]', 'E over that of the endless fabric [-]')
-    _label(ratio, 'width [positions]', "Poisson's ratio [-]", 'lines: endless fabric')
+    _label(stiffness, 'width [positions]', 'E over that of the periodic fabric [-]')
+    _label(ratio, 'width [positions]', "Poisson's ratio [-]", 'lines: periodic fabric')
 
 
 def _waves(plots: Sequence[Any], found: Found) -> None:
