@@ -12,7 +12,7 @@ import runpy
 
 import icofabric_sim
 from icofabric_sim.commands.main import load_verb, VERBS
-from icofabric_sim.messages.topics import STRAIN_CLASSES, TOPICS
+from icofabric_sim.messages.topics import Recorded, STRAIN_CLASSES, TOPICS
 from icofabric_sim.parameters.table import Change, FAMILIES, STATIC
 from icofabric_sim.ros.standard_services import ACTION, SERVICES, topic_name
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
@@ -132,6 +132,15 @@ def test_modules_that_comments_name_exist():
 def test_page_of_the_node_names_every_topic_and_strain_class():
     text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
     assert all(f'`{topic.name}`' in text for topic in TOPICS)
+    recorded = {Recorded.NEVER: 'no', Recorded.IF_MEASURED: 'option'}
+    for topic in TOPICS:
+        if not topic.rate:
+            continue
+        [row] = re.findall(fr'^\| `{topic.name}` \|.*', text, re.MULTILINE)
+        _, kind, _, rate, kept = (cell.strip() for cell in row.strip('|').split(' | '))
+        assert kind == topic.type.replace('/msg/', '/'), row
+        assert rate == ('latched' if topic.latched else f'`{topic.rate}`'), row
+        assert kept == recorded.get(topic.recorded, 'yes'), row
     assert all(entry.name in text for entry in STRAIN_CLASSES)
 
 

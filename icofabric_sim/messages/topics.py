@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics of a running fabric, and their messages built from snapshots."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import Enum
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.messages import (
     ClockBytes,
@@ -31,60 +32,128 @@ from icofabric_sim.simulation.contact.broad_phase import Touching
 from icofabric_sim.simulation.inputs.input_types import Wrench
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
+from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
 __all__ = [
     'BODIES', 'BODY_SPIN', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS',
-    'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'MEASURED', 'Outputs',
-    'POSES', 'REACTIONS', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF', 'Topic',
-    'TOPICS', 'VIEWS', 'WEAVE']
+    'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'Outputs', 'PERIODIC',
+    'POSES', 'REACTIONS', 'Recorded', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF',
+    'Topic', 'TOPICS', 'VIEWS', 'WEAVE']
+
+
+class Recorded(Enum):
+    """Condition under which bags have a topic."""
+
+    NEVER = 0
+    ALWAYS = 1
+    IF_SENT = 2  # only some scenes have the topic
+    IF_MEASURED = 3  # with `record.measured`
+
+
+# Messages of a topic for the present state of a simulation at a time [ns].
+Builder = Callable[['Outputs', Simulation, int], Iterable[bytes]]
 
 
 class Topic(NamedTuple):
-    """Published topic with its type and QoS."""
+    """
+    Published topic: one entry with type, QoS, rate and builder.
+
+    A topic with a rate needs nothing else than its entry and a row in docs/ros.md: it is built
+    only when due, and only if there is a subscriber or a bag. Other topics are sent by events.
+    """
 
     name: str  # private (~/) name, or absolute
     type: str
-    latched: bool  # transient local: late subscribers get the last message
-    depth: int
-    recorded: bool
+    latched: bool = False  # transient local: late subscribers get the last message
+    depth: int = 10
+    recorded: Recorded = Recorded.NEVER
+    rate: str = ''  # parameter with the rate [Hz] of simulated time; '': not periodic
+    build: Builder | None = None  # for topics with a rate
+    requires: str = ''  # parameter that must be set, otherwise the topic is not published
+    loads_kernels: bool = False  # the builder uses kernels that a running simulation may lack
+    compared: bool = True  # with a repeated run, when a bag that has the topic is verified
 
 
-POSES = Topic('~/poses', PoseArrayBytes.TYPE, False, 10, True)
-CONNECTORS = Topic('~/connectors', MarkerBytes.TYPE, False, 20, True)
-STATE = Topic('~/state', Float64MultiArrayBytes.TYPE, False, 10, False)
-# Spins of eq 18; `~/state` has them in world axes.
-BODY_SPIN = Topic('~/angular_velocity_body', Float64MultiArrayBytes.TYPE, False, 10, False)
-# Large: 1,440 bytes for each body. Not recorded, because they follow from the poses.
-ICOSAHEDRA = Topic('~/icosahedra', MarkerBytes.TYPE, False, 8, False)
-# Not recorded, because they follow from other messages.
-MARKERS = Topic('~/markers', ActingMarkers.TYPE, False, 8, False)
-ENERGY = Topic('~/energy', Float64MultiArrayBytes.TYPE, False, 10, True)
-# Quantities that a test rig would measure; they follow from the motion.
-REACTIONS = Topic('~/reactions', Float64MultiArrayBytes.TYPE, False, 10, False)
-TENSIONS = Topic('~/tensions', Float64MultiArrayBytes.TYPE, False, 10, False)
-CONTACTS = Topic('~/contacts', Float64MultiArrayBytes.TYPE, False, 10, False)
-MEASURED = REACTIONS, TENSIONS, CONTACTS  # recorded with record.measured
+_ENTRIES: list[Topic] = []
+
+
+def _publish(name: str, type_name: str, **options: Any) -> Topic:
+    """Return a topic after adding it to those that a run publishes."""
+    topic = Topic(name, type_name, **options)
+    _ENTRIES.append(topic)
+    return topic
+
+
+POSES = _publish(
+    '~/poses', PoseArrayBytes.TYPE, recorded=Recorded.ALWAYS, rate='publish_rate',
+    build=lambda outputs, run, now: [outputs.poses(run.snapshot(), now)])
 # Numbers of the bodies in `~/poses` and `~/state` if publish.* selects bodies.
-BODIES = Topic('~/bodies', Float64MultiArrayBytes.TYPE, True, 1, False)
+BODIES = _publish(
+    '~/bodies', Float64MultiArrayBytes.TYPE, latched=True, depth=1, recorded=Recorded.IF_SENT)
+CONNECTORS = _publish(
+    '~/connectors', MarkerBytes.TYPE, depth=20, recorded=Recorded.ALWAYS, rate='marker_rate',
+    build=lambda outputs, run, now: outputs.connectors(run.snapshot(), now))
+# Large: 1,440 bytes for each body. Not recorded, because they follow from the poses.
+ICOSAHEDRA = _publish(
+    '~/icosahedra', MarkerBytes.TYPE, depth=8, rate='marker_rate', compared=False,
+    build=lambda outputs, run, now: outputs.icosahedra(run.snapshot(), now))
+# Not recorded, because they follow from other messages.
+MARKERS = _publish(
+    '~/markers', ActingMarkers.TYPE, depth=8, rate='marker_rate', compared=False,
+    build=lambda outputs, run, now: [outputs.markers(
+        run.snapshot(), now, run.status.active_loads, run.status.touching())])
+STATE = _publish(
+    '~/state', Float64MultiArrayBytes.TYPE, rate='publish_rate',
+    build=lambda outputs, run, now: [outputs.state(run.snapshot())])
+# Spins of eq 18; `~/state` has them in world axes.
+BODY_SPIN = _publish(
+    '~/angular_velocity_body', Float64MultiArrayBytes.TYPE, rate='publish_rate',
+    build=lambda outputs, run, now: [outputs.body_spin(run.snapshot())])
+ENERGY = _publish(
+    '~/energy', Float64MultiArrayBytes.TYPE, recorded=Recorded.ALWAYS, rate='publish_rate',
+    build=lambda outputs, run, now: [outputs.energy(run.snapshot())])
+# Quantities that a test rig would measure; they follow from the motion.
+REACTIONS = _publish(
+    '~/reactions', Float64MultiArrayBytes.TYPE, recorded=Recorded.IF_MEASURED,
+    rate='publish_rate', loads_kernels=True,
+    build=lambda outputs, run, now: [outputs.reactions(run.reactions())])
+TENSIONS = _publish(
+    '~/tensions', Float64MultiArrayBytes.TYPE, recorded=Recorded.IF_MEASURED,
+    rate='publish_rate', build=lambda outputs, run, now: [outputs.tensions(run.tensions())])
+CONTACTS = _publish(
+    '~/contacts', Float64MultiArrayBytes.TYPE, recorded=Recorded.IF_MEASURED,
+    rate='publish_rate', loads_kernels=True,
+    build=lambda outputs, run, now: [outputs.contacts(run.contacts())])
 # Frames of the bodies of tf.group for tf2.
-TF = Topic('/tf', TransformsBytes.TYPE, False, 100, False)
+TF = _publish(
+    '/tf', TransformsBytes.TYPE, depth=100, recorded=Recorded.IF_SENT, rate='publish_rate',
+    requires='tf.group', build=lambda outputs, run, now: [outputs.tf(run.snapshot(), now)])
 # Broken connectors so far, in the order of breakage.
-BROKEN = Topic('~/broken', Float64MultiArrayBytes.TYPE, True, 1, True)
-WEAVE = Topic('~/weave', StringBytes.TYPE, True, 1, True)
-CLOCK = Topic('/clock', ClockBytes.TYPE, False, 10, True)
-DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', False, 10, True)
+BROKEN = _publish(
+    '~/broken', Float64MultiArrayBytes.TYPE, latched=True, depth=1, recorded=Recorded.ALWAYS,
+    rate='publish_rate', build=lambda outputs, run, now: [outputs.broken(run.snapshot())])
+WEAVE = _publish(
+    '~/weave', StringBytes.TYPE, latched=True, depth=1, recorded=Recorded.ALWAYS)
+CLOCK = _publish(
+    '/clock', ClockBytes.TYPE, recorded=Recorded.ALWAYS, rate='clock_rate',
+    requires='publish_clock', build=lambda outputs, run, now: [outputs.clock(now)])
+DIAGNOSTICS = _publish(
+    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', recorded=Recorded.ALWAYS)
 # Operations on the run other than inputs (pause, steps, reset, ...), one JSON object each.
-EVENTS = Topic('~/events', StringBytes.TYPE, False, 100, True)
-# Checkpoints, from which a bag can be simulated again.
-CHECKPOINT = Topic('~/checkpoint', 'std_msgs/msg/UInt8MultiArray', False, 1, True)
+EVENTS = _publish('~/events', StringBytes.TYPE, depth=100, recorded=Recorded.ALWAYS)
+# Checkpoints, from which a bag can be simulated again; too large to be published.
+CHECKPOINT = Topic(
+    '~/checkpoint', 'std_msgs/msg/UInt8MultiArray', depth=1, recorded=Recorded.ALWAYS)
+# Topics sent at a rate, in the order in which messages of one time are sent: the clock first.
+PERIODIC = tuple(sorted(
+    (topic for topic in _ENTRIES if topic.rate), key=lambda topic: topic is not CLOCK))
 # Topics drawn by viewer pages, sent by the wall clock at any speed of the run.
 VIEWS = {
-    topic: topic._replace(name=topic.name.replace('~/', '~/view/'), recorded=False)
+    topic: topic._replace(
+        name=topic.name.replace('~/', '~/view/'), recorded=Recorded.NEVER, rate='')
     for topic in (POSES, CONNECTORS, MARKERS, ENERGY)}
-TOPICS = (
-    POSES, BODIES, CONNECTORS, ICOSAHEDRA, MARKERS, STATE, BODY_SPIN, ENERGY, REACTIONS, TENSIONS,
-    CONTACTS, TF, BROKEN, WEAVE, CLOCK, DIAGNOSTICS, EVENTS, *VIEWS.values())
+TOPICS = (*_ENTRIES, *VIEWS.values())
 
 # Label in `~/energy` [J], and name in a snapshot.
 ENERGIES = {

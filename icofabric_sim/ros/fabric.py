@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 from icofabric_sim.bag.folder import BagError, require_new
 from icofabric_sim.libraries import require_library
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import CLOCK, DIAGNOSTICS, TF, TOPICS
+from icofabric_sim.messages.topics import DIAGNOSTICS, TOPICS
 from icofabric_sim.parameters.validation import find_specification, Parameters
 from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.ros.answers import Answers
@@ -103,9 +103,8 @@ class FabricNode(AnsweringNode):
         self._report_lock, self._reported_at = threading.Lock(), time.monotonic()
         self._last_status: Status | None = None
         self._report = HealthReport(self.get_fully_qualified_name())
-        left_out = {topic for topic, name in ((CLOCK, 'publish_clock'), (TF, 'tf.group'))
-                    if not parameters[name]}
-        self.live = LiveSink(self, [topic for topic in TOPICS if topic not in left_out])
+        self.live = LiveSink(self, [
+            topic for topic in TOPICS if not topic.requires or parameters[topic.requires]])
         self.bag = self._open_bag(parameters, simulation)
         self.runner = Runner(
             simulation,

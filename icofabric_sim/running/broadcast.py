@@ -26,36 +26,13 @@ if TYPE_CHECKING:
 
 # Wall time between two reports on /diagnostics [s].
 _REPORT_INTERVAL = 1.0
-MOVING = (
-    topics.CLOCK, topics.POSES, topics.CONNECTORS, topics.ICOSAHEDRA, topics.MARKERS, topics.STATE,
-    topics.BODY_SPIN, topics.ENERGY, topics.REACTIONS, topics.TENSIONS, topics.CONTACTS, topics.TF,
-    topics.BROKEN)
-# Measured by kernels that a running simulation may lack.
-_MEASURED = topics.REACTIONS, topics.CONTACTS
-# Breakage messages are latched.
-_REPEATED = tuple(topic for topic in MOVING if topic is not topics.BROKEN)
-_RATES = {
-    topics.CLOCK: 'clock_rate',
-    topics.POSES: 'publish_rate',
-    topics.CONNECTORS: 'marker_rate',
-    topics.ICOSAHEDRA: 'marker_rate',
-    topics.MARKERS: 'marker_rate',
-    topics.STATE: 'publish_rate',
-    topics.BODY_SPIN: 'publish_rate',
-    topics.ENERGY: 'publish_rate',
-    topics.REACTIONS: 'publish_rate',
-    topics.TENSIONS: 'publish_rate',
-    topics.CONTACTS: 'publish_rate',
-    topics.TF: 'publish_rate',
-    topics.BROKEN: 'publish_rate',
-}
 
 
 def schedules(parameters: Parameters) -> dict[Topic, Schedule]:
     """Return the schedules of the outputs of a run; breakages are sent only when they happen."""
     return {
-        topic: Schedule(parameters[name]) for topic, name in _RATES.items()
-        if topic is not topics.CLOCK or parameters['publish_clock']}
+        topic: Schedule(parameters[topic.rate]) for topic in topics.PERIODIC
+        if not topic.requires or parameters[topic.requires]}
 
 
 class Sink(Protocol):
@@ -125,7 +102,6 @@ class Broadcast:
         # Pending until the measuring kernels are loaded and used.
         self._cells: LoadCellKernels | None = None
         self._can_break = simulation.scene.can_break
-        self._has_frames = simulation.scene.framed_bodies is not None
         self._breaks_told: int | None = None
         self.set_rates(simulation.scene.parameters)
 
@@ -134,8 +110,7 @@ class Broadcast:
         self._parameters = parameters
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
-            if (topic is not topics.BROKEN or self._can_break)
-            and (topic is not topics.TF or self._has_frames)}
+            if topic is not topics.BROKEN or self._can_break}
 
     def next_times(self, now: int) -> list[int]:
         """Return the times [ns] after `now` at which requested outputs are due."""
@@ -221,16 +196,18 @@ class Broadcast:
         self._show(now, self._views.due(), None)
 
     def emit(
-        self, now: int, chosen: Sequence[Topic] = MOVING, *, only: Sequence[Sink] | None = None
+        self, now: int, chosen: Sequence[Topic] | None = None, *,
+        only: Sequence[Sink] | None = None
     ) -> None:
         """
-        Send all messages of the present time that a sink accepts, or none yet.
+        Send all `chosen` messages of the present time that a sink accepts, or none yet.
 
         The messages are deferred while measuring kernels are being prepared; simulated time waits.
         """
-        self._owe(chosen, self.sinks if only is None else only)
+        self._owe(
+            topics.PERIODIC if chosen is None else chosen, self.sinks if only is None else only)
         self.settle(now)
-        if chosen is MOVING:
+        if chosen is None:
             self._show(now, topics.VIEWS.items(), only)
 
     def repeat(self, now: int) -> None:
@@ -241,10 +218,12 @@ class Broadcast:
         shown = [sink for sink in live if id(sink) not in self._owed]
         wanted = {
             topic: self._receivers(topic, live if topic is topics.CLOCK else shown)
-            for topic in _REPEATED}
-        measured = self._measure([topic for topic in _MEASURED if wanted[topic]]) or {}
+            for topic in topics.PERIODIC if not topic.latched}
+        measured = self._measure([
+            topic for topic, receivers in wanted.items() if receivers and topic.loads_kernels]
+        ) or {}
         for topic, receivers in wanted.items():
-            if receivers and (topic not in _MEASURED or topic in measured):
+            if receivers and (not topic.loads_kernels or topic in measured):
                 self._send(topic, now, measured.get(topic) or self._build(topic, now), receivers)
         self._show(now, topics.VIEWS.items(), None)
 
@@ -281,15 +260,17 @@ class Broadcast:
             if any(wanted - {topics.CLOCK} for _, wanted in owed):
                 self.simulation.snapshot()
             measured = self._measure([
-                topic for topic in _MEASURED if any(topic in wanted for _, wanted in owed)])
+                topic for topic in topics.PERIODIC
+                if topic.loads_kernels and any(topic in wanted for _, wanted in owed)])
         except SimulationError:
             self._owed.clear()
             raise
         if measured is None:
-            measured, owed = {}, [item for item in owed if item[1].isdisjoint(_MEASURED)]
+            measured, owed = {}, [
+                item for item in owed if not any(topic.loads_kernels for topic in item[1])]
         for sink, _ in owed:
             del self._owed[id(sink)]
-        for topic in MOVING:
+        for topic in topics.PERIODIC:
             receivers = [sink for sink, wanted in owed if topic in wanted and sink.wants(topic)]
             if receivers:
                 self._send(topic, now, measured.get(topic) or self._build(topic, now), receivers)
@@ -358,36 +339,8 @@ class Broadcast:
             sink.send_input(topic, type_name, now, data)
 
     def _build(self, topic: Topic, now: int) -> Iterable[bytes]:
-        if topic is topics.CLOCK:
-            return [self._outputs.clock(now)]
-        if topic is topics.REACTIONS:
-            return [self._outputs.reactions(self.simulation.reactions())]
-        if topic is topics.TENSIONS:
-            return [self._outputs.tensions(self.simulation.tensions())]
-        if topic is topics.CONTACTS:
-            return [self._outputs.contacts(self.simulation.contacts())]
-        snapshot = self.simulation.snapshot()
-        if topic is topics.POSES:
-            return [self._outputs.poses(snapshot, now)]
-        if topic is topics.TF:
-            return [self._outputs.tf(snapshot, now)]
-        if topic is topics.STATE:
-            return [self._outputs.state(snapshot)]
-        if topic is topics.BODY_SPIN:
-            return [self._outputs.body_spin(snapshot)]
-        if topic is topics.ENERGY:
-            return [self._outputs.energy(snapshot)]
-        if topic is topics.BROKEN:
-            return [self._outputs.broken(snapshot)]
-        if topic is topics.MARKERS:
-            status = self.simulation.status
-            return [self._outputs.markers(
-                snapshot, now, status.active_loads, status.touching())]
-        if topic is topics.ICOSAHEDRA:
-            return self._outputs.icosahedra(snapshot, now)
-        if topic is topics.CONNECTORS:
-            return self._outputs.connectors(snapshot, now)
-        raise ValueError(f'no builder for {topic.name}')
+        assert topic.build is not None
+        return topic.build(self._outputs, self.simulation, now)
 
     def _describe(
         self, now: int, parameters: Parameters, only: Sequence[Sink] | None
@@ -397,7 +350,7 @@ class Broadcast:
             self._send(topics.WEAVE, now, [self._outputs.weave(parameters)], receivers)
 
     def _receivers(self, topic: Topic, only: Sequence[Sink] | None = None) -> list[Sink]:
-        if topic in (topics.CLOCK, topics.TF) and topic not in self._schedules:
+        if topic.requires and topic not in self._schedules:
             return []
         return [sink for sink in (self.sinks if only is None else only) if sink.wants(topic)]
 

@@ -17,11 +17,9 @@ from icofabric_sim.bag.folder import BagError, next_free_path
 from icofabric_sim.messages import decode_string
 from icofabric_sim.messages.schedule import nanoseconds_not_before
 from icofabric_sim.messages.topics import (
-    BODIES,
     CHECKPOINT,
     EVENTS,
-    MEASURED,
-    TF,
+    Recorded,
     Topic,
     TOPICS,
     WEAVE,
@@ -202,9 +200,8 @@ class BagSink:
 
     def wants(self, topic: Topic) -> bool:
         """Return whether the topic is recorded."""
-        # Some topics exist only in some scenes.
-        asked = topic.recorded or topic in (BODIES, TF) or (
-            topic in MEASURED and self._measured)
+        asked = self._measured if topic.recorded is Recorded.IF_MEASURED else (
+            topic.recorded is not Recorded.NEVER)
         return asked and self._active_recorder() is not None
 
     def send(self, topic: Topic, nanoseconds: int, data: bytes) -> None:
@@ -334,7 +331,7 @@ class BagSink:
         self.recorder, self.is_recording = recorder, True
         self._measured = bool(parameters['record.measured'])
         for topic in TOPICS:
-            if topic.recorded:
+            if topic.recorded is Recorded.ALWAYS:
                 self._add(recorder, topic)
 
     def _add(self, recorder: 'BagRecorder', topic: Topic) -> None:

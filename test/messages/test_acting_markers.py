@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What viewers are shown of loads, supports, planes, contacts: read back as rclpy does."""
 import icofabric_sim as ico
-from icofabric_sim.messages.topics import MARKERS, Outputs
+from icofabric_sim.messages.topics import MARKERS, Outputs, Recorded
 import numpy as np
 import pytest
 from runner_helpers import ListSink, make_runner, push, run
@@ -117,4 +117,4 @@ def test_they_are_built_for_a_listener_at_the_rate_of_markers():
     assert times == set(range(0, 100_000_001, 10_000_000))
     assert read(sink.of(MARKERS)[-1][1])['forces'].action == 0
     assert read(sink.of(MARKERS)[0][1])['forces'].action == 2
-    assert not MARKERS.recorded and not MARKERS.latched
+    assert MARKERS.recorded is Recorded.NEVER and not MARKERS.latched

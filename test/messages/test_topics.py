@@ -15,7 +15,7 @@ from icofabric_sim.messages import (
     MarkerType,
 )
 from icofabric_sim.messages.markers import OBSTRUCTED, SHELL_CLASSES, STRAIN_CLASSES
-from icofabric_sim.messages.topics import CONNECTORS, ICOSAHEDRA, Outputs, POSES, TOPICS
+from icofabric_sim.messages.topics import CONNECTORS, ICOSAHEDRA, Outputs, POSES, Recorded, TOPICS
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 import numpy as np
@@ -222,7 +222,8 @@ def test_shells_of_many_bodies_come_in_a_few_lists():
 
 
 def test_shells_are_built_for_those_who_listen_and_for_no_bag(monkeypatch):
-    assert ICOSAHEDRA in TOPICS and not ICOSAHEDRA.recorded and not ICOSAHEDRA.latched
+    assert ICOSAHEDRA in TOPICS and ICOSAHEDRA.recorded is Recorded.NEVER
+    assert not ICOSAHEDRA.latched
     listener = ListSink(ICOSAHEDRA, CONNECTORS)
     runner = run(make_runner(listener, marker_rate=20.0))
     times = {time for time, _ in listener.of(ICOSAHEDRA)}

@@ -14,7 +14,7 @@ from icofabric_sim.messages import (
     decode_marker_points,
 )
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import BROKEN, CONNECTORS, POSES
+from icofabric_sim.messages.topics import BROKEN, CONNECTORS, POSES, Recorded
 from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.pictures.render import draw_sheet
 from icofabric_sim.running.diagnostics import HealthReport
@@ -58,7 +58,7 @@ def rows(data):
 def test_breaks_are_told_once_in_order_of_time(played):
     runner, sink, _ = played
     told = sink.of(BROKEN)
-    assert BROKEN.latched and BROKEN.recorded
+    assert BROKEN.latched and BROKEN.recorded is Recorded.ALWAYS
     assert told[0][0] == 0 and len(rows(told[0][1])) == 0
     counts = [len(rows(data)) for _, data in told]
     assert counts[-1] == 40 and (np.diff(counts) > 0).all() and len(counts) > 3

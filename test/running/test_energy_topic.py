@@ -5,7 +5,7 @@
 import icofabric_sim as ico
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import ENERGIES, ENERGY, Outputs, POSES
+from icofabric_sim.messages.topics import ENERGIES, ENERGY, Outputs, POSES, Recorded
 import pytest
 from runner_helpers import ListSink, make_runner, run, SCENE
 
@@ -44,7 +44,7 @@ def test_numbers_are_those_of_the_snapshot_with_every_pose():
 
 
 def test_energy_goes_into_the_bag_and_only_to_those_who_want_it(monkeypatch):
-    assert ENERGY.recorded and not ENERGY.latched
+    assert ENERGY.recorded is Recorded.ALWAYS and not ENERGY.latched
     monkeypatch.setattr(Outputs, 'energy', lambda self, snapshot: pytest.fail('built'))
     run(make_runner(sink := ListSink(POSES), initial_random__velocity_sigma=0.1))
     assert len(sink.of(POSES)) == 7

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.checks import counted
@@ -29,12 +29,34 @@ _POSE = (
     *(f'position {axis} [m]' for axis in 'xyz'), *(f'orientation {axis}' for axis in 'xyzw'))
 _SPIN = tuple(f'angular velocity {axis} [rad/s]' for axis in 'xyz')
 _STATE = *_POSE, *(f'velocity {axis} [m/s]' for axis in 'xyz'), *_SPIN
-_REACTION = tuple(
-    f'{what} {axis}' for what in ('force [N]', 'torque [N m]', 'point [m]') for axis in 'xyz')
-_TENSION = 'connector', 'tension [N]'
-_CONTACT = (
-    'first body', 'second body', *(f'point {axis} [m]' for axis in 'xyz'),
-    *(f'force {axis} [N]' for axis in 'xyz'), 'overlap [m]')
+_TORQUES = tuple(
+    f'torque on {which} {axis} [N m]' for which in ('first', 'second') for axis in 'xyz')
+
+
+class _Layout(NamedTuple):
+    """Rows of numbers in a message, to describe a difference."""
+
+    columns: tuple[str, ...]
+    what: str = 'row'
+    of_bodies: bool = False  # a row for each published body
+    decode: Callable[[bytes], Any] = decode_float64_multi_array
+
+
+# Messages of other topics are only said to differ.
+_LAYOUTS = {
+    topics.POSES: _Layout(_POSE, 'body', True, decode_pose_array),
+    topics.STATE: _Layout(_STATE, 'body', True),
+    topics.BODY_SPIN: _Layout(_SPIN, 'body', True),
+    topics.ENERGY: _Layout(tuple(f'{label} energy [J]' for label in topics.ENERGIES), 'body'),
+    topics.BROKEN: _Layout(('connector', 'time of breakage [s]'), 'break'),
+    topics.REACTIONS: _Layout(tuple(
+        f'{what} {axis}' for what in ('force [N]', 'torque [N m]', 'point [m]')
+        for axis in 'xyz')),
+    topics.TENSIONS: _Layout(('connector', 'tension [N]')),
+    topics.CONTACTS: _Layout((
+        'first body', 'second body', *(f'point {axis} [m]' for axis in 'xyz'),
+        *(f'force {axis} [N]' for axis in 'xyz'), 'overlap [m]', *_TORQUES)),
+}
 # Factor on the error bound for consistent runs: growth is measured for one displacement, and a run
 # may exceed its requested error several times.
 _BOUND_FACTOR = 10.0
@@ -64,7 +86,7 @@ class ExactComparison:
         simulation = self._simulation()
         if self._outputs is None or self._outputs.scene is not simulation.scene:
             self._outputs = Outputs(simulation.scene)
-        snapshot, decoded = simulation.snapshot, self._run.decoded
+        decoded = self._run.decoded
         if topic is topics.CLOCK:
             # With several fabrics any of them may have published it.
             return None if self._several else _scalar(decoded(decode_clock, data), time)
@@ -77,50 +99,21 @@ class ExactComparison:
             return recorded.difference(simulation.checkpoint())
         if topic is topics.CONNECTORS:
             return self._connectors(simulation, time, data)
-        if topic is topics.POSES:
-            return _values(
-                data, self._outputs.poses(snapshot(), time),
-                lambda message: decoded(decode_pose_array, message), _POSE,
-                numbers=simulation.scene.published_bodies)
-        if topic in (topics.STATE, topics.BODY_SPIN):
-            is_state = topic is topics.STATE
-            build = self._outputs.state if is_state else self._outputs.body_spin
-            return _values(
-                data, build(snapshot()),
-                lambda message: decoded(decode_float64_multi_array, message),
-                _STATE if is_state else _SPIN, numbers=simulation.scene.published_bodies)
-        if topic is topics.TF:
-            # With several fabrics all of them publish frames there.
-            if self._several or simulation.scene.framed_bodies is None:
-                return None
-            return _whole(data, self._outputs.tf(snapshot(), time), 'frames')
         if topic is topics.BODIES:
             return _whole(data, self._outputs.bodies(), 'numbers of bodies')
-        if topic is topics.BROKEN:
-            return _values(
-                data, self._outputs.broken(snapshot()),
-                lambda message: decoded(decode_float64_multi_array, message),
-                ('connector', 'time of breakage [s]'), what='break')
-        if topic is topics.ENERGY:
-            return _values(
-                data, self._outputs.energy(snapshot()),
-                lambda message: decoded(decode_float64_multi_array, message),
-                tuple(f'{label} energy [J]' for label in topics.ENERGIES))
-        if topic in topics.MEASURED:
-            return self._measured(topic, simulation, data)
-        raise ValueError(f'no comparison for {topic.name}')
-
-    def _measured(self, topic: Topic, simulation: Simulation, data: bytes) -> str:
-        assert self._outputs is not None
-        if topic is topics.REACTIONS:
-            again, names = self._outputs.reactions(simulation.reactions()), _REACTION
-        elif topic is topics.TENSIONS:
-            again, names = self._outputs.tensions(simulation.tensions()), _TENSION
-        else:
-            again, names = self._outputs.contacts(simulation.contacts()), _CONTACT
+        scene = simulation.scene
+        if topic is topics.TF and (self._several or scene.framed_bodies is None):
+            # With several fabrics all of them publish frames there.
+            return None
+        if topic.build is None:
+            raise ValueError(f'no comparison for {topic.name}')
+        [again] = topic.build(self._outputs, simulation, time)
+        layout = _LAYOUTS.get(topic)
+        if layout is None:
+            return _whole(data, again, 'frames' if topic is topics.TF else 'values')
         return _values(
-            data, again, lambda message: self._run.decoded(decode_float64_multi_array, message),
-            names, what='row')
+            data, again, lambda message: decoded(layout.decode, message), layout.columns,
+            what=layout.what, numbers=scene.published_bodies if layout.of_bodies else None)
 
     def _connectors(self, simulation: Simulation, time: int, data: bytes) -> str:
         recorded = self._run.decoded(decode_marker_points, data)

@@ -26,8 +26,8 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.markers import list_numbers
 from icofabric_sim.messages.schedule import Schedule, seconds
-from icofabric_sim.messages.topics import Topic
-from icofabric_sim.running.broadcast import MOVING, schedules
+from icofabric_sim.messages.topics import Recorded, Topic
+from icofabric_sim.running.broadcast import schedules
 from icofabric_sim.running.recording import DROPPED, GIVEN, PAUSED
 from icofabric_sim.running.replay.resimulation import Departure
 from icofabric_sim.running.run_events import is_jump, runs_after, Shown, shown_after, shows_instead
@@ -79,8 +79,9 @@ class Completeness:
         # With several fabrics any may have published the time, and all publish their frames there.
         self._left_out = (topics.CLOCK, topics.TF) if len(run.nodes) > 1 else ()
         is_measured = 'scene' in custom and run.parameters_of(custom['scene'])['record.measured']
-        self._sent = {topic.name: topic for topic in MOVING if (
-            topic.recorded or topic is topics.TF or is_measured and topic in topics.MEASURED)}
+        left_out = {Recorded.NEVER} if is_measured else {Recorded.NEVER, Recorded.IF_MEASURED}
+        self._sent = {
+            topic.name: topic for topic in topics.PERIODIC if topic.recorded not in left_out}
         self._counted: Counter[str] = Counter()
         self._missing: Counter[Topic] = Counter()
         self._first: dict[Topic, int] = {}
@@ -180,8 +181,7 @@ class Completeness:
         parameters = self._run.parameters_of(self._run.decoded(decode_string, data))
         self._schedules = {
             topic: schedule for topic, schedule in schedules(parameters).items()
-            if topic.name in self._sent and topic not in self._left_out and (
-                topic is not topics.TF or parameters['tf.group'])}
+            if topic.name in self._sent and topic not in self._left_out}
         if not self._has_begun:
             self._has_begun = self._may_clear = True
             self._show(anew=True)

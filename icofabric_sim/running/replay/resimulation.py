@@ -31,11 +31,6 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 
 # Effect of an input on a simulation.
 Act = Callable[[Simulation], object]
-# States of the run that can be read back.
-OUTPUTS = (
-    topics.POSES, topics.STATE, topics.BODY_SPIN, topics.ENERGY, topics.BROKEN, topics.CONNECTORS,
-    topics.CLOCK, topics.CHECKPOINT, topics.TF, topics.BODIES, *topics.MEASURED)
-_BY_NAME = {topic.name: topic for topic in OUTPUTS}
 # Wall time between two calls of `on_time` [s].
 _REPORT_INTERVAL_S = 0.1
 
@@ -137,13 +132,16 @@ class Resimulation:
 
         Raises Departure where that is not possible.
         """
+        compared = {topic.name: topic for topic in (
+            *(topic for topic in topics.PERIODIC if topic.compared), topics.CHECKPOINT,
+            topics.BODIES)}
         for name, time, data in self.run.messages(start=self._begin, stop=stop):
             if self._skip_to_checkpoint:
                 if name != topics.CHECKPOINT.name:
                     continue
                 self._skip_to_checkpoint = False
             self._on_message(name, time, data)
-            topic = _BY_NAME.get(name)
+            topic = compared.get(name)
             if name == topics.WEAVE.name:
                 self._take_weave(time, self.run.decoded(decode_string, data))
             elif name == topics.EVENTS.name:

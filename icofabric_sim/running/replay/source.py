@@ -14,7 +14,7 @@ from icofabric_sim.messages import PoseArrayBytes
 from icofabric_sim.messages import topics as outputs
 from icofabric_sim.messages.input_topics import input_type
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import Topic
+from icofabric_sim.messages.topics import Recorded, Topic
 
 _POSES = outputs.POSES.name[1:]
 # Events are never repeated at another time.
@@ -195,7 +195,7 @@ class ReplaySource:
             if private != _BAG_TOPIC and (inputs or not input_type(f'~{private}')):
                 topics[name] = Topic(
                     f'~{private}', topic.type_name, topic.latched,
-                    topic.depth or _SMALLEST_DEPTH, True)
+                    topic.depth or _SMALLEST_DEPTH, Recorded.ALWAYS)
         return topics
 
     def _owner(self, name: str) -> str:
