@@ -43,8 +43,8 @@ def test_contacts_are_told_with_force_and_torques():
     rows = message.values
     assert rows.shape == (2, 15) and found.table()['second'] == [1, 'planes.floor']
     assert message.labels[1].endswith('torque on first, torque on second')
-    assert (rows[:, 9:12] == found.first[:, 3:]).all()
-    assert (rows[:, 12:] == found.second[:, 3:]).all()
+    assert (rows[:, 9:12] == found.wrench_on_first[:, 3:]).all()
+    assert (rows[:, 12:] == found.wrench_on_second[:, 3:]).all()
     # About the middle of the two centres the forces of a pair turn nothing but by its moment.
     place = simulation.snapshot().position
     apart = np.cross(place[0] - place[1], rows[0, 5:8])

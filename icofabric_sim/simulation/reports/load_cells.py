@@ -256,7 +256,7 @@ class LoadCells:
             mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3]
             push = touching.force[mine]
             moment = np.cross(position[touching.bodies[mine, 0]] - foot, push)
-            moment += touching.first[mine, 3:]
+            moment += touching.wrench_on_first[mine, 3:]
             rows.append((foot, push.sum(axis=0), moment.sum(axis=0)))
         point, total, torque = (
             np.array([row[k] for row in rows]).reshape(-1, 3) for k in range(3))
