@@ -341,7 +341,7 @@ def test_bad_arguments():
 
 def test_mechanisms_of_slabs_of_all_sizes_are_counted_alike_in_five_ways():
     """
-    A part of the sweep over all slabs up to 6 x 6 x 6, variants and angles (docs/statics.md).
+    A part of the sweep over slabs up to 6 x 6 x 6 (docs/decisions/statics.md).
     """
     every = list(mechanism_counts.slabs(6))
     assert len(every) == 6**3 * 4 * len(mechanism_counts.ANGLES)

@@ -751,7 +751,7 @@ def test_random_scenes_of_kinds_that_other_tests_compile():
 def test_many_random_scenes():
     findings = list(judge_all(seeds_of(3000, 200, range(len(KINDS))), processes=2))
     assert len(findings) == 200
-    # A step that is given may be too long for a connector that collapses (docs/stability.md).
+    # A step that is given may be too long for a connector that collapses (docs/decisions).
     assert not [finding for finding in described(findings) if not finding.is_given]
     between = sum(finding.verdict is Verdict.BETWEEN for finding in findings)
     assert between <= 4
