@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.simulation.errors import DeviceError
 import numpy as np
 import pytest
@@ -67,3 +68,12 @@ def test_a_cache_that_cannot_be_made_is_one_line(tmp_path):
     line, = [line for line in done.stderr.splitlines() if line.startswith('icofabric run')]
     assert str(tmp_path / 'file') in line and 'WARP_CACHE_PATH' in line
     assert 'Traceback' not in done.stderr
+
+
+def test_missing_kernels_are_no_failure_of_the_device():
+    """A live run compiles them in another process and tries again."""
+    from icofabric_sim.simulation.devices.gpu.launching import named_failure
+    forgotten = []
+    with pytest.raises(KernelsMissing), named_failure('the device', lambda: forgotten.append(1)):
+        raise KernelsMissing
+    assert forgotten == [1]

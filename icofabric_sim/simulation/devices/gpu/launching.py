@@ -11,6 +11,7 @@ import shutil
 from threading import RLock
 from typing import Any
 
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.simulation.errors import DeviceError
 
 wp: Any = import_module('warp')
@@ -27,7 +28,8 @@ def named_failure(device: str, forget: Callable[[], None]) -> Iterator[None]:
     """Let what goes wrong be a failure of the `device`; the state there is lost: `forget` it."""
     try:
         yield
-    except DeviceError:
+    except (DeviceError, KernelsMissing):
+        # A live run compiles missing kernels in another process and tries again.
         forget()
         raise
     except Exception as error:
