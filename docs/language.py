@@ -117,11 +117,24 @@ def examine_code(counts: Counts, path: Path, public: dict[str, Path]) -> None:
         targets = statement.targets if isinstance(statement, ast.Assign) else [
             statement.target] if isinstance(statement, ast.AnnAssign) else []
         for target in targets:
-            for name in target.elts if isinstance(target, ast.Tuple) else [target]:
+            for name, value in paired(target, statement.value):
                 if isinstance(name, ast.Name) and name.id.isupper():
                     counts.examined['constants'] += 1
-                    if VAGUE.match(name.id):
+                    # A constant for a word, such as PUSH = 'push', is named by this word.
+                    if VAGUE.match(name.id) and not (
+                            isinstance(value, ast.Constant) and value.value == name.id.lower()):
                         add(counts, 'constants', path, statement, name.id)
+
+
+def paired(
+    target: ast.expr, value: ast.expr | None
+) -> list[tuple[ast.expr, ast.expr | None]]:
+    """Return the targets of an assignment with their values; None: not known from the source."""
+    if not isinstance(target, ast.Tuple):
+        return [(target, value)]
+    if isinstance(value, ast.Tuple) and len(value.elts) == len(target.elts):
+        return list(zip(target.elts, value.elts))
+    return [(name, None) for name in target.elts]
 
 
 def examine_sections(

@@ -11,9 +11,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 # Rooms and pages without breaches; those of other rooms may only become fewer.
 ROOMS = (
-    'parameters', 'scene', 'messages', 'bag', 'running', 'pictures', 'viewer',
-    'commands', 'ros')
-CEILINGS = {'docstrings': 626, 'constants': 172, 'words': 307, 'sections': 1}
+    'parameters', 'scene', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures',
+    'viewer', 'commands', 'ros')
+CEILINGS = {'docstrings': 622, 'constants': 162, 'words': 301, 'sections': 0}
 
 
 @pytest.fixture(scope='module')

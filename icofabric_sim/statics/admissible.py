@@ -18,6 +18,7 @@ theorem: J. Heyman, Int. J. Solids Struct. 2, 249, 1966; R. K. Livesley, Int. J.
 12, 1853, 1978).
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.simulation.reports.load_cells import ContactForces
@@ -33,15 +34,24 @@ _ROUND = np.pi / 6.0 * np.arange(12)
 _CORNERS = np.concatenate([[[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], np.stack([
     np.repeat(np.cos(_RING), 12), np.outer(np.sin(_RING), np.cos(_ROUND)).ravel(),
     np.outer(np.sin(_RING), np.sin(_ROUND)).ravel()], axis=1)])
-# Unbalanced forces below this ratio to the largest force count as zero.
-_HELD_RATIO = 1e-7
-# Upper bound of a normal force, as a ratio to the sum of all forces. Without it, a body jammed
-# between walls would need almost no friction at unlimited normal forces.
-_LARGEST_PUSH_RATIO = 100.0
-# Relative accuracy of the coefficient of friction, and the largest coefficient considered.
-_MU_RATIO, _LARGEST_MU = 1e-7, 100.0
-# Weight of the sum of normal forces, relative to that of unbalanced forces.
-_PUSH_WEIGHT = 1e-6
+
+
+@dataclass(frozen=True)
+class ConeSettings:
+    """Tunables of the linear programs for forces within friction cones."""
+
+    balanced_ratio: float = 1e-7  # unbalanced force over the largest force that counts as zero
+    # Upper bound of a normal force, as a ratio to the sum of all forces. Without this bound, a
+    # body jammed between walls would need almost no friction at unlimited normal forces.
+    max_normal_force_ratio: float = 100.0
+    friction_accuracy_ratio: float = 1e-7  # relative accuracy of the coefficient of friction
+    max_friction: float = 100.0  # largest coefficient of friction considered
+    # Weight of the sum of normal forces, relative to that of unbalanced forces: it selects the
+    # smallest normal forces among solutions that balance equally well.
+    normal_force_weight: float = 1e-6
+
+
+_CONES = ConeSettings()
 
 
 class Admissible(NamedTuple):
@@ -77,14 +87,15 @@ def find_admissible(here: Configuration, coefficient: float) -> Admissible:
     met = contacts.contact_points(here.position, here.axes)
     problem = _Problem(here, met)
     left, forces = problem.solve(coefficient)
-    if left > _HELD_RATIO:
-        return problem.answer(
-            forces, coefficient, problem.least(coefficient, _LARGEST_MU), is_balanced=False)
+    if left > _CONES.balanced_ratio:
+        needed = problem.least(coefficient, _CONES.max_friction)
+        return problem.answer(forces, coefficient, needed, is_balanced=False)
     needed = problem.least(0.0, coefficient)
     # Slightly more than needed, so that round-off leaves no unbalanced force.
-    left, tight = problem.solve(min(coefficient, needed * (1.0 + _MU_RATIO) + 1e-12))
+    left, tight = problem.solve(
+        min(coefficient, needed * (1.0 + _CONES.friction_accuracy_ratio) + 1e-12))
     return problem.answer(
-        tight if left <= _HELD_RATIO else forces, coefficient, needed, is_balanced=True)
+        tight if left <= _CONES.balanced_ratio else forces, coefficient, needed, is_balanced=True)
 
 
 class _Problem:
@@ -167,13 +178,14 @@ class _Problem:
         cone = sparse.csr_matrix(sparse.kron(
             sparse.identity(count), np.concatenate([[-coefficient], np.ones(width - 1)])[None]))
         cost = np.zeros(columns)
-        cost[::width] = _PUSH_WEIGHT
+        cost[::width] = _CONES.normal_force_weight
         found = linprog(
             np.concatenate([cost, np.ones(2 * rows)]),
             A_ub=sparse.hstack([cone, sparse.csr_matrix((count, 2 * rows))]),
             b_ub=np.zeros(count),
             A_eq=sparse.hstack([matrix, sparse.identity(rows), -sparse.identity(rows)]),
-            b_eq=wanted, bounds=[(0.0, _LARGEST_PUSH_RATIO)] * columns + [(0.0, None)] * 2 * rows,
+            b_eq=wanted,
+            bounds=[(0.0, _CONES.max_normal_force_ratio)] * columns + [(0.0, None)] * 2 * rows,
             method='highs', options={
                 'primal_feasibility_tolerance': 1e-10, 'dual_feasibility_tolerance': 1e-10})
         if found.x is None:
@@ -183,13 +195,14 @@ class _Problem:
 
     def least(self, low: float, high: float) -> float:
         """Return the smallest coefficient in a range with which contacts hold, or infinity."""
-        if self.solve(high)[0] > _HELD_RATIO:
+        if self.solve(high)[0] > _CONES.balanced_ratio:
             return np.inf
-        if self.solve(low)[0] <= _HELD_RATIO:
+        if self.solve(low)[0] <= _CONES.balanced_ratio:
             return low
-        while high - low > _MU_RATIO * high:
+        while high - low > _CONES.friction_accuracy_ratio * high:
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if self.solve(middle)[0] <= _HELD_RATIO else (middle, high)
+            is_enough = self.solve(middle)[0] <= _CONES.balanced_ratio
+            low, high = (low, middle) if is_enough else (middle, high)
         return high
 
     def answer(

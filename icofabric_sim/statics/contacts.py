@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact at rest: the potential of docs/contact.md and its derivatives."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH, PairForces
@@ -10,11 +11,19 @@ from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.contact_points import contact_points_from, ContactPoints
 import numpy as np
 
-# Overlap ratio to a at which a search starts, and factor between successive contact stiffnesses.
-_START_OVERLAP_RATIO, _STIFFENING_FACTOR = 0.1, 3.0
-# Stages of softer contacts after a search has stalled: 3^6 times softer contacts are about as soft
-# as connectors.
-_SOFTER_STAGES = 6
+
+@dataclass(frozen=True)
+class StiffeningSettings:
+    """Tunables of a search that stiffens contacts step by step."""
+
+    start_overlap_ratio: float = 0.1  # overlap over a at which a search starts
+    factor: float = 3.0  # between successive contact stiffnesses
+    # Stages of softer contacts after a search has stalled: 3^6 times softer contacts are about as
+    # soft as connectors.
+    softer_stages: int = 6
+
+
+_STIFFENING = StiffeningSettings()
 # Largest intended overlap as a ratio to a; the automatic stiffness aims at half of it.
 MAX_INTENDED_OVERLAP_RATIO = 0.01
 
@@ -78,19 +87,19 @@ class StaticContacts:
         With the first one the `force` [N] causes a large overlap.
         """
         whole = self._setup.stiffness
-        softest = min(force / (_START_OVERLAP_RATIO * self._setup.half_edge), whole)
+        softest = min(force / (_STIFFENING.start_overlap_ratio * self._setup.half_edge), whole)
         if not softest > 0.0:
             return [whole]
         return self._rising_stages(
-            int(np.ceil(np.log(whole / softest) / np.log(_STIFFENING_FACTOR))))
+            int(np.ceil(np.log(whole / softest) / np.log(_STIFFENING.factor))))
 
     def softer_stages(self) -> list[float]:
         """Return rising stiffnesses [N/m] for a search near its end that stiff contacts stall."""
-        return self._rising_stages(_SOFTER_STAGES)
+        return self._rising_stages(_STIFFENING.softer_stages)
 
     def _rising_stages(self, count: int) -> list[float]:
         whole = self._setup.stiffness
-        return [*(whole / _STIFFENING_FACTOR**k for k in range(count, 0, -1)), whole]
+        return [*(whole / _STIFFENING.factor**k for k in range(count, 0, -1)), whole]
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> ContactState:
         """Return the contacts at `position` (n, 3) and `axes` (n, 3, 3), body axes as rows."""

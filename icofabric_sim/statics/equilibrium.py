@@ -51,33 +51,56 @@ NOT_AT_REST = 'not in equilibrium'
 _AT_REST = ('body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw')
 _MAX_STEPS = 2_000
 RESULTANTS = 'resultants'
-# Hessian products in a step: per degree of freedom, and at most.
-_PRODUCTS_PER_FREEDOM = 2.0
-_MAX_PRODUCTS = 5_000
-# Largest rotation [rad] of a body in one step.
-_MAX_TURN_RAD = 0.7
-# Smallest accepted ratio of the actual to the predicted decrease; trial lengths of a step.
-_MIN_GAIN_RATIO, _TRIAL_COUNT = 1e-4, 4
-_MAX_PIECES = 20  # most pieces of a step that crosses kinks
-# After a step whose gain ratio is below the first value, because contacts opened or closed in it,
-# the next steps include pairs within a gap: this multiple of the largest displacement, and at most
-# this ratio to a. Not if forces have died out, since overlaps are then negligible.
-_POOR_GAIN_RATIO, _GAP_STEPS, _REACH_FACTOR, _MAX_REACH_RATIO = 0.5, 30, 3.0, 0.05
-# Steps of a search before that, because including gaps is expensive with many candidate pairs.
-_FIRST_STEPS = 800
-# Residual at which contacts are stiffened; steps after which they are softened again.
-_STIFFEN_RESIDUAL, _SOFTEN_AFTER_STEPS = 1e-3, (200, 400, 800, math.inf)
-# Relative energy difference below which round-off dominates.
-_ROUNDING_RATIO = 1e-9
-# Forces below this ratio to the initial ones have died out: the residual is then relative to the
-# initial forces, and the search ends after this number of further steps.
-_DIED_OUT_RATIO, _SLACK_STEPS = 1e-7, 200
-# Most rounds until normal forces and friction agree, and tolerance over the largest force.
-_MAX_ROUNDS, _SETTLED_RATIO = 60, 1e-8
-# Most rounds in which sticking contacts update their points; gap over a of contacts in the first.
-_MAX_ROLLS, _FIRST_GAP_RATIO = 12, 0.02
-# Displacement, as a ratio to the size of the fabric, beyond which a body has escaped.
-_ESCAPE_RATIO = 1e4
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Tunables of the trust-region search for equilibria."""
+
+    # Hessian products in a step: per degree of freedom, and at most.
+    products_per_freedom: float = 2.0
+    max_products: int = 5_000
+    # [rad] Largest rotation of a body in one step; displacements are not limited.
+    max_turn_rad: float = 0.7
+    # Smallest accepted ratio of the actual to the predicted decrease.
+    min_gain_ratio: float = 1e-4
+    trial_count: int = 4  # trial lengths of a step, each half of the previous one
+    max_pieces: int = 20  # most pieces of a step that crosses kinks
+    # After a step whose gain ratio is below `poor_gain_ratio`, because contacts opened or closed
+    # in it, the next `gap_steps` steps include pairs within a gap: `reach_factor` times the
+    # largest displacement, because both bodies of a pair move, and at most `max_reach_ratio` of
+    # a. Not if forces have died out, since overlaps are then negligible.
+    poor_gain_ratio: float = 0.5
+    gap_steps: int = 30
+    reach_factor: float = 3.0
+    max_reach_ratio: float = 0.05
+    # Steps before that, because including gaps is expensive with many candidate pairs.
+    first_steps: int = 800
+    stiffen_residual: float = 1e-3  # residual at which contacts are stiffened
+    # Steps with stiff contacts after which contacts are softened again.
+    soften_after_steps: tuple[float, ...] = (200, 400, 800, math.inf)
+    rounding_ratio: float = 1e-9  # relative energy difference below which round-off dominates
+    # Forces below this ratio to the initial ones have died out: the residual is then relative to
+    # the initial forces, and the search ends after `slack_steps` further steps.
+    died_out_ratio: float = 1e-7
+    slack_steps: int = 200
+    # Displacement, as a ratio to the size of the fabric, beyond which a body has escaped.
+    escape_ratio: float = 1e4
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """Tunables of the rounds in which normal forces, friction and contact points agree."""
+
+    max_rounds: int = 60  # most rounds until normal forces and friction agree
+    settled_ratio: float = 1e-8  # change of friction limits at agreement, over the largest force
+    max_rolls: int = 12  # most rounds in which sticking contacts update their points
+    # Gap over a of contacts in the first round: they would otherwise slide before they close.
+    first_gap_ratio: float = 0.02
+
+
+_SEARCH = SearchSettings()
+_FRICTION = FrictionSettings()
 
 
 class Progress(NamedTuple):
@@ -274,11 +297,11 @@ def find_equilibrium(
         return _run_search(fabric, start, tolerance, largest_step_count, progress).result()
     here = fabric.start if start is None else fabric.configuration('start', start)
     first = start
-    for turn in range(_MAX_ROLLS):
+    for turn in range(_FRICTION.max_rolls):
         # Contacts stick at their present points, because bodies roll and tip during the search.
         # The first round includes small gaps, which would otherwise slide before they close.
         fabric.friction = friction = friction.advanced(
-            contacts, here.position, here.axes, *([] if turn else [_FIRST_GAP_RATIO]))
+            contacts, here.position, here.axes, *([] if turn else [_FRICTION.first_gap_ratio]))
         search = _run_search(fabric, start, tolerance, largest_step_count, progress)
         found = _check_friction(search, friction.coefficient)
         here = search.here
@@ -389,18 +412,19 @@ def find_next_equilibrium(
     if friction is None or contacts is None:
         return search.result(), None
     change, relaxation = math.inf, Relaxation()
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(_FRICTION.max_rounds):
         if not search.is_at_rest:
             return search.result(), path
         here = search.here
         change = friction.update_limits(contacts, here.position, here.axes, relaxation)
-        if change <= _SETTLED_RATIO * here.force_scale:
+        if change <= _FRICTION.settled_ratio * here.force_scale:
             return search.result(), friction.advanced(contacts, here.position, here.axes)
         search = _run_search(fabric, here.snapshot, tolerance, largest_step_count, progress)
     return replace(
         search.result(), converged=False, verdict=NOT_AT_REST,
-        reason=f'normal forces and friction did not converge after {_MAX_ROUNDS} rounds: limits '
-        f'of friction still changed by {change:.3g} N; use smaller steps of the path'), path
+        reason=f'normal forces and friction did not converge after {_FRICTION.max_rounds} '
+        f'rounds: limits of friction still changed by {change:.3g} N; use smaller steps of the '
+        'path'), path
 
 
 def _check(
@@ -546,7 +570,7 @@ class _Search:
             self._descend(self.tolerance)
             return
         begin, radius = self.here, self.radius
-        self._search_in_rounds(contacts, self.steps + _FIRST_STEPS, gently=gently)
+        self._search_in_rounds(contacts, self.steps + _SEARCH.first_steps, gently=gently)
         if not self._has_ended:
             # Restart with steps that include gaps between shells.
             self.here, self.radius, self.includes_gaps = begin, radius, True
@@ -557,10 +581,10 @@ class _Search:
     ) -> None:
         """Search with contacts stiffened round by round, up to step number `last`."""
         stages = contacts.stages(self.first_force) if gently else [contacts.whole]
-        for patience in _SOFTEN_AFTER_STEPS:
+        for patience in _SEARCH.soften_after_steps:
             for stiffness in stages[:-1]:
                 self._search_at(
-                    stiffness, max(self.tolerance, _STIFFEN_RESIDUAL), last - self.steps)
+                    stiffness, max(self.tolerance, _SEARCH.stiffen_residual), last - self.steps)
             self._search_at(contacts.whole, self.tolerance, min(patience, last - self.steps))
             if self._has_ended or self.steps >= last:
                 return
@@ -621,13 +645,13 @@ class _Search:
     def _has_died_out(self) -> bool:
         """Return True if forces have become negligible and no weight or load acts."""
         here = self.here
-        return (here.force_scale < _DIED_OUT_RATIO * self.first_force
+        return (here.force_scale < _SEARCH.died_out_ratio * self.first_force
                 and self.fabric.model.gravity is None and not here.acting.wrench.any()
                 and (here.own_wrench is None or not here.own_wrench.any()))
 
     def _is_slack(self) -> bool:
         """Return True if forces have been dying out for many steps."""
-        return self.slack_steps > _SLACK_STEPS
+        return self.slack_steps > _SEARCH.slack_steps
 
     @property
     def is_at_rest(self) -> bool:
@@ -636,7 +660,7 @@ class _Search:
 
     def _escapes(self) -> bool:
         """Return True if a body has moved so far that no force will bring it back."""
-        return self._farthest()[1] > _ESCAPE_RATIO * self.extent
+        return self._farthest()[1] > _SEARCH.escape_ratio * self.extent
 
     def _farthest(self) -> tuple[int, float, np.ndarray]:
         """Return the body with the largest displacement, its size [m] and direction (3,)."""
@@ -662,32 +686,33 @@ class _Search:
         size = math.sqrt(weighted_square(self.weight, gradient))
         self.first_gradient = max(self.first_gradient, size)
         accuracy = min(0.1, math.sqrt(size / self.first_gradient), 0.1 * self.residual()**0.25)
-        most = min(_MAX_PRODUCTS, int(_PRODUCTS_PER_FREEDOM * self.free.sum()) + 20)
+        most = min(_SEARCH.max_products, int(_SEARCH.products_per_freedom * self.free.sum()) + 20)
         found, bend, crossings = self._descent(gradient, accuracy, most)
         motion = layout.gather(found.step)
         # Only rotations are limited; a fabric may move far, as long as the energy decreases.
         turn = float(np.abs(motion[:, 3:]).max(initial=0.0))
-        part = _MAX_TURN_RAD / turn if turn > _MAX_TURN_RAD else 1.0
+        part = _SEARCH.max_turn_rad / turn if turn > _SEARCH.max_turn_rad else 1.0
         slope = product_of(gradient, found.step)
         # Shorter steps in the same direction cost no products (Nocedal and Yuan 1998, Combining
         # trust region and line search techniques).
-        for _ in range(_TRIAL_COUNT):
+        for _ in range(_SEARCH.trial_count):
             expected = part * slope + part**2 * bend
             if crossings is not None:
                 expected += crossings.energy(part)
             there = here.moved(part * motion)
             gain = self._gain(part * motion, expected, there)
-            if gain > _MIN_GAIN_RATIO:
+            if gain > _SEARCH.min_gain_ratio:
                 break
             part *= 0.5
         length = part * found.length
-        if gain < _POOR_GAIN_RATIO and self.includes_gaps and not self._has_equal_contacts(there):
-            self.gap_steps = _GAP_STEPS
+        if gain < _SEARCH.poor_gain_ratio and self.includes_gaps and (
+                not self._has_equal_contacts(there)):
+            self.gap_steps = _SEARCH.gap_steps
         if gain < 0.25:
             self.radius = 0.5 * length
         elif gain > 0.75 and (found.on_border or part < 1.0):
             self.radius = max(self.radius, 2.0 * length)
-        if gain > _MIN_GAIN_RATIO:
+        if gain > _SEARCH.min_gain_ratio:
             self.here = there
             return True
         return False
@@ -715,11 +740,13 @@ class _Search:
         if meets:
             # Bounds the displacements of both bodies of a pair.
             farthest = float(np.abs(layout.gather(found.step)[:, :3]).max(initial=0.0))
-            reach = min(_REACH_FACTOR * farthest, _MAX_REACH_RATIO * self.fabric.half_edge)
+            reach = min(
+                _SEARCH.reach_factor * farthest,
+                _SEARCH.max_reach_ratio * self.fabric.half_edge)
         crossings = Crossings(here, reach)
         step, product, image = (np.zeros_like(found.step) for _ in range(3))
         slopes, length, on_border = gradient, 0.0, False
-        for _ in range(_MAX_PIECES):
+        for _ in range(_SEARCH.max_pieces):
             changes = crossings.changes(layout.gather(found.step))
             here.multiply(found.step, image)
             part = crossings.best_part(
@@ -755,7 +782,7 @@ class _Search:
         own = self.fabric.own_force
         if own is not None and not own.has_potential:
             change -= own.work(here.position, here.orientation, motion)
-        if abs(expected) < _ROUNDING_RATIO * max(abs(here.energy), abs(there.energy)):
+        if abs(expected) < _SEARCH.rounding_ratio * max(abs(here.energy), abs(there.energy)):
             # The forces at both ends are more accurate than the difference of energies.
             ahead = there.force - (there.acting.wrench - self._conservative_wrench(there)) + pushed
             change = -0.5 * float(((here.force + ahead) * motion).sum())

@@ -8,6 +8,7 @@ freedom: six strains and a rotation. Pre-stress and contact between neighbours a
 bands (periodic.py) show whether waves lower the energy of this state.
 """
 
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from icofabric_sim.geometry.rotations import turned_by
@@ -20,18 +21,34 @@ import numpy as np
 VOIGT: Final = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 # Vector that orders opposite neighbours.
 _ORDER: Final = np.array([1.0, np.pi, np.e**3])
-# Strain or rotation [rad] of a step: initial and largest.
-_FIRST_STEP, _MAX_STEP = 0.02, 0.1
-_STEPS: Final = 300
-# Ratios to the largest curvature of the energy: largest slope at an equilibrium, curvature that
-# counts as zero, and smallest curvature that a step assumes.
-_SLOPE_RATIO, _ZERO_RATIO, _MIN_CURVATURE_RATIO = 1e-11, 1e-8, 1e-6
-# Step along a negative curvature, and the number of such steps.
-_NUDGE, _NUDGES = 1e-3, 4
-# Range of the volume over that of the woven fabric in which an equilibrium is sought.
-_MIN_VOLUME_RATIO, _MAX_VOLUME_RATIO = 0.2**3, 4.0**3
-# Ratios of the actual to the expected decrease: to accept a step, and to enlarge the next ones.
-_ACCEPTED_GAIN_RATIO, _GOOD_GAIN_RATIO = 0.1, 0.7
+
+
+@dataclass(frozen=True)
+class RelaxSettings:
+    """Tunables of the search for the equilibrium of a periodic fabric."""
+
+    # Strain or rotation [rad] of a step: initial and largest.
+    first_step: float = 0.02
+    max_step: float = 0.1
+    max_step_count: int = 300
+    # Ratios to the largest curvature of the energy: largest slope at an equilibrium, curvature
+    # that counts as zero, and smallest curvature that a step assumes.
+    slope_ratio: float = 1e-11
+    zero_ratio: float = 1e-8
+    min_curvature_ratio: float = 1e-6
+    # Strain or rotation [rad] of a step along a negative curvature where the slope vanishes, and
+    # the largest number of such steps.
+    nudge: float = 1e-3
+    max_nudges: int = 4
+    # Range of the volume over that of the woven fabric in which an equilibrium is sought.
+    min_volume_ratio: float = 0.2**3
+    max_volume_ratio: float = 4.0**3
+    # Ratios of the actual to the expected decrease: to accept a step, and to enlarge the next.
+    accepted_gain_ratio: float = 0.1
+    good_gain_ratio: float = 0.7
+
+
+_RELAX = RelaxSettings()
 
 
 class LatticeRest(NamedTuple):
@@ -48,7 +65,7 @@ class LatticeRest(NamedTuple):
     @property
     def verdict(self) -> str:
         """Stability against strains and rotations: 'stable', 'with soft strains', 'unstable'."""
-        least = _ZERO_RATIO * float(np.abs(self.curvature).max())
+        least = _RELAX.zero_ratio * float(np.abs(self.curvature).max())
         if self.curvature[0] < -least:
             return 'unstable'
         return 'with soft strains' if self.curvature[0] <= least else 'stable'
@@ -120,39 +137,39 @@ def relax(lattice: Lattice) -> LatticeRest:
     gradient, turn = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
     here = lattice.at(gradient, turn)
     slope = _slope(lattice, here, gradient)
-    radius, nudges = _FIRST_STEP, 0
+    radius, nudges = _RELAX.first_step, 0
     curvature = np.zeros(9)
-    for count in range(_STEPS):
+    for count in range(_RELAX.max_step_count):
         second = hessian_along(here, lattice.motions(gradient))
         curvature, vectors = np.linalg.eigh(second)
         largest = float(np.abs(curvature).max())
         if not np.isfinite(largest) or largest == 0.0:
             break
-        if np.abs(slope).max() <= _SLOPE_RATIO * largest:
-            if curvature[0] >= -_ZERO_RATIO * largest or nudges >= _NUDGES:
+        if np.abs(slope).max() <= _RELAX.slope_ratio * largest:
+            if curvature[0] >= -_RELAX.zero_ratio * largest or nudges >= _RELAX.max_nudges:
                 return _rest(lattice, here, gradient, turn, curvature, count)
             nudges += 1
-            step = _NUDGE * vectors[:, 0]
+            step = _RELAX.nudge * vectors[:, 0]
         else:
             along = vectors.T @ slope
             step = -vectors @ (
-                along / np.maximum(np.abs(curvature), _MIN_CURVATURE_RATIO * largest))
+                along / np.maximum(np.abs(curvature), _RELAX.min_curvature_ratio * largest))
             step *= min(1.0, radius / float(np.linalg.norm(step)))
             expected = float(slope @ step + 0.5 * step @ second @ step)
             gained = _change(lattice, gradient, turn, step, slope)
             after = _slope(lattice, *_moved(lattice, gradient, turn, step, 1.0)[:2])
             calmer = np.abs(after).max() < 0.5 * np.abs(slope).max()
-            if not (calmer and radius >= _FIRST_STEP) and not (
-                    gained <= _ACCEPTED_GAIN_RATIO * min(expected, 0.0)):
+            if not (calmer and radius >= _RELAX.first_step) and not (
+                    gained <= _RELAX.accepted_gain_ratio * min(expected, 0.0)):
                 radius = 0.3 * float(np.linalg.norm(step))
                 if radius < 1e-14:
                     break
                 continue
-            if gained <= _GOOD_GAIN_RATIO * expected:
-                radius = min(2.0 * radius, _MAX_STEP)
+            if gained <= _RELAX.good_gain_ratio * expected:
+                radius = min(2.0 * radius, _RELAX.max_step)
         here, gradient, turn = _moved(lattice, gradient, turn, step, 1.0)
         slope = _slope(lattice, here, gradient)
-        if not _MIN_VOLUME_RATIO < float(np.linalg.det(gradient)) < _MAX_VOLUME_RATIO:
+        if not _RELAX.min_volume_ratio < float(np.linalg.det(gradient)) < _RELAX.max_volume_ratio:
             break
     raise ValueError(
         'connector.natural_length: the periodic fabric has no equilibrium between a fifth of its '

@@ -12,6 +12,7 @@ orthogonal to the motions found.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from icofabric_sim.simulation.model.lanczos import Lanczos
 from icofabric_sim.statics.fabric import Configuration
@@ -19,16 +20,25 @@ from icofabric_sim.statics.iteration import begin
 import numpy as np
 from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal
 
-# Steps before the first test of convergence, and factor of steps until the next one.
-_FIRST_STEPS, _STEP_FACTOR = 100, 1.25
-# Relative residual of a squared frequency.
-_RESIDUAL_RATIO = 1e-8
-# Component along the start vector below which a value is spurious; norm of a vector orthogonal to
-# the known ones above which it is new.
-_SPURIOUS_RATIO, _NEW_RATIO = 1e-7, 0.1
-# Values count as equal if they differ by less, relative to themselves or to the largest.
-_EQUAL_RATIO, _ROUNDING_RATIO = 1e-7, 1e-12
-_PASSES = 8
+
+@dataclass(frozen=True)
+class LanczosSettings:
+    """Tunables of the Lanczos iteration for the lowest frequencies."""
+
+    first_steps: int = 100  # steps before the first test of convergence
+    step_factor: float = 1.25  # factor of steps until the next test: tests solve an eigenproblem
+    residual_ratio: float = 1e-8  # relative residual of a squared frequency
+    # Component along the start vector below which a value is spurious.
+    spurious_ratio: float = 1e-7
+    new_ratio: float = 0.1  # norm of a vector orthogonal to the known ones above which it is new
+    # Values count as equal if they differ by less, relative to themselves or to the largest.
+    equal_ratio: float = 1e-7
+    rounding_ratio: float = 1e-12
+    # Runs from new start vectors: a single run finds one motion of equal frequencies.
+    max_passes: int = 8
+
+
+_LANCZOS = LanczosSettings()
 
 
 class NotFoundError(ValueError):
@@ -49,7 +59,7 @@ def lowest_modes(
     """
     layout, free = here.fabric.layout, here.fabric.free
     values, vectors = np.zeros(0), np.zeros((0, int(free.sum())))
-    for number in range(_PASSES):
+    for number in range(_LANCZOS.max_passes):
         run, start = begin(here, min(most, 4 * len(vectors.T)), seed=number + 1)
         if number:
             scaled = layout.gather(start)[free]
@@ -65,7 +75,7 @@ def lowest_modes(
             for _ in range(2):
                 shape = shape - vectors.T @ (vectors @ shape)
             left = float(np.linalg.norm(shape))
-            if left > _NEW_RATIO:
+            if left > _LANCZOS.new_ratio:
                 values = np.append(values, value)
                 vectors = np.vstack([vectors, shape / left])
         order = np.argsort(values, kind='stable')[:count]
@@ -73,7 +83,7 @@ def lowest_modes(
         values, vectors = values[order], vectors[order]
         if len(values) == count and (
                 not new or below is not None
-                and below((1.0 + 100.0 * _EQUAL_RATIO) * float(values[-1])) <= count):
+                and below((1.0 + 100.0 * _LANCZOS.equal_ratio) * float(values[-1])) <= count):
             break
     return _refined(here, vectors)
 
@@ -92,7 +102,7 @@ def _refined(here: Configuration, vectors: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest distinct values above zero, and the weights (i, j) of their vectors."""
-    until, matrix = _FIRST_STEPS, run.matrix
+    until, matrix = _LANCZOS.first_steps, run.matrix
     while True:
         run.go_on(until - matrix.done)
         size = matrix.size
@@ -107,7 +117,7 @@ def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.nd
                 first, min(first + sought, size) - 1))
             found, vectors = _each_once(found, vectors, largest)
             found, vectors = found[:count], vectors[:, :count]
-            good = matrix.off[size - 1] * np.abs(vectors[-1]) <= _RESIDUAL_RATIO * found
+            good = matrix.off[size - 1] * np.abs(vectors[-1]) <= _LANCZOS.residual_ratio * found
             sought *= 2
         if len(good) == count and good.all():
             return found, vectors
@@ -116,7 +126,7 @@ def _converged(run: Lanczos, count: int, zero: float) -> tuple[np.ndarray, np.nd
                 f'only {good.sum()} of the {count} lowest frequencies of this fabric converged '
                 f'within {matrix.done:,} products: they lie too close to zero or to each other; '
                 "request fewer, or which='highest'")
-        until = int(_STEP_FACTOR * until) + 1
+        until = int(_LANCZOS.step_factor * until) + 1
 
 
 def _each_once(
@@ -128,9 +138,9 @@ def _each_once(
     Copies appear after a value has converged (Paige 1980, Linear Algebra Appl. 34, 235), and their
     vectors may be mixed; the result is the combination without the last step.
     """
-    real = np.flatnonzero(np.abs(vectors[0]) > _SPURIOUS_RATIO)
+    real = np.flatnonzero(np.abs(vectors[0]) > _LANCZOS.spurious_ratio)
     gap = np.diff(values[real]) > (
-        _EQUAL_RATIO * np.abs(values[real[1:]]) + _ROUNDING_RATIO * largest)
+        _LANCZOS.equal_ratio * np.abs(values[real[1:]]) + _LANCZOS.rounding_ratio * largest)
     groups = np.split(real, np.flatnonzero(gap) + 1) if len(real) else []
     singled = [vectors[:, :0]]
     for group in groups:

@@ -65,13 +65,24 @@ from scipy import sparse
 LOWEST, HIGHEST = 'lowest', 'highest'
 # Change of length, as a ratio to the largest, above which a motion stretches connectors.
 _STRETCHED_RATIO = 1e-3
-# Degrees of freedom above which the lowest frequencies are first computed by iteration, and the
-# most products for that, with and without the alternative of factors. At 27,786 degrees of freedom
-# six equal frequencies took 16 s by iteration and 163 s with factors.
-ITERATED, _MAX_TRIAL_PRODUCTS, _MAX_PRODUCTS = 8_000, 5_000, 40_000
-# Modes that are computed for a large fabric by default.
-_DEFAULT_COUNT = 20
-_SEARCHES = 40
+# Degrees of freedom above which the lowest frequencies are first computed by iteration.
+ITERATED = 8_000
+
+
+@dataclass(frozen=True)
+class ModesSettings:
+    """Tunables of the iterations for some modes of a large fabric."""
+
+    # Most products for the lowest frequencies, with and without the alternative of factors. At
+    # 27,786 degrees of freedom six equal frequencies took 16 s by iteration and 163 s with
+    # factors.
+    max_trial_products: int = 5_000
+    max_products: int = 40_000
+    default_count: int = 20  # modes that are computed by default
+    max_searches: int = 40  # most bisections for a shift above the lowest frequency
+
+
+_MODES = ModesSettings()
 
 
 @renamed_attributes(
@@ -251,7 +262,7 @@ def _solve(here: Configuration, count: int | None, which: str) -> Spectrum:
         return _all_modes(here, *_all_values(here, matrix), count, which)
     if size > FACTORED:
         _require_isotropic(here, FACTORED)
-    wanted = min(_DEFAULT_COUNT if count is None else count, size - 2)
+    wanted = min(_MODES.default_count if count is None else count, size - 2)
     curvature = curvature_of(here, matrix)
     values, vectors = (_highest if which == HIGHEST else _lowest)(
         here, matrix, wanted, curvature)
@@ -315,7 +326,7 @@ def _without_matrix(here: Configuration, count: int | None, which: str) -> Spect
 
     free, root = here.fabric.free, here.fabric.root
     size = int(free.sum())
-    wanted = min(_DEFAULT_COUNT if count is None else count, size - 2)
+    wanted = min(_MODES.default_count if count is None else count, size - 2)
     lowest, largest = ends_of_spectrum(here)
     if which == HIGHEST:
         def times(vector: np.ndarray) -> np.ndarray:
@@ -327,7 +338,7 @@ def _without_matrix(here: Configuration, count: int | None, which: str) -> Spect
             LinearOperator((size, size), matvec=times, dtype=float), k=wanted, which='LA')
     else:
         values, vectors = lowest_modes(
-            here, wanted, LARGE_ZERO_RATIO * largest, None, _MAX_PRODUCTS)
+            here, wanted, LARGE_ZERO_RATIO * largest, None, _MODES.max_products)
     curvature = judge_ends(lowest, largest)
     return _some_modes(here, values, vectors, curvature, size, largest)
 
@@ -420,7 +431,7 @@ def _lowest(
         try:
             return lowest_modes(
                 here, count, zero_limit(matrix), None if curvature.zero < 0 else between,
-                _MAX_PRODUCTS if size > FACTORED else _MAX_TRIAL_PRODUCTS)
+                _MODES.max_products if size > FACTORED else _MODES.max_trial_products)
         except NotFoundError:
             # Long thin fabrics have small factors.
             if size > FACTORED:
@@ -432,7 +443,7 @@ def _lowest(
     low, high = zero_limit(matrix), row_sum(matrix)
     factor: Factor | None = None
     shift = low
-    for _ in range(_SEARCHES):
+    for _ in range(_MODES.max_searches):
         shift = math.sqrt(low * high)
         factor = factorise(here, matrix, shift)
         found = count_below(factor) - below

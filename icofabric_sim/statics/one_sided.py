@@ -12,15 +12,22 @@ convex, averaging a motion over all translations does not raise the energy: no l
 compliant than a cell of one body.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-# Curvatures below this ratio to the largest are zero.
-_ZERO_RATIO = 1e-9
-# Gradient at a minimum, as a ratio to its terms.
-_GRADIENT_RATIO = 1e-13
-_STEPS = 200
+
+@dataclass(frozen=True)
+class MinimumSettings:
+    """Tunables of the minimisation of the energy of a unit cell."""
+
+    zero_ratio: float = 1e-9  # curvature over the largest that counts as zero
+    gradient_ratio: float = 1e-13  # gradient at a minimum over the size of its terms
+    max_steps: int = 200
+
+
+_MINIMUM = MinimumSettings()
 
 
 class CellEnergy(NamedTuple):
@@ -60,20 +67,20 @@ class CellEnergy(NamedTuple):
         largest = np.maximum(self.pull, self.push)
         scale = float(np.abs(self.rest @ y).max() + np.abs(
             self.changes.T).max(initial=0.0) * float(largest @ np.abs(self.changes @ y)))
-        for _ in range(_STEPS):
+        for _ in range(_MINIMUM.max_steps):
             gradient = free.T @ self.gradient(y)
-            if np.abs(gradient).max(initial=0.0) <= _GRADIENT_RATIO * scale:
+            if np.abs(gradient).max(initial=0.0) <= _MINIMUM.gradient_ratio * scale:
                 return y
             slopes = self.slopes(self.changes @ y)
             hessian = free.T @ (
                 self.changes.T @ (slopes[:, None] * self.changes) + self.rest) @ free
             values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
             along = vectors.T @ gradient
-            bent = values > _ZERO_RATIO * max(float(values[-1]), 0.0)
+            bent = values > _MINIMUM.zero_ratio * max(float(values[-1]), 0.0)
             step = np.zeros_like(along)
             step[bent] = -along[bent] / values[bent]
             # On a flat piece the energy decreases until the next piece.
-            flat = ~bent & (np.abs(along) > _GRADIENT_RATIO * scale)
+            flat = ~bent & (np.abs(along) > _MINIMUM.gradient_ratio * scale)
             step[flat] = -along[flat] / np.linalg.norm(along[flat]) if flat.any() else 0.0
             direction = free @ (vectors @ step)
             part = self._along(y, direction)
@@ -81,7 +88,7 @@ class CellEnergy(NamedTuple):
                 return y
             y += part * direction
         raise ArithmeticError(
-            f'the relaxed rotation of a cell was not found in {_STEPS} steps')
+            f'the relaxed rotation of a cell was not found in {_MINIMUM.max_steps} steps')
 
     def _along(self, y: np.ndarray, direction: np.ndarray) -> float:
         """Return the factor of a direction up to which the energy decreases."""

@@ -2,19 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Body force of the user in statics: at one time and zero velocity, derivatives by differences."""
 
+from dataclasses import dataclass
+
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.kernels.external import call_function
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import Layout
 import numpy as np
 
-# Steps of differences of fourth order, over a and in rad, and their weights.
-_STEP = 1e-3
+# Fourth-order central differences: offsets in steps, and weights.
 _STENCIL = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
-# Relative tolerances: of the symmetry of derivatives, and of changes of forces.
-_ASYMMETRY_RATIO, _CHANGE_RATIO = 1e-6, 1e-9
-# Times [s] at which a steady force must have the same value.
-_OTHER_TIMES_S = (0.7390851332, 17.320508)
+
+
+@dataclass(frozen=True)
+class DifferenceSettings:
+    """Tunables of finite differences of a body force, and of checks of its properties."""
+
+    step: float = 1e-3  # of differences, over a and in rad
+    asymmetry_ratio: float = 1e-6  # relative tolerance of the symmetry of derivatives
+    change_ratio: float = 1e-9  # relative tolerance of changes of forces
+    # Times [s] at which a steady force must have the same value.
+    other_times_s: tuple[float, ...] = (0.7390851332, 17.320508)
+
+
+_DIFFERENCES = DifferenceSettings()
 
 
 class OwnForce:
@@ -69,7 +80,7 @@ class OwnForce:
         """
         blocks = np.zeros((len(position), 6, 6))
         for k in range(6):
-            step = _STEP * (self._half_edge if k < 3 else 1.0)
+            step = _DIFFERENCES.step * (self._half_edge if k < 3 else 1.0)
             for times, weight in _STENCIL:
                 motion = np.zeros_like(blocks[:, 0])
                 motion[:, k] = times * step
@@ -87,12 +98,12 @@ class OwnForce:
         scale = np.repeat([1.0, 1.0 / self._half_edge], 3)
         scaled = blocks * scale[:, None] * scale
         off = np.abs(scaled - np.swapaxes(scaled, 1, 2)).max(initial=0.0)
-        return bool(off <= _ASYMMETRY_RATIO * np.abs(scaled).max(initial=0.0))
+        return bool(off <= _DIFFERENCES.asymmetry_ratio * np.abs(scaled).max(initial=0.0))
 
     def require_steady(self, position: np.ndarray, orientation: np.ndarray) -> None:
         """Raise ValueError if the force changes with time."""
         here = self._at(self._time, position, orientation)
-        for time in _OTHER_TIMES_S:
+        for time in _DIFFERENCES.other_times_s:
             if not self._alike(here, self._at(time, position, orientation)):
                 raise ValueError(
                     f'body_force {self._force.name} changes with time, but an equilibrium needs '
@@ -122,9 +133,10 @@ class OwnForce:
         if self._force.is_by_body:
             return
         moved = np.arange(len(position)) % 2 == 1
-        there = np.where(moved[:, None], position + _STEP * self._half_edge, position)
+        there = np.where(moved[:, None], position + _DIFFERENCES.step * self._half_edge, position)
         turned = np.where(
-            moved[:, None], turned_by(np.full_like(position, _STEP), orientation), orientation)
+            moved[:, None],
+            turned_by(np.full_like(position, _DIFFERENCES.step), orientation), orientation)
         if not self._alike(*(
                 self._at(self._time, *state)[~moved]
                 for state in ((position, orientation), (there, turned)))):
@@ -137,4 +149,5 @@ class OwnForce:
     @staticmethod
     def _alike(one: np.ndarray, other: np.ndarray) -> bool:
         off = np.abs(one - other).max(axis=0, initial=0.0)
-        return bool((off <= _CHANGE_RATIO * np.abs(one).max(axis=0, initial=0.0)).all())
+        size = np.abs(one).max(axis=0, initial=0.0)
+        return bool((off <= _DIFFERENCES.change_ratio * size).all())

@@ -6,11 +6,12 @@ Least resultants of forces and moments without overlap: the statics problem of t
 The objective is half the sum of squares of the resultants on free bodies, torques over a, as in
 the text after eq 48. Contact forces are not included: that shells must not overlap is a
 constraint, enforced by a penalty on the energy of overlaps. The penalty grows until overlaps are
-below `_LARGEST_OVERLAP_RATIO` of a. Steps follow Levenberg and Marquardt: the derivative of the
+below 1e-6 a (`PenaltySettings`). Steps follow Levenberg and Marquardt: the derivative of the
 resultants is minus the Hessian of the energy.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
@@ -20,19 +21,30 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 LEAST_RESULTANTS = 'least resultants'
-_LARGEST_OVERLAP_RATIO = 1e-6
-# Factor between successive penalties, and their number.
-_PENALTY_FACTOR, _PENALTY_COUNT = 10.0, 14
-# First penalty, as a ratio to the squared stiffness of the fabric over that of contacts.
-_FIRST_PENALTY_RATIO = 100.0
-# Gradient at which the search ends, as a ratio to the largest stiffness times the resultants; and
-# the same if round-off prevents further progress.
-_GRADIENT_RATIO, _ROUNDED_GRADIENT_RATIO = 1e-10, 1e-6
-# Largest motion of a body in a step, as a ratio to a, and as an angle [rad].
-_LARGEST_STEP = 0.3
-_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-15, 1e15
-# Smallest accepted ratio of the actual to the expected decrease.
-_LEAST_GAIN_RATIO = 1e-4
+
+
+@dataclass(frozen=True)
+class PenaltySettings:
+    """Tunables of the search for least resultants with penalties on overlaps."""
+
+    max_overlap_ratio: float = 1e-6  # largest overlap of a result over a
+    penalty_factor: float = 10.0  # between successive penalties
+    penalty_count: int = 14  # penalties grow until the overlap is small enough
+    # First penalty, as a ratio to the squared stiffness of the fabric over that of contacts.
+    first_penalty_ratio: float = 100.0
+    # Gradient at which the search ends, as a ratio to the largest stiffness times the resultants;
+    # and the same if round-off prevents further progress.
+    gradient_ratio: float = 1e-10
+    rounded_gradient_ratio: float = 1e-6
+    max_step: float = 0.3  # largest motion of a body in a step over a, and in rad
+    # Damping of Levenberg and Marquardt, relative to the diagonal: first, least and largest.
+    first_damping: float = 1e-3
+    min_damping: float = 1e-15
+    max_damping: float = 1e15
+    min_gain_ratio: float = 1e-4  # smallest accepted ratio of actual to expected decrease
+
+
+_PENALTY = PenaltySettings()
 
 
 class LeastResultants(NamedTuple):
@@ -86,10 +98,10 @@ def find_least_resultants(
     if contacts is not None:
         contacts.smoothed = True
         stiffness = row_sum(search.hessian(point.here))
-        search.penalty = _FIRST_PENALTY_RATIO * (
+        search.penalty = _PENALTY.first_penalty_ratio * (
             stiffness**2 or contacts.stiffness**2) / contacts.stiffness
     depth = 0.0
-    for _ in range(_PENALTY_COUNT):
+    for _ in range(_PENALTY.penalty_count):
         point = search.point(point.here.position, point.here.orientation)
         point, taken, converged = search.descend(point, largest_step_count - steps, report, steps)
         steps += taken
@@ -102,9 +114,9 @@ def find_least_resultants(
                 if steps >= largest_step_count else
                 'no step lowers the resultants, although they are not at a minimum: use a larger '
                 'tolerance or another start')
-        if depth <= _LARGEST_OVERLAP_RATIO * fabric.half_edge:
+        if depth <= _PENALTY.max_overlap_ratio * fabric.half_edge:
             return LeastResultants(point.here, point.there, True, steps, '')
-        search.penalty *= _PENALTY_FACTOR
+        search.penalty *= _PENALTY.penalty_factor
     return LeastResultants(
         point.here, point.there, False, steps,
         f'shells still overlap by {depth / fabric.half_edge:.2g} a: there may be no '
@@ -143,7 +155,7 @@ class _Search:
         before: int
     ) -> tuple[_Point, int, bool]:
         """Take up to `largest` steps; return the point, the steps, and if its gradient is 0."""
-        damping, steps = _FIRST_DAMPING, 0
+        damping, steps = _PENALTY.first_damping, 0
         while True:
             hessian = self.hessian(point.here)
             gradient = -(hessian @ point.resultants)
@@ -156,20 +168,20 @@ class _Search:
                 matrix = matrix + self.penalty * (self.hessian(point.there) - hessian)
                 size = max(size, float(np.abs(push).max()))
             slope = float(np.abs(gradient).max(initial=0.0))
-            if slope <= _GRADIENT_RATIO * size:
+            if slope <= _PENALTY.gradient_ratio * size:
                 return point, steps, True
             if steps >= largest:
                 return point, steps, False
             diagonal = np.abs(matrix.diagonal())
             floor = sparse.diags(np.maximum(diagonal, 1e-6 * diagonal.max()))
             taken = None
-            while taken is None and damping <= _LARGEST_DAMPING:
+            while taken is None and damping <= _PENALTY.max_damping:
                 motion = -splu(sparse.csc_matrix(matrix + damping * floor)).solve(gradient)
                 taken = self._tried(point, motion, gradient, matrix)
                 damping *= 4.0 if taken is None else 0.1
             if taken is None:
-                return point, steps, slope <= _ROUNDED_GRADIENT_RATIO * size
-            damping = max(damping, _LEAST_DAMPING)
+                return point, steps, slope <= _PENALTY.rounded_gradient_ratio * size
+            damping = max(damping, _PENALTY.min_damping)
             point, steps = taken, steps + 1
             report(before + steps, point.here)
 
@@ -180,7 +192,7 @@ class _Search:
         size = float(np.abs(motion).max(initial=0.0))
         if not np.isfinite(size):
             return None
-        motion = motion * min(1.0, _LARGEST_STEP * self._fabric.half_edge / max(size, 1e-300))
+        motion = motion * min(1.0, _PENALTY.max_step * self._fabric.half_edge / max(size, 1e-300))
         expected = -float(gradient @ motion + 0.5 * motion @ (matrix @ motion))
         if expected <= 0.0:
             return None
@@ -189,4 +201,4 @@ class _Search:
         there = point.here.moved(moved * self._scale)
         found = self.point(there.position, there.orientation)
         gain = point.value - found.value
-        return found if gain >= _LEAST_GAIN_RATIO * expected else None
+        return found if gain >= _PENALTY.min_gain_ratio * expected else None

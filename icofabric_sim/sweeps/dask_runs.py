@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, ExitStack, suppress
+from dataclasses import dataclass
 from importlib import import_module
 import json
 import logging
@@ -36,14 +37,23 @@ from icofabric_sim.sweeps.single_run import (
 )
 from icofabric_sim.sweeps.store import Store
 
-# Orders at the scheduler for each thread of a worker, and at least.
-_AHEAD, _LEAST_AHEAD = 8, 32
-# Wall time [s] between looks at the scheduler; before a run that another study is at is asked for
-# again; for which there may be no worker, at the start and after the last one has left.
-_LOOK, _BUSY = 0.5, 0.2
-WORKERS_WITHIN: Final = 120.0
-# Wall time [s] within which a scheduler hands over an outcome; its worker may have died since.
-_ANSWER_WITHIN_S = 5.0
+WORKERS_WITHIN: Final = 120.0  # wall time [s] to wait for a worker, at the start or after a loss
+
+
+@dataclass(frozen=True)
+class DaskSettings:
+    """Tunables of runs on workers of a Dask scheduler."""
+
+    # Orders at the scheduler for each thread of a worker, and at least, so that workers stay busy.
+    orders_per_thread: int = 8
+    min_orders: int = 32
+    poll_interval_s: float = 0.5  # wall time between polls of the scheduler
+    retry_interval_s: float = 0.2  # wall time until a run of another study is queried again
+    # Wall time within which a scheduler hands over an outcome; its worker may have died since.
+    answer_timeout_s: float = 5.0
+
+
+_DASK = DaskSettings()
 _CONNECT = '10s'
 
 
@@ -99,14 +109,14 @@ class Pool:
         busy: deque[tuple[float, Order]] = deque()
         came: queue.SimpleQueue[Any] = queue.SimpleQueue()
         running: dict[Any, Order] = {}
-        ahead, looked, manned = _LEAST_AHEAD, 0.0, time.monotonic()
+        ahead, looked, manned = _DASK.min_orders, 0.0, time.monotonic()
         try:
             while waiting or busy or running or any(later.values()):
                 now = time.monotonic()
-                if now - looked >= _LOOK:
+                if now - looked >= _DASK.poll_interval_s:
                     looked = now
                     threads = self._threads()
-                    ahead = max(_LEAST_AHEAD, _AHEAD * threads)
+                    ahead = max(_DASK.min_orders, _DASK.orders_per_thread * threads)
                     # Between the death of a worker and the start of the next there may be none.
                     if threads:
                         manned = now
@@ -128,11 +138,12 @@ class Pool:
                             key=f'icofabric-{order.key}-{uuid.uuid4().hex[:8]}')
                     running[future] = order
                     future.add_done_callback(came.put)
-                for future in _drain(came, _LOOK if running else _BUSY):
+                for future in _drain(came, (
+                        _DASK.poll_interval_s if running else _DASK.retry_interval_s)):
                     order = running.pop(future)
                     outcome = self._outcome(order, future)
                     if outcome.state is State.BUSY:
-                        busy.append((time.monotonic() + _BUSY, order))
+                        busy.append((time.monotonic() + _DASK.retry_interval_s, order))
                         continue
                     # Also where the leader failed: one of the others compiles then.
                     waiting.extend(later.pop(order.key, ()))
@@ -178,7 +189,7 @@ class Pool:
         if future.status == 'lost':
             return again
         try:
-            return future.result(timeout=_ANSWER_WITHIN_S)  # type: ignore[no-any-return]
+            return future.result(timeout=_DASK.answer_timeout_s)  # type: ignore[no-any-return]
         except WorkersDiffer:
             raise
         except CancelledError as error:

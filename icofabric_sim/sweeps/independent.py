@@ -16,6 +16,7 @@ convex polytopes, which Qhull finds (SciPy's HalfspaceIntersection and ConvexHul
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from icofabric_sim.geometry.icosahedron import vertices
@@ -28,19 +29,24 @@ from scipy.optimize import linprog, minimize
 from scipy.spatial import cKDTree, ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
-# Bodies that are free: the energy of a pair takes 20 ms.
-_MOST_FREE = 12
-# Shells are apart below this depth over a; a corner is on a face within this part of the
-# size of the overlap.
-_NO_DEPTH, _ON_FACE = 1e-9, 1e-7
-# What may be left of the gradient in parts of the largest spring force.
-_TOLERANCE = 1e-7
-# The search begins this far, over a and in rad, from the woven places.
-_ASIDE = 1e-4
-_SEED = 20
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """Tunables of the independent minimisation by SciPy."""
+
+    max_free_bodies: int = 12  # the energy of a pair takes 20 ms
+    min_depth_ratio: float = 1e-9  # depth over a below which shells are apart
+    on_face_ratio: float = 1e-7  # distance of a corner on a face over the size of the overlap
+    gradient_ratio: float = 1e-7  # final gradient over the largest spring force
+    start_offset: float = 1e-4  # random, from the woven positions, over a and in rad
+    seed: int = 20
+
+
+_REFERENCE = ReferenceSettings()
 # Other terms of the energy, which must be absent.
-_ZERO: Final = ('connector.bending_stiffness', 'connector.twisting_stiffness', 'connector.damping',
-                'contact.friction')
+_ABSENT_PARAMETERS: Final = (
+    'connector.bending_stiffness', 'connector.twisting_stiffness', 'connector.damping',
+    'contact.friction')
 
 
 class Compared(NamedTuple):
@@ -59,7 +65,7 @@ class Compared(NamedTuple):
 def require_plain(scene: Scene) -> None:
     """Refuse what this code has no term for; ParameterError names it."""
     parameters = scene.parameters
-    for name in _ZERO:
+    for name in _ABSENT_PARAMETERS:
         if parameters[name] != 0.0:
             raise ParameterError(name, f'{name}: independent energies have point springs and '
                                        f'contact only; got {parameters[name]:g}, give 0')
@@ -90,21 +96,22 @@ def compare_energies(
     require_plain(scene)
     motion = held_motion(scene, kind, axis, along=check_along(kind, axis, along))
     found: list[Compared] = []
-    generator = np.random.default_rng(_SEED)
+    generator = np.random.default_rng(_REFERENCE.seed)
     for step in follow_path(motion, strains):
         if not step.found.converged:
             break
         there = motion.placed(step.amount)
         assert there.supports is not None
         held = there.supports.translation.all(axis=1)
-        if (count := int((~held).sum())) > _MOST_FREE:
+        if (count := int((~held).sum())) > _REFERENCE.max_free_bodies:
             raise ValueError(
-                f'weave.size: independent energies are for at most {_MOST_FREE} bodies between '
-                f'the ends, and there are {count}; take a smaller slab')
+                f'weave.size: independent energies are for at most '
+                f'{_REFERENCE.max_free_bodies} bodies between the ends, and there '
+                f'are {count}; take a smaller slab')
         slab = PlainSlab(there)
         freedoms = np.repeat(~held, 6)
         start = np.where(
-            freedoms, _ASIDE * generator.standard_normal(len(freedoms)), 0.0)
+            freedoms, _REFERENCE.start_offset * generator.standard_normal(len(freedoms)), 0.0)
         place = slab.minimise(start, freedoms)
         energy, gradient = slab.energy(place)
         position, _ = slab.pose(place)
@@ -184,7 +191,8 @@ class PlainSlab:
 
         found = minimize(
             function, start[freedoms], jac=True, method='L-BFGS-B', options={
-                'maxcor': 60, 'ftol': 0.0, 'gtol': _TOLERANCE, 'maxiter': 400, 'maxls': 40})
+                'maxcor': 60, 'ftol': 0.0, 'gtol': _REFERENCE.gradient_ratio, 'maxiter': 400,
+                'maxls': 40})
         place = start.copy()
         place[freedoms] = found.x
         return place
@@ -265,7 +273,7 @@ def _overlap(normals: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, floa
         [0.0, 0.0, 0.0, -1.0], A_ub=np.hstack([normals, np.ones((len(normals), 1))]),
         b_ub=heights, bounds=[(None, None)] * 4)
     depth = float(found.x[3])
-    return (found.x[:3], depth) if depth > _NO_DEPTH else None
+    return (found.x[:3], depth) if depth > _REFERENCE.min_depth_ratio else None
 
 
 def _moments(
@@ -311,7 +319,7 @@ class _Polytope:
         self.volume, self.centre = 0.0, np.zeros(3)
         self.area, self.middle = np.zeros(len(rows)), np.zeros((len(rows), 3))
         for number, row in zip(kept, cut):
-            on = np.abs(corners @ row[:3] + row[3]) < _ON_FACE
+            on = np.abs(corners @ row[:3] + row[3]) < _REFERENCE.on_face_ratio
             if on.sum() < 3:
                 continue
             normal = np.linalg.solve(back, row[:3])

@@ -26,8 +26,7 @@ _MODULES: Final = ('version.py', 'checks.py')
 _PACKAGE = Path(__file__).resolve().parents[1]
 # Characters of a name: 2^128 names.
 _LENGTH = 32
-# Characters of the hash of features.
-_SHORT = 12
+_FEATURES_DIGITS = 12  # hexadecimal digits of the hash of features
 
 
 @functools.cache
@@ -62,7 +61,7 @@ def features_digest() -> str:
     """
     from numba.core.registry import cpu_target
     _, _, features = cpu_target.target_context.codegen().magic_tuple()
-    return hashlib.sha256(str(features).encode()).hexdigest()[:_SHORT]
+    return hashlib.sha256(str(features).encode()).hexdigest()[:_FEATURES_DIGITS]
 
 
 def key_of(

@@ -14,7 +14,7 @@ from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
 import numpy as np
 
 # Strains between which moduli are measured.
-SMALL: Final = (1e-4, 3e-4, 1e-3)
+_MODULUS_STRAINS: Final = (1e-4, 3e-4, 1e-3)
 # A stress that falls by less than this part has not fallen.
 _FALL = 1e-3
 
@@ -27,7 +27,7 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     nothing broke on the way: the slab has buckled.
     """
     kind, strains, axis, direction, name = curve_arguments(phrase)
-    small = [strain for strain in SMALL if strain < (1.0 - 1e-9) * strains[0]]
+    small = [strain for strain in _MODULUS_STRAINS if strain < (1.0 - 1e-9) * strains[0]]
     points = measure_curve(scene, kind, [*small, *strains], axis=axis, along=direction)
     states = _at_rest(phrase, points)
     across = [number for number in range(3) if number != axis]
@@ -37,8 +37,8 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     most = int(np.argmax(stress))
     columns = [
         # Of states that follow from each other: without any strain there may be another one near.
-        Column(f'{name}.modulus', 'Pa', _slope(states, *SMALL[:2])),
-        Column(f'{name}.modulus_beyond', 'Pa', _slope(states, *SMALL[1:])),
+        Column(f'{name}.modulus', 'Pa', _slope(states, *_MODULUS_STRAINS[:2])),
+        Column(f'{name}.modulus_beyond', 'Pa', _slope(states, *_MODULUS_STRAINS[1:])),
         Column(f'{name}.secant', 'Pa', (first.stress - first.rest_stress) / first.strain),
         *(Column(f'{name}.poisson.{"xyz"[number]}', '',
                  -first.middle_strain[number] / along if abs(along) > 1e-3 * first.strain

@@ -23,7 +23,7 @@ from icofabric_sim.parameters.text import flatten_parameters
 import yaml
 
 KEYS = ('scene', 'parameters', 'vary', 'cases', 'sample', 'verbs', 'keep')
-_LARGEST = 16 * 2**20
+_MAX_STUDY_BYTES = 16 * 2**20
 
 
 class StudyText(NamedTuple):
@@ -89,8 +89,8 @@ def read_study(path: Path) -> StudyText:
 
 
 def _read(path: Path) -> StudyText:
-    if path.stat().st_size > _LARGEST:
-        raise ValueError(f'a study has at most {_LARGEST:,} bytes; give the right file')
+    if path.stat().st_size > _MAX_STUDY_BYTES:
+        raise ValueError(f'a study has at most {_MAX_STUDY_BYTES:,} bytes; give the right file')
     try:
         said = parse_yaml(decoded(path.read_bytes()))
     except yaml.YAMLError as error:

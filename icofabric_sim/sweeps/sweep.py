@@ -121,7 +121,7 @@ class Study:
         own, _ = check_parameters(scene.parameters)
         if own != scene.shell:
             raise ValueError(
-                'scene: one with a shell of its own cannot be swept, because a shell is no '
+                'scene: a Shell object cannot be swept, because a shell is no '
                 'parameter; describe it by shell.thickness, shell.density, shell.mass, '
                 'shell.inertia')
         self._prepare(scene.parameters, scene.files, vary, verbs, keep, cases, sample, store)

@@ -17,7 +17,7 @@ _NUMBER = r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?'
 _RANGE = re.compile(rf'\s*({_NUMBER})\s*\.\.\s*({_NUMBER})\s*(?:/\s*(\d+))?\s*(log)?\s*')
 _WISH = ("a list of values, or a range such as '0.1..0.7/13' or {from: 0.1, to: 0.7, count: 13}; "
          "'log' behind it, or log: true, divides it evenly in the logarithm")
-_MOST = 1_000_000
+_MAX_RANGE_COUNT = 1_000_000
 
 
 class Name(NamedTuple):
@@ -146,9 +146,10 @@ def _checked(text: str, name: Name, found: Range) -> Range:
     if found.logarithmic and not found.low > 0.0:
         raise ValueError(
             f'vary: {text}: a range of logarithms must begin above 0, got {found.low:g}')
-    if found.parts is not None and not 2 <= found.parts <= _MOST:
+    if found.parts is not None and not 2 <= found.parts <= _MAX_RANGE_COUNT:
         raise ValueError(
-            f'vary: {text}: the count of a range must be from 2 to {_MOST:,}, got {found.parts}')
+            f'vary: {text}: the count of a range must be from 2 to {_MAX_RANGE_COUNT:,}, '
+            f'got {found.parts}')
     if name.is_integer:
         if found.low != int(found.low) or found.high != int(found.high) or found.logarithmic:
             raise ValueError(

@@ -5,6 +5,8 @@ Vibrations and mechanisms: closed forms, counts by another way, the frequencies 
 """
 
 
+from dataclasses import replace
+
 from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.flows import place_all
@@ -259,11 +261,11 @@ def test_long_thin_fabrics_take_factors_where_iteration_does_not_end(monkeypatch
     whole = ico.solve_modes(scene)
     for module, name in ((modes, 'DENSE'), (spectrum, 'DENSE'), (modes, 'ITERATED')):
         monkeypatch.setattr(module, name, 10)
-    monkeypatch.setattr(modes, '_MAX_TRIAL_PRODUCTS', 60)
+    monkeypatch.setattr(modes, '_MODES', replace(modes._MODES, max_trial_products=60))
     found = ico.solve_modes(scene, count=3)
     assert found.frequencies == pytest.approx(whole.frequencies[:3], rel=1e-8)
     monkeypatch.setattr(modes, 'FACTORED', 10)
-    monkeypatch.setattr(modes, '_MAX_PRODUCTS', 60)
+    monkeypatch.setattr(modes, '_MODES', replace(modes._MODES, max_products=60))
     with pytest.raises(ValueError, match='of the 3 lowest .* 60 products'):
         ico.solve_modes(scene, count=3)
 

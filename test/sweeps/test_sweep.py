@@ -3,6 +3,7 @@
 """Parameter studies in one process: plans, keys, the store, tables, the verb."""
 
 import csv
+from dataclasses import replace
 import hashlib
 import json
 import math
@@ -510,7 +511,8 @@ def test_runs_wait_for_the_one_that_compiles_their_kernels(woven, tmp_path):
     (OSError('broken'), 'tcp://s:1 is gone'), (RuntimeError('closed'), 'tcp://s:1 is gone')])
 def test_a_sweep_without_workers_or_scheduler_ends(woven, tmp_path, monkeypatch, threads, said):
     monkeypatch.setattr(dask_runs, 'WORKERS_WITHIN', 0.1)
-    monkeypatch.setattr(dask_runs, '_LOOK', 0.02)
+    monkeypatch.setattr(
+        dask_runs, '_DASK', replace(dask_runs._DASK, poll_interval_s=0.02))
     study = Study(woven, {'connector.stiffness': [300.0]}, verbs='elasticity', store=tmp_path)
     with pytest.raises(dask_runs.SchedulerLost, match=said):
         list(Pool(FakeClient(False, threads)).perform(study.orders, {}))
