@@ -12,7 +12,7 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.simulation.reports.divergence import distance_between
 from icofabric_validation.benchmarks.added_errors import draw_scene, judge
-from icofabric_validation.stress.windows import rate_of, Windows
+from icofabric_validation.stress.windows import fastest_rate, Windows
 import numpy as np
 import pytest
 
@@ -222,7 +222,7 @@ def test_given_steps_see_what_slack_connectors_add_while_they_are_taut(step):
         'duration': 0.1})
     rate = ico.compile_scene(scene).status.largest_frequency
     run = ico.compile_scene(scene.with_changes({'solver.step': step / rate}))
-    windows = Windows(run, rate_of(run), lambda: False, most=math.inf)
+    windows = Windows(run, fastest_rate(run), lambda: False, max_windows=math.inf)
     windows.follow(0.1)
     added = windows.result()
     assert added.windows > 100 and not added.unjudged and added.error > 1e-6

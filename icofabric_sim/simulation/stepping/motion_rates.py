@@ -144,7 +144,7 @@ class MotionRates:
         if contact.is_possible and step <= trajectory.method.stability / max(
                 self.fabric.rate + trajectory.packed.velocity_rate, 1e-300):
             trajectory.fail(
-                f'solver.step {step!r} s is too long for what touches, or may, from t = '
+                f'solver.step {step!r} s is too long for present or possible contacts from t = '
                 f'{time:.9g} s on: with a contact stiffness of {contact.stiffness:.4g} '
                 f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
                 'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '

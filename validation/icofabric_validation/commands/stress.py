@@ -221,7 +221,7 @@ def _describe(finding: 'Finding') -> None:
             f'estimate of the run {finding.estimate:.3g}')
         grown = f'{finding.growth:.3g} times' if finding.growth else 'was not measured'
         print(f'growth of a small displacement: {grown}')
-        print(f'windows compared with a run of tighter tolerance: {finding.windows}, of which '
+        print(f'windows compared with a reference run: {finding.windows}, of which '
               f'{finding.unjudged} could not be judged')
         bits = 'compared bit by bit' if finding.compared else 'not compared'
         if finding.compared and not finding.shared:
@@ -232,7 +232,7 @@ def _describe(finding: 'Finding') -> None:
 def _shrink(arguments: argparse.Namespace) -> int:
     """Write the minimal scene."""
     from icofabric_validation.stress.scenes import draw_scene
-    from icofabric_validation.stress.shrink import MOST_RUNS, shrink
+    from icofabric_validation.stress.shrink import MAX_RUNS, shrink
     from icofabric_validation.stress.workers import Referee
     path = Path(arguments.output or f'stress_{arguments.seed}.yaml').expanduser()
     whole = draw_scene(arguments.seed).with_files_named(f'{path.stem}_')
@@ -242,7 +242,7 @@ def _shrink(arguments: argparse.Namespace) -> int:
                              '--output, which also names the files of the scene')
     referee = Referee()
     try:
-        with Progress(MOST_RUNS, 'runs at most', foreseen=False) as progress:
+        with Progress(MAX_RUNS, 'runs at most', foreseen=False) as progress:
             scene, finding = shrink(whole, referee.judge, tried=progress.update)
     finally:
         referee.close()

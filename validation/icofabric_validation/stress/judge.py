@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs one random scene and says to which class it belongs.
+Run one random scene and classify it.
 
-Beside the run go: references and displaced companions in windows (`windows.py`), one far tighter
-run with a companion from the start, and the same run by two threads that goes on from a checkpoint
-in its middle. Where parameters change while a scene runs, all of this is for the run after that,
-and begins where the change found it.
+The run is compared with references and displaced companions in windows (`windows.py`), with one
+run of much smaller tolerance and a companion from the start, and with the same run by two threads
+that continues from a checkpoint in its middle. If parameters change during the run, only the
+interval after the change is judged, and it starts from the state at the change.
 """
 
 from collections.abc import Callable
@@ -27,46 +27,46 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
 from icofabric_sim.simulation.stepping.thread_team import teams_of
 from icofabric_validation.stress.refusals import (
-    first_name,
-    has_jumped,
-    have_met,
+    did_charges_pass,
+    did_length_jump,
+    first_parameter,
     is_right_refusal,
-    moment_of,
+    stop_time,
 )
 from icofabric_validation.stress.scenes import StressScene
 from icofabric_validation.stress.verdict import Finding, Verdict
 from icofabric_validation.stress.windows import (
-    Added,
-    compiled_reference,
-    far_tighter,
-    is_physical,
-    rate_of,
+    AddedError,
+    compile_reference,
+    fastest_rate,
+    is_physical_stop,
     reference_scene,
+    run_reference,
     Windows,
 )
 from numba.core import event
 import numpy as np
 
-# Processor time [s] for a scene, without compiling; parts of it for the windows, and for those
-# and the run from the start.
-SECONDS: Final = 12.0
-_WINDOWS_PART, _WHOLE_PART = 0.5, 0.75
-# A scene of which less than this part of the duration was simulated is too slow.
-_ENOUGH = 0.25
-# Above the promise by more than this is not between; an estimate tells an error that is at most
-# so many times as large.
-FACTOR: Final = 3.0
-# Tolerances for a radian of the fastest motion that no method reaches in double precision.
-_BEYOND_REACH = 1e-12
-# Parts of a given step that are tried where a run stopped for its step.
-_SHORTER = (1 / 4, 1 / 16)
-# Parts of a tolerance that are tried where a run with chosen steps stopped and advises a smaller
-# one.
-_FINER = (1e-1, 1e-2)
-# Part of the duration for which a run goes on to see what the tighter one saw before its end.
-_LATER = 0.1
-# By how much a change of parameters may change the state, over the largest of its kind: rounding.
-_SAME = 1e-12
+# Processor time [s] for a scene, without compiling; fractions of it for the windows, and for the
+# windows together with the run from the start.
+PROCESSOR_TIME_S: Final = 12.0
+_WINDOWS_TIME_RATIO, _ALL_RUNS_TIME_RATIO = 0.5, 0.75
+# A scene is too slow if less than this fraction of its duration was simulated.
+_MIN_SIMULATED_RATIO = 0.25
+# Largest error over the promised one in the class "between", and largest ratio of an error to an
+# estimate that reports it.
+MAX_ERROR_RATIO: Final = 3.0
+# Smallest tolerance for a radian of the fastest motion that double precision allows.
+_MIN_TOLERANCE_PER_RADIAN = 1e-12
+# Fractions of a given step that are tried if a run stopped for its step.
+_SHORTER_STEP_RATIOS = (1 / 4, 1 / 16)
+# Fractions of a tolerance that are tried if a run with adaptive steps stopped and advises a
+# smaller tolerance.
+_SMALLER_TOLERANCE_RATIOS = (1e-1, 1e-2)
+# Fraction of the duration by which a run continues, so that its health check can stop it as well.
+_EXTRA_DURATION_RATIO = 0.1
+# Largest round-off in the state at a change of parameters, over the largest value of the array.
+_MAX_STATE_CHANGE_RATIO = 1e-12
 _STATE = ('position', 'orientation', 'linear_velocity', 'angular_velocity', 'intact')
 
 
@@ -89,7 +89,7 @@ class _CompilerTime(event.Listener):  # type: ignore[misc]
 
 
 class Clock:
-    """Processor time without that of the compiler, since it was made."""
+    """Processor time since its creation, without the time of the compiler."""
 
     def __init__(self, limit: float, compiler: _CompilerTime) -> None:
         self._start, self._compiled = time.process_time(), compiler.seconds
@@ -103,25 +103,26 @@ class Clock:
         return self.seconds > part * self.limit
 
     def another(self) -> 'Clock':
-        """Return a clock that begins now, with the same limit."""
+        """Return a clock that starts now, with the same limit."""
         return Clock(self.limit, self._compiler)
 
 
-def judge(stress: StressScene, *, seconds: float = SECONDS) -> Finding:
-    """Run a scene within so much processor time [s], and class it."""
-    return judged_by(
+def judge(stress: StressScene, *, seconds: float = PROCESSOR_TIME_S) -> Finding:
+    """Run a scene within a processor time of `seconds`, and classify it."""
+    return classify_by_clock(
         stress, seconds,
         lambda scene, parameters, clock: _Judge(scene, clock, parameters).finding())
 
 
-def judged_by(
+def classify_by_clock(
     stress: StressScene, seconds: float,
-    look: Callable[[StressScene, dict[str, Any], Clock], Finding]
+    classify: Callable[[StressScene, dict[str, Any], Clock], Finding]
 ) -> Finding:
     """
-    What `look` finds of a scene with its parameters, by a clock of so much processor time [s].
+    Return the finding of `classify` for a scene, with a clock of `seconds` of processor time.
 
-    An error of the program is a crash.
+    `classify` gets the scene, its parameters with paths of files, and the clock. An exception that
+    it raises is a finding of the class CRASH.
     """
     compiler = _CompilerTime()
     clock = Clock(seconds, compiler)
@@ -132,10 +133,10 @@ def judged_by(
     try:
         with event.install_listener('numba:compile', compiler), (
                 tempfile.TemporaryDirectory()) as folder:
-            finding = look(stress, stress.placed(Path(folder)), clock)
-    except Exception as error:  # noqa: BLE001 - what it finds are such errors
+            finding = classify(stress, stress.write_files(Path(folder)), clock)
+    except Exception as error:  # noqa: BLE001 - any exception is a finding
         place = traceback.extract_tb(error.__traceback__)[-1]
-        finding = _finding(
+        finding = _make_finding(
             stress, Verdict.CRASH,
             f'{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})')
     finally:
@@ -145,28 +146,29 @@ def judged_by(
 
 
 class _Silent(logging.Handler):
-    """Takes warnings of the library; what they say is read from the status of the run."""
+    """A handler that drops warnings of the library: the status of the run has the same facts."""
 
     def emit(self, record: logging.LogRecord) -> None:
         return
 
 
-def _finding(stress: StressScene, verdict: Verdict, detail: str) -> Finding:
+def _make_finding(stress: StressScene, verdict: Verdict, detail: str) -> Finding:
     return Finding(stress.seed, stress.kind, verdict, ' '.join(detail.split()))
 
 
 class _Judge:
-    """One scene; each step of `finding` may end it."""
+    """The judge of one scene."""
 
     def __init__(
         self, stress: StressScene, clock: Clock, parameters: dict[str, Any]
     ) -> None:
         self._stress, self._clock, self._parameters = stress, clock, parameters
-        # The scene before its parameters changed, and when they did [s].
+        # The scene before its parameters changed, and the time of the change [s].
         self._before: Scene | None = None
         self._start = 0.0
 
     def finding(self) -> Finding:
+        """Run all comparisons, and return the first fault or the class of the run."""
         stress = self._stress
         spoiled = '' if stress.change else stress.spoiled
         try:
@@ -174,74 +176,77 @@ class _Judge:
             run = compile_scene(scene)
             if stress.change:
                 spoiled = stress.spoiled
-                self._find_start(run)
+                self._advance_to_change(run)
                 earlier = run
                 if self._before is not None:
                     scene = scene.with_changes(stress.change)
-                run = self._begun(scene)
-                if lost := self._lost(earlier, run):
-                    return _finding(stress, Verdict.SILENT, lost)
-            # Here it begins, or says that it cannot.
+                run = self._start_run(scene)
+                if lost := self._find_wrong_change(earlier, run):
+                    return _make_finding(stress, Verdict.SILENT, lost)
+            # The run starts here, or raises the reason why it cannot.
             run.warm_up()
         except ValueError as error:
             right = is_right_refusal(error, spoiled) or self._is_refused_anyway(error)
-            return _finding(
+            return _make_finding(
                 stress, Verdict.REFUSED if right else Verdict.WRONGLY_REFUSED, str(error))
         except SimulationError as error:
-            # A connector is in its shell: the run cannot begin there, and a node keeps the one
-            # before a change.
+            # A connector is inside its shell, so the run cannot start. A node keeps the run before
+            # the change.
             had_to = 'connector.obstruction is stop' in str(error) and (
                 scene.parameters['connector.obstruction'] == 'stop') or (
-                self._was_too_long_before(str(error)))
-            return _finding(stress, _stop(had_to), str(error))
+                self._was_step_too_long_before_change(str(error)))
+            return _make_finding(stress, _stop_verdict(had_to), str(error))
         except Interrupted:
-            return self._slow(run)
-        # A single body has no step that is too long.
+            return self._classify_slow(run)
+        # No step is too long for a single body.
         if stress.spoiled and stress.spoiled != 'solver.step' and (
                 self._before is not None or not stress.change):
-            return _finding(
-                stress, Verdict.SILENT, f'{stress.spoiled} had to be refused, and was not')
-        rate = rate_of(run)
-        # Where springs of friction have a past, no other run can take the state over.
+            return _make_finding(
+                stress, Verdict.SILENT, f'{stress.spoiled} had to be refused but was accepted')
+        rate = fastest_rate(run)
+        # No other run can continue a state with friction springs, which depend on the past.
         compares = not float(str(scene.parameters['contact.friction'])) > 0.0
         windows = Windows(
-            run, rate, lambda: self._clock.is_over(_WINDOWS_PART), compare=compares)
+            run, rate, lambda: self._clock.is_over(_WINDOWS_TIME_RATIO), compare=compares)
         failure: SimulationError | None = None
         try:
             windows.follow(stress.duration)
         except SimulationError as error:
             failure = error
         except Interrupted:
-            if not run.time - self._start > _ENOUGH * (stress.duration - self._start):
-                return self._slow(run)
+            if not run.time - self._start > _MIN_SIMULATED_RATIO * (stress.duration - self._start):
+                return self._classify_slow(run)
         run.should_stop = None
         added, end = windows.result(), run.time
-        # Where the run stopped the other one has to come to what it stopped for, which may be in a
-        # window that ends later than all.
-        late = end + _LATER * stress.duration if end > stress.duration else stress.duration
-        growth, distance, reason = far_tighter(
+        # If the run stopped, the reference has to reach the reason, which may be in a window that
+        # ends after the duration.
+        late = stress.duration
+        if end > late:
+            late = end + _EXTRA_DURATION_RATIO * stress.duration
+        growth, distance, reason = run_reference(
             run, rate, end if failure is None else late,
-            lambda: self._clock.is_over(_WHOLE_PART),
-            None if self._before is None else self._begun(scene))
-        other, compared, shared = self._other_bits(run, end, failure)
-        found = _finding(stress, Verdict.WITHIN, '')._replace(
+            lambda: self._clock.is_over(_ALL_RUNS_TIME_RATIO),
+            None if self._before is None else self._start_run(scene))
+        other, compared, shared = self._find_bit_difference(run, end, failure)
+        found = _make_finding(stress, Verdict.WITHIN, '')._replace(
             method=run.status.method_name, bodies=scene.body_count, steps=run.status.step_count,
             is_given=float(str(scene.parameters['solver.step'])) > 0.0, time=end,
             added=added.error, promised=added.promised, estimate=run.error_estimate,
             growth=0.0 if growth is None else growth.largest, compared=compared,
             windows=added.windows, unjudged=added.unjudged, shared=shared)
         if other:
-            return found._replace(verdict=Verdict.OTHER_BITS, detail=other)
+            return found._replace(verdict=Verdict.NOT_BIT_IDENTICAL, detail=other)
         if failure is not None:
-            return self._stopped(found, str(failure), reason, run, rate)
-        # From the start it may come to what a sensitive run does not come to.
+            return self._classify_stop(found, str(failure), reason, run, rate)
+        # A sensitive run may miss a stop that the reference reaches from the start.
         sensitive = growth is None or growth.is_sensitive or bool(growth.ended)
-        if why := self._missed_stop(run, end, windows.stopped or ('' if sensitive else reason)):
+        seen = windows.stopped or ('' if sensitive else reason)
+        if why := self._find_missed_stop(run, end, seen):
             return found._replace(verdict=Verdict.SILENT, detail=why)
         if added.broken and not found.is_given:
             return found._replace(verdict=Verdict.SILENT, detail=added.broken)
         if growth is not None and not compares:
-            # From its start alone.
+            # Only the comparison from the start is possible.
             known = not (growth.is_sensitive or growth.ended or reason)
             found = found._replace(added=distance / max(growth.largest, 1.0) if known else 0.0)
             if not known:
@@ -249,42 +254,42 @@ class _Judge:
                     verdict=Verdict.UNJUDGED,
                     detail=reason or growth.ended or (
                         f'small displacements grew {growth.largest:.3g} times, and no other run '
-                        'can take over where springs of friction have a past'))
+                        'can continue a state with friction springs'))
         elif not compares:
             return found._replace(
-                verdict=Verdict.UNJUDGED, detail='there was no time for the tighter run')
+                verdict=Verdict.UNJUDGED, detail='no time was left for the reference run')
         lacks = run.status.error_estimate_lacks
-        verdict = classed(found, lacks, growth, distance)
+        verdict = classify_end(found, lacks, growth, distance)
         if verdict.verdict in (Verdict.SILENT, Verdict.BETWEEN) and compares:
-            # Single windows may stand for many: look at all of them.
-            again = self._all_windows(scene, rate, end)
+            # A window may represent several: compare all of them.
+            again = self._compare_all_windows(scene, rate, end)
             if again is not None:
                 added = again
-                verdict = classed(
+                verdict = classify_end(
                     found._replace(
                         added=again.error, promised=again.promised, windows=again.windows,
                         unjudged=again.unjudged), lacks, growth, distance)
         if verdict.is_fault or verdict.verdict is Verdict.BETWEEN:
             return verdict
-        why = added.broken or added.why or (reason and f'the tighter run stopped: {reason}')
+        why = added.broken or added.why or (reason and f'the reference run stopped: {reason}')
         if not why:
             return verdict
         return verdict._replace(
             verdict=Verdict.UNJUDGED,
             detail=f'{verdict.unjudged} of {verdict.windows} windows; {why}')
 
-    def _find_start(self, run: Simulation) -> None:
-        """Take a `run` to where parameters change; one that stops before is judged as it is."""
+    def _advance_to_change(self, run: Simulation) -> None:
+        """Advance a `run` to the change of its parameters, unless it stops before."""
         start = self._stress.change_at * self._stress.duration
-        run.should_stop = lambda: self._clock.is_over(_WINDOWS_PART)
+        run.should_stop = lambda: self._clock.is_over(_WINDOWS_TIME_RATIO)
         try:
             run.advance_to(start)
         except SimulationError:
             return
         self._before, self._start = run.scene, start
 
-    def _lost(self, earlier: Simulation, run: Simulation) -> str:
-        """What the change of parameters did to the state that it should not do; '': nothing."""
+    def _find_wrong_change(self, earlier: Simulation, run: Simulation) -> str:
+        """Return the wrong change of the state at a change of parameters, or an empty string."""
         if self._before is None:
             return ''
         one, two = earlier.snapshot(), run.snapshot()
@@ -297,19 +302,19 @@ class _Judge:
         for name in _STATE:
             before, after = getattr(one, name), getattr(two, name)
             scale = 1.0 if before.dtype == bool else float(np.abs(before).max(initial=0.0))
-            differs = ~(np.abs(after.astype(float) - before) <= _SAME * scale)
+            differs = ~(np.abs(after.astype(float) - before) <= _MAX_STATE_CHANGE_RATIO * scale)
             if name != 'intact':
-                # Where driven bodies are follows from their paths.
+                # Paths determine the poses of driven bodies.
                 differs = differs.any(axis=1)
                 differs[driven] = False
             if differs.any():
                 which = int(np.flatnonzero(differs)[0])
-                return (f'a change of parameters changed {name}[{which}]: {before[which]}, '
-                        f'then {after[which]}')
+                return (f'a change of parameters changed {name}[{which}] from {before[which]} '
+                        f'to {after[which]}')
         return ''
 
-    def _begun(self, scene: Scene) -> Simulation:
-        """Compile a `scene`, and bring it to where it is judged from."""
+    def _start_run(self, scene: Scene) -> Simulation:
+        """Compile a `scene`, and advance it to the start of the judged interval."""
         run = compile_scene(scene)
         if self._before is not None:
             earlier = compile_scene(self._before)
@@ -318,23 +323,24 @@ class _Judge:
                 self._before.parameters, scene.parameters))
         return run
 
-    def _was_too_long_before(self, text: str) -> bool | None:
+    def _was_step_too_long_before_change(self, text: str) -> bool | None:
         """
-        Whether the run up to the change stopped for its given step, and a shorter one does not.
+        Return True if the given step of the run up to the change was too long.
 
-        Or stops for something else, as any run may have to. None: there was no time.
+        A run with a shorter step then does not stop, or stops for another reason. None: time ran
+        out.
         """
         if self._before is None or 'solver.step' not in text:
             return False
         clock, step = self._clock.another(), float(str(self._before.parameters['solver.step']))
-        for part in (*_SHORTER, 0.0) if step else ():
+        for part in (*_SHORTER_STEP_RATIOS, 0.0) if step else ():
             run = compile_scene(self._before.with_changes({'solver.step': part * step}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._start)
                 run.snapshot()
             except SimulationError as error:
-                if first_name(str(error)) == first_name(text):
+                if first_parameter(str(error)) == first_parameter(text):
                     continue
             except Interrupted:
                 return None
@@ -342,7 +348,7 @@ class _Judge:
         return False
 
     def _is_refused_anyway(self, refused: ValueError) -> bool:
-        """Whether a spoiled scene is refused for the same without what was spoiled."""
+        """Return True if a scene is refused for the same reason without its spoiled values."""
         spoiled_with = self._stress.spoiled_with
         try:
             compile_scene(Scene.from_parameters({
@@ -352,86 +358,87 @@ class _Judge:
             return str(error) == str(refused) and is_right_refusal(error, '')
         return False
 
-    def _stopped(
+    def _classify_stop(
         self, found: Finding, text: str, reason: str, run: Simulation, rate: float
     ) -> Finding:
-        """The class of a `run` that stopped for `text`; the tighter one for `reason`."""
+        """Classify a `run` that stopped for `text`; the reference run stopped for `reason`."""
         scene = run.scene
-        right = has_jumped(text, run) or have_met(
-            text, run, lambda: compiled_reference(reference_scene(scene, rate))
-        ) or self._is_right(text, reason, scene, rate)
+        right = did_length_jump(text, run) or did_charges_pass(
+            text, run, lambda: compile_reference(reference_scene(scene, rate))
+        ) or self._had_to_stop(text, reason, scene, rate)
         if right is False and not found.is_given and found.added <= found.promised:
-            # It kept its promise until then, and what it advises may help.
-            right = self._is_way_out(text, scene)
-        verdict = _stop(right)
+            # The run kept its promise until the stop, and its advice may help.
+            right = self._does_advice_help(text, scene)
+        verdict = _stop_verdict(right)
         if right is None:
-            text = f'there was no time to try a shorter step; {text}'
+            text = f'no time was left to try a shorter step; {text}'
         return found._replace(verdict=verdict, detail=' '.join(text.split()))
 
-    def _missed_stop(
-        self, run: Simulation, end: float, reason: str
-    ) -> str:
-        """What a run went on through that ended a tighter one, whatever the steps; '': none."""
-        if not is_physical(reason):
+    def _find_missed_stop(self, run: Simulation, end: float, reason: str) -> str:
+        """Return the reason for which a run should have stopped, or an empty string."""
+        if not is_physical_stop(reason):
             return ''
-        # Health checks come every few steps: the run may be about to see it.
+        # The next health check may still stop the run.
         run.should_stop = self._clock.another().is_over
         try:
-            run.advance_to(end + _LATER * self._stress.duration)
+            run.advance_to(end + _EXTRA_DURATION_RATIO * self._stress.duration)
         except SimulationError as error:
-            if is_physical(str(error)):
+            if is_physical_stop(str(error)):
                 return ''
         except Interrupted:
             return ''
-        return f'went on where a tighter run stopped: {reason}'
+        return f'continued where a reference run stopped: {reason}'
 
-    def _all_windows(self, scene: Scene, rate: float, end: float) -> Added | None:
-        """What a run adds to `end` [s], by windows everywhere; None where there is no time."""
-        run, clock = self._begun(scene), self._clock.another()
-        windows = Windows(run, rate, clock.is_over, most=math.inf)
+    def _compare_all_windows(self, scene: Scene, rate: float, end: float) -> AddedError | None:
+        """Return the errors added until `end` [s] in windows without gaps; None: time ran out."""
+        run, clock = self._start_run(scene), self._clock.another()
+        windows = Windows(run, rate, clock.is_over, max_windows=math.inf)
         try:
             windows.follow(end)
         except (Interrupted, SimulationError):
             return None
         return windows.result()
 
-    def _slow(self, run: Simulation) -> Finding:
-        """Windows took too long: class the scene by a run without any."""
-        alone, clock = self._begun(run.scene), self._clock.another()
-        alone.should_stop = lambda: clock.is_over(_WINDOWS_PART)
+    def _classify_slow(self, run: Simulation) -> Finding:
+        """Classify a scene by a run without windows, because windows took too long."""
+        alone, clock = self._start_run(run.scene), self._clock.another()
+        alone.should_stop = lambda: clock.is_over(_WINDOWS_TIME_RATIO)
         limit = run.status.fastest_term
         verdict, detail = Verdict.SLOW if limit else Verdict.HANG, (
             f'; the fastest motion is that of {limit}')
         try:
             alone.advance_to(self._stress.duration)
             verdict, detail = Verdict.UNJUDGED, (
-                f' beside a tighter run; alone it takes {clock.seconds:.2g} s')
+                f' with a reference run; alone it takes {clock.seconds:.2g} s')
         except Interrupted:
             run = alone
         except SimulationError as error:
             run = alone
-            verdict = Verdict.STOPPED if has_jumped(str(error), alone) else Verdict.UNJUDGED
-            detail = f' beside a tighter run; alone it stops: {error}'
-        return _finding(
+            verdict = Verdict.STOPPED if did_length_jump(str(error), alone) else Verdict.UNJUDGED
+            detail = f' with a reference run; alone it stops: {error}'
+        return _make_finding(
             self._stress, verdict,
             f'{run.status.step_count} steps to t = {run.time:.6g} s of '
             f'{self._stress.duration:.6g} s{detail}')._replace(
                 method=run.status.method_name, bodies=run.scene.body_count,
                 steps=run.status.step_count, time=run.time)
 
-    def _other_bits(
+    def _find_bit_difference(
         self, run: Simulation, end: float, failure: SimulationError | None
     ) -> tuple[str, bool, bool]:
         """
-        What two threads and a checkpoint change; whether it was compared, and by two threads.
+        Repeat a run by two threads and from a checkpoint, and compare bit by bit.
+
+        Returns the difference or an empty string, whether the runs were compared, and whether
+        both threads had bodies.
         """
         with teams_of(2):
-            threads = self._begun(run.scene)
+            threads = self._start_run(run.scene)
         restored = compile_scene(run.scene)
-        # Implicit steps take one thread whatever is asked for.
+        # Implicit steps always use one thread.
         wanted = 1 if facts_of(run.status.method_name).implicit else 2
         if threads.status.thread_count != wanted or restored.status.thread_count != 1:
-            raise RuntimeError('the judge asked for two threads beside one, and has '
+            raise RuntimeError('the judge requested two threads and one thread, and got '
                                f'{threads.status.thread_count} and {restored.status.thread_count}')
         shared = threads.status.busy_thread_count == 2
         for simulation in (threads, restored):
@@ -441,19 +448,19 @@ class _Judge:
                 threads.advance_to(0.5 * (self._start + end))
                 data = threads.checkpoint().to_bytes()
                 restored.restore(Checkpoint.from_bytes(data))
-                # The run itself may have stopped in a whole step beyond its end.
+                # The run may have stopped in the last step, which ends after the duration.
                 late = 2.0 * (self._stress.duration + run.status.step)
                 restored.advance_to(end if failure is None else late)
             except SimulationError as error:
                 said = '' if failure is None else str(failure)
                 if str(error) != said:
-                    text = f'stopped elsewhere: {error}; the run itself: {said or "went on"}'
+                    text = f'stopped elsewhere: {error}; the original run: {said or "no stop"}'
                     return text, True, shared
                 return '', True, shared
         except Interrupted:
             return '', False, False
         if failure is not None:
-            return f'did not stop; the run itself: {failure}', True, shared
+            return f'did not stop; the original run: {failure}', True, shared
         one, two = run.snapshot(), restored.snapshot()
         for name in _STATE:
             if not np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True):
@@ -463,33 +470,34 @@ class _Judge:
                 return f'{name} at t = {end!r} s differs', True, shared
         return '', True, shared
 
-    def _is_right(
+    def _had_to_stop(
         self, text: str, reason: str, scene: Scene, rate: float
     ) -> bool | None:
-        """Whether a run had to stop for what it says; None: not known."""
+        """Return True if the reason of a stop is right, and None if time ran out."""
         parameters = scene.parameters
         if parameters['connector.obstruction'] == 'stop' and (
                 'connector.obstruction is stop' in text):
             return True
         tolerance = float(str(parameters['solver.tolerance']))
         step = float(str(parameters['solver.step']))
-        if not step and 'solver.tolerance' in text and tolerance < _BEYOND_REACH * rate:
+        smallest = _MIN_TOLERANCE_PER_RADIAN * rate
+        if not step and 'solver.tolerance' in text and tolerance < smallest:
             return True
-        # The far tighter run stops as well, and names the same.
-        name = first_name(text)
-        if name and name == first_name(reason):
+        # The reference run stops as well, and names the same parameter.
+        name = first_parameter(text)
+        if name and name == first_parameter(reason):
             return True
         if not step or 'solver.step' not in text:
             return False
-        return self._was_too_long(text, reason, scene, step)
+        return self._was_step_too_long(text, reason, scene, step)
 
-    def _is_way_out(self, text: str, scene: Scene) -> bool | None:
-        """Whether a smaller tolerance, which `text` advises, ends the stop; None: no time."""
+    def _does_advice_help(self, text: str, scene: Scene) -> bool | None:
+        """Return True if the tolerance that `text` advises avoids the stop; None: time ran out."""
         if 'a smaller solver.tolerance makes steps shorter' not in text:
             return False
         clock, tolerance = self._clock.another(), float(str(scene.parameters['solver.tolerance']))
-        for part in _FINER:
-            run = self._begun(scene.with_changes({'solver.tolerance': part * tolerance}))
+        for part in _SMALLER_TOLERANCE_RATIOS:
+            run = self._start_run(scene.with_changes({'solver.tolerance': part * tolerance}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._stress.duration)
@@ -500,31 +508,31 @@ class _Judge:
             return True
         return False
 
-    def _was_too_long(self, text: str, reason: str, scene: Scene, step: float) -> bool | None:
+    def _was_step_too_long(self, text: str, reason: str, scene: Scene, step: float) -> bool | None:
         """
-        Whether a run with a shorter given step does not stop; None: there was no time.
+        Return True if a given step was too long, and None if time ran out.
 
-        Or stops as the tighter one does, for its `reason`, or later than this one and for another
-        reason: then the step was too long before the bodies came to what ends all runs. Or stops
-        for a length that jumps, of which this one said that it may.
+        A run with a shorter step then does not stop; or stops for the `reason` of the reference
+        run; or stops later and for another reason, which ends all runs; or stops for a jump of a
+        length that `text` announces.
         """
-        clock, moment = self._clock.another(), moment_of(text)
-        # Given implicit steps leave the energy uncounted that dies out within one, short or long;
-        # chosen ones are the other way out that they name.
+        clock, moment = self._clock.another(), stop_time(text)
+        # Given implicit steps cannot account for energy that is dissipated within one step. Their
+        # messages advise adaptive steps instead.
         is_implicit = facts_of(compile_scene(scene).status.method_name).implicit
         may_jump = 'the forces of connectors around them jump' in text
-        for part in (*_SHORTER, 0.0) if is_implicit or may_jump else _SHORTER:
-            run = self._begun(scene.with_changes({'solver.step': part * step}))
+        for ratio in (*_SHORTER_STEP_RATIOS, *([0.0] if is_implicit or may_jump else [])):
+            run = self._start_run(scene.with_changes({'solver.step': ratio * step}))
             run.should_stop = clock.is_over
             try:
                 run.advance_to(self._stress.duration)
             except SimulationError as error:
-                if may_jump and has_jumped(str(error), run):
+                if may_jump and did_length_jump(str(error), run):
                     return True
-                name = first_name(str(error))
-                if name == first_name(text):
+                name = first_parameter(str(error))
+                if name == first_parameter(text):
                     continue
-                if run.time > moment or (name and name == first_name(reason)):
+                if run.time > moment or (name and name == first_parameter(reason)):
                     return True
                 if not is_implicit:
                     return False
@@ -535,29 +543,29 @@ class _Judge:
         return False
 
 
-def _stop(had_to: bool | None) -> Verdict:
-    """The class of a run that stopped; None: it is not known whether it had to."""
+def _stop_verdict(had_to: bool | None) -> Verdict:
+    """Return the class of a run that stopped; None: not known whether it had to."""
     if had_to is None:
         return Verdict.UNJUDGED
     return Verdict.STOPPED if had_to else Verdict.WRONGLY_STOPPED
 
 
-def classed(found: Finding, lacks: str, growth: Growth | None, distance: float) -> Finding:
+def classify_end(found: Finding, lacks: str, growth: Growth | None, distance: float) -> Finding:
     """
-    The class of a run that came to its end.
+    Classify a run that reached its end.
 
-    `lacks`: what its estimate may not cover; `distance` at the end from a tighter run, where small
-    displacements had that `growth`.
+    `lacks` lists errors that its estimate may not cover. `distance` is that from the reference run
+    at the end, and `growth` is the growth of small displacements in the reference run.
     """
     added, promised = found.added, found.promised
-    told = FACTOR * found.estimate >= added
+    told = MAX_ERROR_RATIO * found.estimate >= added
     chaotic = growth is not None and (growth.is_sensitive or bool(growth.ended))
     if not added <= promised:
-        ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} said'
-        if not found.is_given and added <= FACTOR * promised:
+        ratio = f'{added:.3g} added, {promised:.3g} promised, {found.estimate:.3g} reported'
+        if not found.is_given and added <= MAX_ERROR_RATIO * promised:
             return found._replace(verdict=Verdict.BETWEEN, detail=ratio)
         if told:
-            return found._replace(verdict=Verdict.SAID, detail=ratio)
+            return found._replace(verdict=Verdict.REPORTED, detail=ratio)
         if lacks:
             return found._replace(verdict=Verdict.EXCUSED, detail=f'{ratio}; {lacks}')
         return found._replace(verdict=Verdict.SILENT, detail=ratio)
@@ -566,8 +574,8 @@ def classed(found: Finding, lacks: str, growth: Growth | None, distance: float) 
     if growth is not None:
         # The bound that `icofabric run` prints.
         bound = max(promised, found.estimate) * growth.largest
-        if not distance <= FACTOR * bound:
-            said = f'{distance:.3g} at the end, {bound:.3g} said'
+        if not distance <= MAX_ERROR_RATIO * bound:
+            said = f'{distance:.3g} at the end, {bound:.3g} reported'
             if lacks:
                 return found._replace(verdict=Verdict.EXCUSED, detail=f'{said}; {lacks}')
             return found._replace(verdict=Verdict.SILENT, detail=said)

@@ -1,47 +1,46 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The kinds of random scenes: which terms they have, and which method integrates them.
+The kinds of random scenes: their terms, and the method that integrates them.
 
-Each kind has kernels of its own, so kinds are drawn before values. A number keeps its meaning:
-new kinds go to the end, where there is room for them (`MOST`), and to another version of the seeds
-(`scenes.VERSIONS`).
+Each kind has separate kernels, so kinds are drawn before values. The number of a kind is fixed:
+add new kinds at the end, and a version of the seeds (`scenes.VERSIONS`).
 """
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-# Kernels of a kind take up to two minutes to compile.
-MOST: Final = 200
+# Largest number of kinds: the kernels of one take up to two minutes to compile.
+MAX_KINDS: Final = 200
 
 TERMS: Final = {
-    'loaded': 'wrenches of all profiles',
-    'heavy': 'gravity',
-    'held': 'supports',
-    'bent': 'bending stiffness',
-    'twisted': 'twisting stiffness',
-    'attached': 'attachment points of their own',
-    'kinked': 'connectors that pull otherwise than they push',
-    'tabled': 'connector laws by table',
-    'grouped': 'connectors of a group with laws of their own',
-    'damped': 'damped connectors',
-    'relaxing': 'connectors that are standard linear solids',
-    'tumbling': 'inertias that are not isotropic',
-    'dragged': 'drag',
+    'loads': 'wrenches of all profiles',
+    'gravity': 'gravity',
+    'supports': 'supports',
+    'bending': 'bending stiffness',
+    'twisting': 'twisting stiffness',
+    'attachments': 'individual attachment points',
+    'bilinear': 'connectors with two stiffnesses',
+    'tabulated': 'connector laws by table',
+    'groups': 'connector groups with separate laws',
+    'damping': 'damped connectors',
+    'maxwell': 'connectors that are standard linear solids',
+    'anisotropic': 'anisotropic inertias',
+    'drag': 'drag',
     'breaking': 'connectors that break',
-    'wrapped': 'connectors that lie around shells',
-    'charged': 'charges in an electric field',
-    'dipole': 'dipoles in an electric field',
+    'wrapped': 'connectors wrapped over shells',
+    'charges': 'charges in an electric field',
+    'dipoles': 'dipoles in an electric field',
     'magnetic': 'charges in a magnetic field',
-    'mutual': 'charges that repel each other',
-    'pressed': 'tractions on faces',
-    'anchored': 'connectors to points of the world',
-    'driven': 'prescribed motion',
-    'touching': 'contact between shells',
-    'lossy': 'contact with damping and friction',
-    'floored': 'a plane',
-    'loose': 'bodies outside the weave',
-    'parted': 'bodies without connectors',
+    'coulomb': 'charges that repel each other',
+    'tractions': 'tractions on faces',
+    'anchors': 'connectors to fixed or moving points',
+    'drives': 'prescribed motion',
+    'contact': 'contact between shells',
+    'dissipation': 'contact with damping and friction',
+    'plane': 'a plane',
+    'bodies': 'bodies outside the weave',
+    'disconnected': 'bodies without connectors',
 }
 
 
@@ -65,82 +64,82 @@ def _kinds(text: str) -> Iterator[Kind]:
 
 KINDS: Final = tuple(_kinds("""
     auto leapfrog srkn4 srkn6 srkn8 dop8:
-    leapfrog srkn6 dop8: loaded heavy held
-    leapfrog srkn4 srkn6 dop8: kinked
-    leapfrog srkn6 dop8: bent twisted
-    srkn4 dop8: attached
-    srkn6 dop8: tabled
-    dop8 srkn6: damped
-    dop8: dragged
-    dop8: loaded heavy held damped dragged
+    leapfrog srkn6 dop8: loads gravity supports
+    leapfrog srkn4 srkn6 dop8: bilinear
+    leapfrog srkn6 dop8: bending twisting
+    srkn4 dop8: attachments
+    srkn6 dop8: tabulated
+    dop8 srkn6: damping
+    dop8: drag
+    dop8: loads gravity supports damping drag
     dop8 leapfrog: breaking
-    dop8: kinked breaking
+    dop8: bilinear breaking
     dop8: wrapped
-    dop8: damped wrapped
-    srkn6: charged
-    srkn8: dipole
+    dop8: damping wrapped
+    srkn6: charges
+    srkn8: dipoles
     dop8: magnetic
-    srkn6: mutual
-    srkn4 dop8: pressed
-    srkn6 dop8: anchored
-    leapfrog srkn6 dop8: driven
-    dop8: damped driven
-    srkn4 srkn6 dop8: touching
-    dop8: touching lossy
-    dop8: heavy touching floored
-    dop8: heavy touching lossy floored
-    dop8: touching parted
-    dop8: loaded bent twisted grouped damped driven
-    dop8: loaded heavy kinked grouped damped breaking
-    srkn6: loaded heavy held bent twisted attached grouped
-    dop8: heavy held tabled damped anchored
-    auto: loaded heavy held touching loose
-    srkn8: loaded bent twisted kinked
-    dop8: heavy dragged charged magnetic driven
+    srkn6: coulomb
+    srkn4 dop8: tractions
+    srkn6 dop8: anchors
+    leapfrog srkn6 dop8: drives
+    dop8: damping drives
+    srkn4 srkn6 dop8: contact
+    dop8: contact dissipation
+    dop8: gravity contact plane
+    dop8: gravity contact dissipation plane
+    dop8: contact disconnected
+    dop8: loads bending twisting groups damping drives
+    dop8: loads gravity bilinear groups damping breaking
+    srkn6: loads gravity supports bending twisting attachments groups
+    dop8: gravity supports tabulated damping anchors
+    auto: loads gravity supports contact bodies
+    srkn8: loads bending twisting bilinear
+    dop8: gravity drag charges magnetic drives
     sdirk4:
-    sdirk4: damped
-    sdirk4: loaded heavy held damped
-    sdirk4: bent twisted damped
-    sdirk4: kinked damped
-    sdirk4: tabled damped
-    sdirk4: damped dragged driven
-    sdirk4: damped pressed
-    sdirk4: loaded heavy held grouped damped dragged
-    auto: loaded heavy held damped
-    dop8: tabled grouped
-    auto dop8: kinked touching
-    leapfrog srkn6: loaded kinked driven
-    dop8: breaking touching lossy
-    dop8: breaking anchored
-    leapfrog: anchored
-    dop8: pressed touching floored
-    dop8: bent twisted driven touching
-    srkn6: loaded heavy held touching
-    dop8: charged touching
-    auto: heavy held damped breaking anchored
-    sdirk4: damped touching
-    sdirk4: loaded heavy held damped touching floored
-    sdirk4: bent twisted damped driven touching
-    auto: heavy held damped touching
-    dop8: relaxing
-    auto: loaded heavy held relaxing
-    dop8: kinked relaxing breaking
-    dop8: tabled damped relaxing driven
-    dop8: bent twisted attached grouped relaxing
-    dop8: heavy relaxing touching lossy floored
-    dop8: tumbling
-    auto: loaded heavy held damped tumbling
-    dop8: kinked tumbling driven
-    dop8: heavy tumbling touching lossy floored
-    dop8: attached wrapped
-    dop8: bent twisted attached wrapped
-    dop8: relaxing wrapped
-    dop8: heavy attached damped wrapped touching
-    dop8: bent kinked relaxing breaking wrapped touching
+    sdirk4: damping
+    sdirk4: loads gravity supports damping
+    sdirk4: bending twisting damping
+    sdirk4: bilinear damping
+    sdirk4: tabulated damping
+    sdirk4: damping drag drives
+    sdirk4: damping tractions
+    sdirk4: loads gravity supports groups damping drag
+    auto: loads gravity supports damping
+    dop8: tabulated groups
+    auto dop8: bilinear contact
+    leapfrog srkn6: loads bilinear drives
+    dop8: breaking contact dissipation
+    dop8: breaking anchors
+    leapfrog: anchors
+    dop8: tractions contact plane
+    dop8: bending twisting drives contact
+    srkn6: loads gravity supports contact
+    dop8: charges contact
+    auto: gravity supports damping breaking anchors
+    sdirk4: damping contact
+    sdirk4: loads gravity supports damping contact plane
+    sdirk4: bending twisting damping drives contact
+    auto: gravity supports damping contact
+    dop8: maxwell
+    auto: loads gravity supports maxwell
+    dop8: bilinear maxwell breaking
+    dop8: tabulated damping maxwell drives
+    dop8: bending twisting attachments groups maxwell
+    dop8: gravity maxwell contact dissipation plane
+    dop8: anisotropic
+    auto: loads gravity supports damping anisotropic
+    dop8: bilinear anisotropic drives
+    dop8: gravity anisotropic contact dissipation plane
+    dop8: attachments wrapped
+    dop8: bending twisting attachments wrapped
+    dop8: maxwell wrapped
+    dop8: gravity attachments damping wrapped contact
+    dop8: bending bilinear maxwell breaking wrapped contact
 """))
-assert len(KINDS) <= MOST
-# The kinds of scenes for which `auto` may take implicit steps.
+assert len(KINDS) <= MAX_KINDS
+# Kinds for which `auto` may take implicit steps.
 AUTO_DAMPED: Final = (
-    Kind('auto', ('loaded', 'heavy', 'held', 'damped')),
-    Kind('auto', ('heavy', 'held', 'damped', 'touching')))
+    Kind('auto', ('loads', 'gravity', 'supports', 'damping')),
+    Kind('auto', ('gravity', 'supports', 'damping', 'contact')))
 assert {*AUTO_DAMPED} <= {*KINDS}

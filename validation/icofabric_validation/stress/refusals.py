@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which refusals are right: those of a spoiled scene name what was spoiled, others are few.
+Judges of refusals and stops by their messages.
 
-And which stops need no other run to be judged.
+The refusal of a spoiled scene must name the spoiled parameter. The other scenes may be refused
+only for a few known contradictions.
 """
 
 from collections.abc import Callable
@@ -18,18 +19,18 @@ from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.wrap_jumps import depths_of
 import numpy as np
 
-# Names that a refusal of a spoiled parameter may say in its place.
+# Parameters that a refusal may name instead of the spoiled one.
 PARTNERS: Final[dict[str, tuple[str, ...]]] = {
-    # Spoiled where the scene may give both.
+    # The scene may give both.
     'shell.thickness': ('shell.inner_edge_length',),
     'weave.connector_angle': ('weave.connector_length',),
     'weave.connector_length': ('weave.connector_angle',),
-    # Spoiled with a method that may not suit the scene.
+    # The spoiled scene has a method that may not support its terms.
     'solver.step': ('solver.method',)}
-# What chance may bring together in a scene that is not spoiled: beginning of a name, and words.
-REFUSED_BY_CHANCE: Final = (
+# Contradictions in scenes that are not spoiled: start of a parameter, and words of the message.
+ACCIDENTAL_REFUSALS: Final = (
     ('solver.step', 'is beyond the stability limit'),
-    ('solver.step', 'is too long for what touches'),
+    ('solver.step', 'is too long for present or possible contacts'),
     ('solver.method', 'cannot integrate this scene'),
     ('weave.size', 'has no icosahedron'),
     ('weave.box', 'no icosahedron fits'),
@@ -41,7 +42,7 @@ REFUSED_BY_CHANCE: Final = (
     ('bodies.ball.inertia', 'the largest possible'),
     ('shell.inertia', 'the largest possible'),
     ('masses.others.inertia', 'the largest possible'),
-    # Of lighter shells, once the density has changed.
+    # Lighter shells, after a change of the density.
     ('shell.principal_inertia', 'the largest possible'),
     ('initial.kick.', 'which a support holds'),
     ('initial.kick.', 'disagrees with drives.'),
@@ -50,52 +51,52 @@ REFUSED_BY_CHANCE: Final = (
     ('connector_groups.seam.break_length_', 'at which they would break at once'),
     ('drives.table.', 'the velocity would jump at the start'),
     ('tractions.wind.group', 'rotates body'),
-    # A ball, or a body that begins elsewhere, in another shell.
+    # A body outside the weave or a displaced body, which overlaps another shell.
     ('contact.mode', 'move them apart'))
-# States of a tighter run in which charged bodies are looked for that pass each other.
-_LOOKS: Final = 64
+# Number of states of a reference run that are searched for overlaps of charged bodies.
+_SEARCHED_STATES: Final = 64
 
 
 def is_right_refusal(error: ValueError, spoiled: str) -> bool:
-    """Whether a scene whose parameter `spoiled` ('': none) is impossible was refused for it."""
+    """Return True if `error` is right for the spoiled parameter, or for a scene without one."""
     text = str(error)
     named = error.name if isinstance(error, ParameterError) else ''
     if spoiled:
-        return any(_says(text, named, name) for name in (spoiled, *PARTNERS.get(spoiled, ())))
+        return any(_mentions(text, named, name) for name in (spoiled, *PARTNERS.get(spoiled, ())))
     return any(
         words in text and re.search(rf'(?<![\w.]){re.escape(start)}', text) is not None
-        for start, words in REFUSED_BY_CHANCE)
+        for start, words in ACCIDENTAL_REFUSALS)
 
 
-def _says(text: str, named: str, name: str) -> bool:
-    """Whether a text, of an error that may be `named` for a parameter, is about `name`."""
+def _mentions(text: str, named: str, name: str) -> bool:
+    """Return True if a text, or the parameter `named` of its error, mentions `name`."""
     if name == named:
         return True
-    # Names without a dot are words of prose, too.
+    # Names without a dot may be ordinary words.
     before = r'(?<![\w.])' if '.' in name else '^'
     return re.search(rf'{before}{re.escape(name)}(?!\w)', text) is not None
 
 
-def first_name(text: str) -> str:
-    """The first parameter that a sentence names; '': none."""
+def first_parameter(text: str) -> str:
+    """Return the first parameter in a sentence, or an empty string."""
     for word in re.findall(r'(?<![\w.])[a-z]\w*(?:\.\w+)+', text):
         if word in BY_NAME or word.split('.')[0] in FAMILIES:
             return str(word)
     return ''
 
 
-def moment_of(text: str) -> float:
-    """Time [s] at which a run stopped, as its sentence says first; infinite: it does not say."""
+def stop_time(text: str) -> float:
+    """Return the time [s] in the message of a stop; infinite if the message has none."""
     found = re.search(r'\bt = (-?\d[\d.]*(?:e[+-]?\d+)?) s', text)
     return float(found.group(1)) if found else math.inf
 
 
-def has_jumped(text: str, run: Simulation) -> bool:
+def did_length_jump(text: str, run: Simulation) -> bool:
     """
-    Whether a run that stopped for a jump of the length of a connector had to, by its last state.
+    Return True if the last state of a run confirms that the length of a connector jumped.
 
-    That is: the two shells that `text` names do pass through each other there, nothing keeps them
-    apart, and a connector leads from one to the other around one of them.
+    In this state the two shells that `text` names overlap, the scene has no contact, and the
+    connector joins the two shells and is wrapped over one of them.
     """
     parameters = run.scene.parameters
     named = re.search(
@@ -113,19 +114,19 @@ def has_jumped(text: str, run: Simulation) -> bool:
         depths[0] > 0.0)
 
 
-def have_met(text: str, run: Simulation, reference_of: Callable[[], Simulation]) -> bool:
+def did_charges_pass(text: str, run: Simulation, reference_of: Callable[[], Simulation]) -> bool:
     """
-    Whether a run that stopped as charged bodies passed each other had to, by a tighter run.
+    Return True if a reference run confirms that two charged bodies passed each other.
 
-    That is: nothing keeps shells apart, and from its last state on those of the two bodies that
-    `text` names do pass through each other in the reference, before the run stopped.
-    `reference_of` compiles it.
+    The scene then has no contact, and the shells that `text` names overlap in the reference, which
+    starts from the last state of the run, before the time of the stop. `reference_of` compiles the
+    reference.
     """
     parameters = run.scene.parameters
     named = re.search(
         r'bodies (\d+) and (\d+), whose charges act on each other \(charge\.mutual\), pass each '
         r'other ', text)
-    moment = moment_of(text)
+    moment = stop_time(text)
     if named is None or not parameters['charge.mutual'] or (
             parameters['contact.mode'] != 'never') or not math.isfinite(moment):
         return False
@@ -133,9 +134,9 @@ def have_met(text: str, run: Simulation, reference_of: Callable[[], Simulation])
     start, reference = run.time, reference_of()
     reference.reset_time()
     reference.take_over(run, keep_motion=True)
-    for part in range(1, _LOOKS + 1):
+    for part in range(1, _SEARCHED_STATES + 1):
         try:
-            reference.advance_to(start + (moment - start) * part / _LOOKS)
+            reference.advance_to(start + (moment - start) * part / _SEARCHED_STATES)
         except SimulationError:
             return False
         depths = depths_of(

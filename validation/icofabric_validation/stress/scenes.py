@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Random scenes over the parameter tree: the same text for the same seed, on every machine.
+Random scenes over all parameters; a seed gives the same text on every machine.
 
 The kind is drawn first, then values, as multiples of the scales of the fabric: half edge a, mass,
-stiffness and their frequency. Some scenes are spoiled: one value cannot be taken, and its name is
-what the refusal must say.
+stiffness and their frequency. Some scenes are spoiled: one value is impossible, and the refusal
+must give its name.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -24,23 +24,23 @@ from icofabric_sim.simulation.stepping.methods import IMPLICIT
 from icofabric_validation.stress.kinds import AUTO_DAMPED, Kind, KINDS
 import numpy as np
 
-# Seeds below each number draw among so many kinds, the first of the list. Where the list grows
-# another version follows: no seed means another scene.
+# Versions of the seeds: upper limit of the seeds, and number of kinds that they draw from. More
+# kinds need a new version, so that each seed keeps its scene.
 VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
                    (2**38, 92), (2**39, 97), (2**40, 97))
 LARGEST_SEED: Final = VERSIONS[-1][0] - 1
-# Share of scenes with a value that must be refused.
-_SPOILED = 0.06
-# Share of scenes, of the version of seeds that has them, whose parameters change while they run,
-# and of these changes those that must be refused.
-_CHANGED, _SPOILED_CHANGE = 0.7, 0.08
-# Fabrics stay small, so that each can be judged in seconds.
-_MOST_PLACES = 120
+# Fraction of scenes with a value that must be refused.
+_SPOILED_RATIO = 0.06
+# Fraction of scenes whose parameters change during the run, and fraction of these changes that
+# must be refused.
+_CHANGED_RATIO, _SPOILED_CHANGE_RATIO = 0.7, 0.08
+# Largest number of grid positions, so that a scene can be judged in seconds.
+_MAX_GRID_POSITIONS = 120
 _EDGES = ('up', 'down', 'north', 'south', 'west', 'east')
-# Largest frequency of a fabric of identical springs over sqrt(k / M), about.
-_FASTEST = 4.0
-# A word in place of the path of a file that belongs to the scene.
-_FILE = 'FILE:'
+# Approximate largest frequency of a fabric of identical springs over sqrt(k / M).
+_FREQUENCY_RATIO = 4.0
+# Prefix of values that name a file of the scene.
+_FILE_PREFIX = 'FILE:'
 
 
 @dataclass(frozen=True)
@@ -48,32 +48,32 @@ class StressScene:
     """
     A drawn scene: its parameters, the files that they name, and what must be refused.
 
-    Parameters may change while it runs, as by the services of a node: then a value that must be
-    refused is one of those to which they change.
+    Parameters may change during the run, as by the services of a node. Then a value that must be
+    refused is in the change.
     """
 
     seed: int
     kind: int  # index in KINDS
     parameters: dict[str, Any]  # dotted names; files as FILE:NAME
     files: dict[str, str]  # name and text
-    spoiled: str = ''  # name of the parameter that cannot be taken; '': none
-    spoiled_with: tuple[str, ...] = ()  # names of all that was changed for it
-    change: dict[str, Any] = field(default_factory=dict)  # values that come while it runs
-    change_at: float = 0.0  # part of the duration after which they do
+    spoiled: str = ''  # name of the parameter with an impossible value; '': none
+    spoiled_with: tuple[str, ...] = ()  # names of all parameters that were changed for it
+    change: dict[str, Any] = field(default_factory=dict)  # values set during the run
+    change_at: float = 0.0  # fraction of the duration after which they are set
 
     @property
     def duration(self) -> float:
         """Simulated time [s]."""
         return float(self.parameters['duration'])
 
-    def placed(self, folder: Path) -> dict[str, Any]:
+    def write_files(self, folder: Path) -> dict[str, Any]:
         """Write the files into a folder, and return the parameters with their paths."""
         for name, text in self.files.items():
             (folder / name).write_text(text, encoding='utf-8')
         return {name: _with_folder(value, folder) for name, value in self.parameters.items()}
 
     def text(self) -> str:
-        """The scene as a parameter file, with its files named as if they lay beside it."""
+        """Return the scene as a parameter file, with relative names of its files."""
         kind = KINDS[self.kind]
         head = (
             f'# Seed {self.seed} of icofabric stress (seeds of version {version_of(self.seed)}), '
@@ -87,42 +87,43 @@ class StressScene:
             {name: _with_folder(value, None) for name, value in self.parameters.items()})
 
     def with_files_named(self, prefix: str) -> 'StressScene':
-        """The same scene with `prefix` before the names of its files; without unused files."""
+        """Return the scene with a prefix in the names of its files, without unused files."""
         used = {
             name for name in self.files
-            if any(isinstance(value, str) and value.endswith(_FILE + name)
+            if any(isinstance(value, str) and value.endswith(_FILE_PREFIX + name)
                    for value in self.parameters.values())}
         return replace(
             self, files={prefix + name: self.files[name] for name in self.files if name in used},
             parameters={
-                name: value.replace(_FILE, _FILE + prefix) if isinstance(value, str) else value
+                name: value.replace(_FILE_PREFIX, _FILE_PREFIX + prefix)
+                if isinstance(value, str) else value
                 for name, value in self.parameters.items()})
 
     def without(self, names: Collection[str]) -> 'StressScene':
-        """The same scene without some of its parameters."""
+        """Return the scene without some of its parameters."""
         return replace(self, parameters={
             name: value for name, value in self.parameters.items() if name not in names})
 
 
 def draw_scene(seed: int) -> StressScene:
-    """The scene of a seed, 0 to 2^40 - 1."""
+    """Return the scene of a seed, 0 to 2^40 - 1."""
     seed = checks.count('seed', seed, 0, LARGEST_SEED)
-    generator, kind = _begun(seed)
+    generator, kind = _draw_kind(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
 
 
 def kind_of(seed: int) -> int:
-    """Number of the kind that a seed draws."""
-    return _begun(seed)[1]
+    """Return the number of the kind that a seed draws."""
+    return _draw_kind(seed)[1]
 
 
 def version_of(seed: int) -> int:
-    """Version of the seeds to which one belongs, from 1."""
+    """Return the version of a seed, from 1."""
     return next(number for number, (end, _) in enumerate(VERSIONS, 1) if seed < end)
 
 
-def _begun(seed: int) -> tuple[np.random.Generator, int]:
-    """What draws the scene of a seed, and the kind that it drew first."""
+def _draw_kind(seed: int) -> tuple[np.random.Generator, int]:
+    """Return the generator of a seed after its first draw, and the kind that this draw gave."""
     version = version_of(seed)
     generator = np.random.default_rng([version, seed])
     return generator, int(generator.integers(VERSIONS[version - 1][1]))
@@ -130,9 +131,9 @@ def _begun(seed: int) -> tuple[np.random.Generator, int]:
 
 def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
     """
-    The first `count` seeds, from `first` on, whose kinds are among `kinds`.
+    Yield the first `count` seeds from `first` on whose kinds are in `kinds`.
 
-    Where all of these are of later versions, from the first one that may draw them.
+    If only later versions draw all these kinds, the seeds start with the first such version.
     """
     found, seed = 0, first
     for end, drawn in VERSIONS:
@@ -146,14 +147,14 @@ def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
 
 
 def _with_folder(value: Any, folder: Path | None) -> Any:
-    if not (isinstance(value, str) and _FILE in value):
+    if not (isinstance(value, str) and _FILE_PREFIX in value):
         return value
-    head, _, name = value.partition(_FILE)
+    head, _, name = value.partition(_FILE_PREFIX)
     return head + (name if folder is None else str(folder / name))
 
 
 class _Draw:
-    """One scene in the making."""
+    """The state of drawing one scene."""
 
     def __init__(self, generator: np.random.Generator, kind: Kind) -> None:
         self.generator, self.kind = generator, kind
@@ -161,34 +162,34 @@ class _Draw:
         self.files: dict[str, str] = {}
 
     def scene(self, seed: int, kind: int) -> StressScene:
-        self._weave()
+        self._draw_weave()
         for term in self.kind.terms:
             getattr(self, f'_{term}')()
-        self._start()
-        self._solver()
+        self._draw_initial_state()
+        self._draw_solver()
         if version_of(seed) >= 3:
-            self._refine()
+            self._draw_version_3()
         if version_of(seed) >= 4:
-            self._refine_more()
+            self._draw_version_4()
         if version_of(seed) >= 5:
-            self._refine_shell_and_anchors()
+            self._draw_version_5()
         if version_of(seed) >= 9:
-            self._refine_sizes()
+            self._draw_version_9()
         change: dict[str, Any] = {}
-        if version_of(seed) >= 4 and self.chance(_CHANGED):
-            change = self._reweave()
-        if change and self.chance(_SPOILED_CHANGE):
-            spoiled, change = self._impossible()
+        if version_of(seed) >= 4 and self.chance(_CHANGED_RATIO):
+            change = self._draw_change()
+        if change and self.chance(_SPOILED_CHANGE_RATIO):
+            spoiled, change = self._draw_impossible_change()
             with_it = tuple(change)
-        elif not change and self.chance(_SPOILED):
-            spoiled, with_it = self._spoil()
+        elif not change and self.chance(_SPOILED_RATIO):
+            spoiled, with_it = self._spoil_value()
         else:
             spoiled, with_it = '', ()
         return StressScene(
             seed, kind, self.values, self.files, spoiled, with_it, change,
             self.uniform(0.1, 0.7) if change else 0.0)
 
-    # Numbers of plain Python, so that they can be written to files.
+    # Numbers are plain Python, so that they can be written to files.
 
     def chance(self, share: float) -> bool:
         return bool(self.generator.random() < share)
@@ -197,7 +198,7 @@ class _Draw:
         return float(self.generator.uniform(low, high))
 
     def log(self, low: float, high: float) -> float:
-        """A number whose decimal logarithm is between these."""
+        """Return a number whose decimal logarithm is between `low` and `high`."""
         return 10.0 ** self.uniform(low, high)
 
     def vector(self, size: float) -> list[float]:
@@ -206,16 +207,16 @@ class _Draw:
     def choice(self, *words: Any) -> Any:
         return words[int(self.generator.integers(len(words)))]
 
-    def _weave(self) -> None:
+    def _draw_weave(self) -> None:
         values = self.values
         kind = self.choice('orthogonal', 'orthogonal', 'bias', 'radial')
         size = [1 + int(6.99 * self.generator.random() ** 2) for _ in range(3)]
         if kind != 'orthogonal':
-            # Bands of a radial weave have several rows, and a turned slab few bodies in a corner.
+            # Bands of a radial weave have several rows; corners of a rotated slab have few bodies.
             size = [max(n, 3) for n in size]
-        while math.prod(size) > _MOST_PLACES:
+        while math.prod(size) > _MAX_GRID_POSITIONS:
             size[size.index(max(size))] -= 1
-        # Half of the fabrics have the size of those that one can hold.
+        # Half of the fabrics have shells of 3 mm to 10 cm.
         edge = self.log(-2.5, -1.0) if self.chance(0.5) else self.log(-5.7, 3.3)
         self.a = 0.5 * edge
         thickness = self.a * (self.log(-4.0, -1.0) if self.chance(0.3) else self.uniform(0.1, 1.4))
@@ -255,20 +256,20 @@ class _Draw:
             values['weave.region'] = self.choice(
                 f'sphere {0.6 * width!r}', f'cylinder {0.5 * width!r} {width!r}',
                 f'box {width!r} {0.8 * width!r} {width!r}')
-        # Ten decades of stiffness, of which most are soft enough for the shells' own scale.
+        # Ten decades of stiffness; most are soft enough for the scale of the shells.
         self.k = self.mass * (self.log(1.0, 7.0) if self.chance(0.6) else self.log(-1.0, 9.0))
         values['connector.stiffness'] = self.k
         self.rate = math.sqrt(self.k / self.mass)
         self.natural = self.length
-        if 'tabled' not in self.kind.terms and self.chance(0.5):
+        if 'tabulated' not in self.kind.terms and self.chance(0.5):
             wide = self.chance(0.3)
             self.natural *= self.uniform(0.5, 2.0) if wide else self.uniform(0.9, 1.1)
             values['connector.natural_length'] = self.natural
         values['contact.mode'] = 'never'
 
-    # One method for each term.
+    # One method for each term; the name is that of the term.
 
-    def _loaded(self) -> None:
+    def _loads(self) -> None:
         force = self.k * self.a * self.log(-4.0, -0.7)
         self.values |= {
             'groups.pushed': self.choice('x_max', 'all', 'y_min', 'not z_max'),
@@ -297,23 +298,23 @@ class _Draw:
     def _file(self, name: str, *columns: np.ndarray) -> str:
         self.files[name] = ''.join(
             ','.join(repr(float(x)) for x in row) + '\n' for row in zip(*columns))
-        return _FILE + name
+        return _FILE_PREFIX + name
 
-    def _heavy(self) -> None:
+    def _gravity(self) -> None:
         self.values['gravity'] = self.vector(self.a * self.rate**2 * self.log(-4.0, -1.5))
 
-    def _held(self) -> None:
+    def _supports(self) -> None:
         self.values |= {
             'groups.held': self.choice('z_max', 'ids 0', 'x_min'), 'supports.hold.group': 'held',
             'supports.hold.fix': self.choice('all', 'tx ty tz', 'rotation', 'tz', 'tx rotation')}
 
-    def _bent(self) -> None:
+    def _bending(self) -> None:
         self.values['connector.bending_stiffness'] = self.k * self.a**2 * self.log(-3.0, 0.0)
 
-    def _twisted(self) -> None:
+    def _twisting(self) -> None:
         self.values['connector.twisting_stiffness'] = self.k * self.a**2 * self.log(-3.0, 0.0)
 
-    def _attached(self) -> None:
+    def _attachments(self) -> None:
         if 'wrapped' in self.kind.terms:
             self._attach_outside()
             return
@@ -324,7 +325,7 @@ class _Draw:
                 self.values[f'connector.attachment.{edge}'] = self.vector(0.6 * self.a)
 
     def _attach_outside(self) -> None:
-        """Attachment points on the shell or outside, where connectors lie around it."""
+        """Draw attachment points on or outside the shell, for wrapped connectors."""
         if self.chance(0.5):
             self.values['connector.attachment_scale'] = self.uniform(1.0, 1.5)
         faces = face_geometry(self.a)
@@ -335,20 +336,20 @@ class _Draw:
                 out = 1.0 if self.chance(0.4) else self.uniform(1.0, 1.5)
                 self.values[f'connector.attachment.{edge}'] = [float(x) for x in out * on_shell]
 
-    def _kinked(self) -> None:
+    def _bilinear(self) -> None:
         ratio = self.log(-1.0, 0.0) if self.chance(0.6) else self.log(-6.0, 0.0)
         soft = self.choice('compression', 'compression', 'extension')
         hard = 'extension' if soft == 'compression' else 'compression'
         self.values[f'connector.stiffness_{hard}'] = self.k
         self.values[f'connector.stiffness_{soft}'] = 0.0 if self.chance(0.1) else self.k * ratio
 
-    def _tabled(self) -> None:
+    def _tabulated(self) -> None:
         lengths = self.length * np.concatenate((
             [0.2], np.sort(self.generator.uniform(0.3, 1.9, 5)), [2.5]))
         force = self.k * (lengths - self.length) * self.generator.uniform(0.3, 1.0, 7)
         self.values['connector.law'] = self._file('law.csv', lengths, np.sort(force))
 
-    def _grouped(self) -> None:
+    def _groups(self) -> None:
         self.values |= {
             'groups.low': 'z_min', 'groups.high': 'not z_min',
             'connector_groups.seam.between': 'low high',
@@ -357,34 +358,34 @@ class _Draw:
             self.values['connector_groups.seam.natural_length'] = (
                 self.natural * self.uniform(0.9, 1.1))
         for term, name, unit in (
-                ('bent', 'bending_stiffness', self.k * self.a**2),
-                ('twisted', 'twisting_stiffness', self.k * self.a**2),
-                ('damped', 'damping', self.mass * self.rate)):
+                ('bending', 'bending_stiffness', self.k * self.a**2),
+                ('twisting', 'twisting_stiffness', self.k * self.a**2),
+                ('damping', 'damping', self.mass * self.rate)):
             if term in self.kind.terms and self.chance(0.5):
                 self.values[f'connector_groups.seam.{name}'] = unit * self.log(-2.0, 0.0)
 
-    def _damped(self) -> None:
-        # Critical at about 1; now and then far beyond.
+    def _damping(self) -> None:
+        # Critical damping is at about 1; some values are far above.
         if self._is_stiff:
-            # What implicit steps are for.
+            # Strong damping, for implicit steps.
             part = self.log(-2.0, 1.0) if self.chance(0.4) else self.log(1.0, 3.0)
         else:
             part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
         self.values['connector.damping'] = self.mass * self.rate * part
 
-    def _relaxing(self) -> None:
-        # From next to a damper to next to a spring, and in between.
+    def _maxwell(self) -> None:
+        # From nearly a damper to nearly a spring.
         self.values |= {
             'connector.maxwell_stiffness': self.k * self.log(-1.5, 1.0),
             'connector.maxwell_time': self.log(-2.0, 2.0) / self.rate}
-        if 'grouped' in self.kind.terms and self.chance(0.5):
+        if 'groups' in self.kind.terms and self.chance(0.5):
             self.values |= {
                 'connector_groups.seam.maxwell_stiffness': self.choice(
                     0.0, self.k * self.log(-1.5, 1.0)),
                 'connector_groups.seam.maxwell_time': self.log(-2.0, 2.0) / self.rate}
 
-    def _tumbling(self) -> None:
-        # None larger than the other two together, nor than all of the mass at the vertices has.
+    def _anisotropic(self) -> None:
+        # At most the sum of the other two, and at most that of the mass at the vertices.
         most = min(self.inertia, 3.0 * self.mass * self.a**2)
         parts = [0.5, 0.5, 1.0] if self.chance(0.2) else [self.uniform(0.55, 1.1) for _ in 'xyz']
         self.values['shell.principal_inertia'] = [most * part for part in parts]
@@ -392,10 +393,10 @@ class _Draw:
 
     @property
     def _is_stiff(self) -> bool:
-        """Whether steps may be implicit."""
+        """True if steps may be implicit."""
         return self.kind.method in IMPLICIT or self.kind in AUTO_DAMPED
 
-    def _dragged(self) -> None:
+    def _drag(self) -> None:
         part = self.log(-3.0, 0.0) if self.chance(0.8) else self.log(0.0, 2.0)
         if self.chance(0.8):
             self.values['drag.linear'] = self.mass * self.rate * part
@@ -412,33 +413,33 @@ class _Draw:
     def _wrapped(self) -> None:
         self.values['connector.obstruction'] = 'wrap'
 
-    def _charges(self) -> float:
-        """Give each body a charge [C] whose repulsion over L is a part of k a; return it."""
+    def _draw_charge(self) -> float:
+        """Draw the charge [C] of each body, whose repulsion over L is a fraction of k a."""
         force = self.k * self.a * self.log(-4.0, -1.0)
         charge = math.sqrt(force / 8.9875517923e9) * self.length
         self.values['charge.per_body'] = self.choice(-1.0, 1.0) * charge
         return charge
 
-    def _charged(self) -> None:
-        field = self.k * self.a * self.log(-4.0, -1.0) / self._charges()
+    def _charges(self) -> None:
+        field = self.k * self.a * self.log(-4.0, -1.0) / self._draw_charge()
         self.values['field.electric'] = self.vector(field)
 
-    def _dipole(self) -> None:
+    def _dipoles(self) -> None:
         moment = self.vector(1e-9 * self.a)
         turn = self.k * self.a**2 * self.log(-4.0, -1.0)
         self.values |= {
             'charge.dipole': moment, 'field.electric': self.vector(turn / math.hypot(*moment))}
 
     def _magnetic(self) -> None:
-        charge = self._charges()
+        charge = self._draw_charge()
         self.values['field.magnetic'] = self.vector(
             self.mass * self.rate * self.log(-3.0, 0.0) / charge)
 
-    def _mutual(self) -> None:
-        self._charges()
+    def _coulomb(self) -> None:
+        self._draw_charge()
         self.values['charge.mutual'] = True
 
-    def _pressed(self) -> None:
+    def _tractions(self) -> None:
         pressure = self.k / self.a * self.log(-4.0, -1.0)
         self.values |= {
             'groups.skin': self.choice('z_max', 'all', 'x_min'),
@@ -454,7 +455,7 @@ class _Draw:
             self.values['tractions.wind.variation'] = '1.0 0.5 -0.3'
         self._profile('tractions.wind')
 
-    def _anchored(self) -> None:
+    def _anchors(self) -> None:
         self.values |= {
             'anchors.tie.body': int(self.generator.integers(3)),
             'anchors.tie.edge': self.choice(*_EDGES),
@@ -463,7 +464,7 @@ class _Draw:
             self.values['anchors.tie.velocity'] = self.vector(
                 self.a * self.rate * self.log(-4.0, -1.5))
 
-    def _driven(self) -> None:
+    def _drives(self) -> None:
         motion = self.choice('hold', 'velocity', 'ramp', 'sine', 'table')
         prefix, period = 'drives.table', 2.0 * math.pi / self.rate
         self.values |= {'groups.table': 'z_min', f'{prefix}.group': 'table',
@@ -490,37 +491,37 @@ class _Draw:
         if motion != 'hold' and self.chance(0.4):
             self.values[f'{prefix}.start'] = period * self.uniform(0.0, 2.0)
 
-    def _touching(self) -> None:
+    def _contact(self) -> None:
         self.values |= {
             'contact.mode': 'auto' if self.kind.method == 'auto' else 'always',
             'contact.stiffness': self.k * self.log(0.3, 1.5)}
 
-    def _lossy(self) -> None:
+    def _dissipation(self) -> None:
         if self.chance(0.7):
             self.values['contact.damping'] = self.log(-2.0, 0.3) / (self.a * self.rate)
         if 'contact.damping' not in self.values or self.chance(0.6):
             self.values['contact.friction'] = self.uniform(0.05, 1.0)
 
-    def _floored(self) -> None:
+    def _plane(self) -> None:
         size = self.values['weave.size']
         down = 0.5 * size[2] * self.length + 3.0 * self.a
         self.values |= {
             'planes.floor.normal': [0.0, 0.0, 1.0],
             'planes.floor.offset': -down * self.uniform(0.9, 1.3)}
 
-    def _loose(self) -> None:
+    def _bodies(self) -> None:
         reach = self.length * max(self.values['weave.size']) + 4.0 * self.a
         self.values |= {
             'bodies.ball.position': [0.0, 0.0, reach],
             'bodies.ball.linear_velocity': [0.0, 0.0, -self.a * self.rate * self.log(-2.5, -0.7)],
             'bodies.ball.angular_velocity': self.vector(self.rate * self.log(-3.0, -0.5))}
 
-    def _refine(self) -> None:
-        """What seeds draw since their third version, where their terms have a place for it."""
+    def _draw_version_3(self) -> None:
+        """Draw the parameters that seeds have since version 3."""
         values, terms = self.values, self.kind.terms
-        if 'grouped' in terms and self.chance(0.5):
+        if 'groups' in terms and self.chance(0.5):
             values['connector_groups.seam.direction'] = self.choice('up down', 'west east')
-        if 'anchored' in terms and self.chance(0.7):
+        if 'anchors' in terms and self.chance(0.7):
             values['anchors.tie.stiffness'] = self.k * self.log(-1.0, 0.5)
             if self.chance(0.4):
                 side = self.choice('extension', 'compression')
@@ -528,16 +529,16 @@ class _Draw:
                     0.0, self.log(-1.0, 0.5))
             if self.chance(0.6):
                 values['anchors.tie.natural_length'] = self.length * self.uniform(0.3, 3.0)
-        if 'loaded' in terms and self.chance(0.3):
+        if 'loads' in terms and self.chance(0.3):
             values['loads.push.profile'] = f'sine {self._frequency()!r}'
-        if {'charged', 'dipole'} & {*terms} and 'magnetic' not in terms:
+        if {'charges', 'dipoles'} & {*terms} and 'magnetic' not in terms:
             if self.chance(0.5):
                 values['field.profile'] = self.choice(
                     f'sine {self._frequency()!r}', 'ramp', 'half_sine')
                 values['field.duration'] = 2.0 * math.pi / self.rate * self.log(0.0, 1.0)
             if self.chance(0.3):
                 values['field.start'] = 2.0 * math.pi / self.rate * self.uniform(0.0, 2.0)
-        if {'charged', 'mutual', 'magnetic', 'dipole'} & {*terms} and self.chance(0.5):
+        if {'charges', 'coulomb', 'magnetic', 'dipoles'} & {*terms} and self.chance(0.5):
             values |= {'groups.some': 'y_min', 'charges.some.group': 'some'}
             if 'charge.per_body' in values and self.chance(0.7):
                 values['charges.some.charge'] = values['charge.per_body'] * self.uniform(-1.0, 1.0)
@@ -545,9 +546,9 @@ class _Draw:
                 values['charges.some.dipole'] = [
                     self.uniform(-1.0, 1.0) * part for part in values['charge.dipole']]
         if self._is_stiff:
-            return  # implicit steps have neither of these
-        if 'driven' in terms and self.chance(0.6):
-            self._free_some()
+            return  # implicit steps support none of the following
+        if 'drives' in terms and self.chance(0.6):
+            self._restrict_drive()
         if self.chance(0.3):
             values |= {
                 'groups.others': self.choice('x_max', 'z_max', 'ids 0'),
@@ -556,37 +557,37 @@ class _Draw:
             if self.chance(0.4):
                 values['masses.others.inertia'] = mass * self.inertia / self.mass * self.log(
                     -0.7, 0.0)
-        if 'loose' in terms and self.chance(0.6):
+        if 'bodies' in terms and self.chance(0.6):
             values['bodies.ball.mass'] = (mass := self.mass * self.log(-1.0, 2.0))
             if self.chance(0.4):
                 values['bodies.ball.inertia'] = mass * self.inertia / self.mass * self.log(
                     -0.7, 0.0)
 
-    def _refine_more(self) -> None:
-        """What seeds draw since their fourth version, where their terms have a place for it."""
+    def _draw_version_4(self) -> None:
+        """Draw the parameters that seeds have since version 4."""
         values, terms, seam = self.values, self.kind.terms, 'connector_groups.seam'
-        if 'grouped' in terms and 'kinked' in terms and self.chance(0.7):
+        if 'groups' in terms and 'bilinear' in terms and self.chance(0.7):
             values[f'{seam}.stiffness_{self.choice("extension", "compression")}'] = (
                 self.k * self.log(-1.0, 0.0))
-        if 'grouped' in terms and 'breaking' in terms and self.chance(0.7):
+        if 'groups' in terms and 'breaking' in terms and self.chance(0.7):
             natural = values.get(f'{seam}.natural_length', self.natural)
             values[f'{seam}.break_length_extension'] = natural * (1.0 + self.log(-2.0, 0.0))
             if self.chance(0.5):
                 values[f'{seam}.break_length_compression'] = natural * (
                     1.0 - self.log(-2.0, -0.2))
-        if 'grouped' in terms and 'tabled' in terms and self.chance(0.7):
+        if 'groups' in terms and 'tabulated' in terms and self.chance(0.7):
             lengths = self.length * np.array([0.1, 0.7, 1.0, 1.4, 3.0])
             force = self.k * (lengths - self.length) * self.uniform(0.2, 1.0)
             values[f'{seam}.law'] = self._file('seam.csv', lengths, force)
             for name in ('stiffness', 'natural_length'):
                 values.pop(f'{seam}.{name}', None)
-        if 'anchored' in terms and self.chance(0.4):
+        if 'anchors' in terms and self.chance(0.4):
             times = 2.0 * math.pi / self.rate * np.cumsum(self.generator.uniform(0.3, 2.0, 5))
             path = self.a * self.log(-3.0, -0.5) * self.generator.standard_normal((3, 5))
             path[:, 0] = 0.0
             values['anchors.tie.file'] = self._file('tie.csv', times - times[0], *path)
             values.pop('anchors.tie.velocity', None)
-        if 'loose' in terms:
+        if 'bodies' in terms:
             turn = self.generator.standard_normal(4)
             values['bodies.ball.orientation'] = [
                 float(x) for x in turn / np.linalg.norm(turn)]
@@ -594,35 +595,35 @@ class _Draw:
             # A box as large as the fabric of that size.
             values['weave.box'] = [self.length * n for n in values['weave.size']]
 
-    def _refine_shell_and_anchors(self) -> None:
-        """What seeds draw since their fifth version, where their terms have a place for it."""
+    def _draw_version_5(self) -> None:
+        """Draw breakable anchors and layered shells, which seeds have since version 5."""
         values = self.values
-        if 'anchored' in self.kind.terms and self.chance(0.6):
+        if 'anchors' in self.kind.terms and self.chance(0.6):
             natural = values.get('anchors.tie.natural_length', self.natural)
             values['anchors.tie.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
             if self.chance(0.4):
                 values['anchors.tie.break_length_compression'] = natural * (
                     1.0 - self.log(-1.5, 0.0))
         if self.chance(0.2):
-            # Layers of the same mean density, about, so that scales stay those of the fabric.
+            # Layers of about the same mean density, so that the scales of the fabric remain.
             faces = maximum_thickness(self.a)
             inner = faces - values['shell.thickness'] if 'shell.thickness' in values else (
                 faces * values['shell.inner_edge_length'] / values['shell.edge_length'])
             count = 2 + int(self.generator.integers(4))
-            # A core in the hollow of a thick shell, now and then.
+            # Some thick shells have a core.
             cored = inner < 0.5 * faces and self.chance(0.5)
             distances = np.linspace(0.0 if cored else inner, faces, count)
             values['shell.layers'] = self._file(
                 'layers.csv', distances,
                 values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
 
-    def _refine_sizes(self) -> None:
-        """What seeds draw since their ninth version: shells of sizes that some body can have."""
+    def _draw_version_9(self) -> None:
+        """Draw individual shell sizes, which seeds have since version 9."""
         values = self.values
         if 'shell.inertia' in values:
-            # The vertices are 1.9 a from the centre; some of the mass is nearer.
+            # The vertices are 1.9 a from the centre, and some of the mass is nearer.
             values['shell.inertia'] = min(values['shell.inertia'], self.mass * self.a**2)
-        if 'loose' in self.kind.terms and self.chance(0.7):
+        if 'bodies' in self.kind.terms and self.chance(0.7):
             values['bodies.ball.edge_length'] = 2.0 * self.a * self.log(-0.5, 0.3)
         if ('masses.others.group' in values and 'tractions.wind.group' not in values
                 and values.get('connector.obstruction') != 'wrap' and self.chance(0.7)):
@@ -631,8 +632,8 @@ class _Draw:
     def _frequency(self) -> float:
         return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)
 
-    def _free_some(self) -> None:
-        """Let the drive move some freedoms, and no others."""
+    def _restrict_drive(self) -> None:
+        """Restrict the drive to some degrees of freedom."""
         prefix = 'drives.table'
         words = self.choice(('tx', 'ty'), ('tz',), ('tx', 'ty', 'tz'), ('tx', 'rotation'))
         self.values[f'{prefix}.freedoms'] = ' '.join(words)
@@ -643,11 +644,11 @@ class _Draw:
         if 'rotation' not in words:
             self.values.pop(f'{prefix}.angular', None)
 
-    def _parted(self) -> None:
+    def _disconnected(self) -> None:
         self.values['weave.connected'] = False
 
-    def _start(self) -> None:
-        """Random velocities from gentle to wild, and a group that starts elsewhere."""
+    def _draw_initial_state(self) -> None:
+        """Draw random velocities, and a group with another initial state."""
         speed, spin = self.log(-4.0, -0.6), self.log(-4.0, -0.3)
         if self.chance(0.9):
             self.values |= {
@@ -662,28 +663,28 @@ class _Draw:
                 if self.chance(0.5):
                     self.values[f'initial.kick.{name}'] = self.vector(unit * self.log(-4.0, -0.7))
 
-    def _solver(self) -> None:
+    def _draw_solver(self) -> None:
         values = self.values
         values['solver.method'] = self.kind.method
         values['solver.threads'] = 1
         if not self.chance(0.15):
-            # For each radian of the fastest motion from 1e-10 to 1e-3; below, rounding rules.
-            # Of order 4 steps are for the looser ones.
+            # For each radian of the fastest motion from 1e-10 to 1e-3; round-off dominates below.
+            # Steps of order 4 are for the larger tolerances.
             powers = (-6.5, -2.0) if self._is_stiff else (-9.5, -3.0)
             values['solver.tolerance'] = min(self.rate * self.log(*powers), 1e9)
         if self.kind.method in IMPLICIT and self.chance(0.25):
-            values['solver.step'] = self.log(-1.3, 1.2) * 2.0 / (_FASTEST * self.rate)
+            values['solver.step'] = self.log(-1.3, 1.2) * 2.0 / (_FREQUENCY_RATIO * self.rate)
         elif self.kind.method not in IMPLICIT and self.chance(0.25):
             # Around the limit of leapfrog, 2 over the largest frequency.
-            values['solver.step'] = self.log(-1.3, 0.2) * 2.0 / (_FASTEST * self.rate)
+            values['solver.step'] = self.log(-1.3, 0.2) * 2.0 / (_FREQUENCY_RATIO * self.rate)
         if self.chance(0.1):
             values['solver.energy_limit'] = self.log(-3.0, 0.0)
         if 'connector.obstruction' not in values and self.chance(0.1):
             values['connector.obstruction'] = 'stop'
-        values['duration'] = 2.0 * math.pi / (_FASTEST * self.rate) * self.log(0.5, 1.7)
+        values['duration'] = 2.0 * math.pi / (_FREQUENCY_RATIO * self.rate) * self.log(0.5, 1.7)
 
-    def _reweave(self) -> dict[str, Any]:
-        """Draw one to three changes of what the scene has; after some the motion begins anew."""
+    def _draw_change(self) -> dict[str, Any]:
+        """Draw one to three parameter changes; some of them restart the motion."""
         values, terms = self.values, self.kind.terms
         size = values['weave.size']
         axis = int(self.generator.integers(3))
@@ -699,8 +700,8 @@ class _Draw:
             ways.append(lambda: {
                 'weave.connector_angle': values['weave.connector_angle'] + self.uniform(
                     0.0, 0.03)})
-        # Springs of friction keep their past where the motion goes on, and no other run has it.
-        if 'lossy' not in terms:
+        # No other run can continue a state with friction springs.
+        if 'dissipation' not in terms:
             ways += [
                 partial(self._scaled, name, 0.5) for name in (
                     'connector.stiffness', 'connector.stiffness_extension',
@@ -724,12 +725,12 @@ class _Draw:
             change |= ways[int(self.generator.integers(len(ways)))]()
         return change
 
-    def _scaled(self, name: str, most: float) -> dict[str, Any]:
-        """Another value of a parameter, larger or smaller by up to that power of 10."""
-        return {name: self.values[name] * self.log(-most, most)}
+    def _scaled(self, name: str, power: float) -> dict[str, Any]:
+        """Return a value of a parameter scaled by a factor of up to 10 to the power of `power`."""
+        return {name: self.values[name] * self.log(-power, power)}
 
-    def _impossible(self) -> tuple[str, dict[str, Any]]:
-        """Draw a change that cannot be; return the name of its parameter, and the change."""
+    def _draw_impossible_change(self) -> tuple[str, dict[str, Any]]:
+        """Draw an impossible change; return the name of its parameter, and the change."""
         ways: tuple[tuple[str, dict[str, Any]], ...] = (
             ('shell.thickness', {'shell.thickness': 1.6 * self.a, 'shell.inner_edge_length': 0.0}),
             ('weave.connector_angle', {
@@ -741,7 +742,7 @@ class _Draw:
             ('groups.strange', {'groups.strange': 'east of here'}))
         return self.choice(*ways)
 
-    def _spoil(self) -> tuple[str, tuple[str, ...]]:
+    def _spoil_value(self) -> tuple[str, tuple[str, ...]]:
         """Make one value impossible; return the name of its parameter, and all that changed."""
         ways: tuple[tuple[str, Callable[[], Mapping[str, Any]]], ...] = (
             ('solver.step', lambda: {

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a scene smaller while its class stays."""
+"""Minimise a scene while its class remains."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -10,14 +10,14 @@ from icofabric_sim.parameters.table import FAMILIES
 from icofabric_validation.stress.scenes import StressScene
 from icofabric_validation.stress.verdict import Finding
 
-# Tries, at most: each is a run.
-MOST_RUNS: Final = 200
-# Part of the duration that stays: any part may be enough for a verdict.
-_SHORTEST = 2.0**-10
-# Without these a scene is another one, or has no end.
-_KEPT = ('duration', 'solver.threads')
-# What an impossible value is drawn as a multiple of.
-_SCALES = (
+# Largest number of runs.
+MAX_RUNS: Final = 200
+# Smallest fraction of the duration.
+_MIN_DURATION_RATIO = 2.0**-10
+# Parameters that every scene needs.
+_REQUIRED = ('duration', 'solver.threads')
+# Prefixes of parameters that set the scale of impossible values.
+_SCALE_PREFIXES = (
     'shell.', 'weave.connector_', 'weave.kind', 'connector.stiffness', 'connector.natural_length')
 
 
@@ -26,13 +26,13 @@ def shrink(
     tried: Callable[[int], Any] = lambda count: None
 ) -> tuple[StressScene, Finding]:
     """
-    Take features away one at a time, as long as the verdict stays; and halve the duration.
+    Remove one feature at a time and halve the duration while the verdict remains.
 
-    Returns the smallest scene that was found, with its finding.
+    Returns the smallest scene found, with its finding.
     """
-    finding, shortest = judge(scene), _SHORTEST * scene.duration
+    finding, shortest = judge(scene), _MIN_DURATION_RATIO * scene.duration
     wanted, count, found = finding.verdict, 1, True
-    while found and count < MOST_RUNS:
+    while found and count < MAX_RUNS:
         found = False
         for candidate in _smaller(scene, shortest):
             count += 1
@@ -41,21 +41,22 @@ def shrink(
             if answer.verdict is wanted:
                 scene, finding, found = candidate, answer, True
                 break
-            if count >= MOST_RUNS:
+            if count >= MAX_RUNS:
                 break
     return scene, finding
 
 
 def _smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
     """
-    Scenes with one feature less, the largest features first; half as long down to `shortest` [s].
+    Yield scenes without one feature, the largest features first, and one of half the duration.
 
-    A spoiled scene keeps what makes its value impossible, else another scene would be judged.
+    Durations are at least `shortest` [s]. A spoiled scene keeps the parameters that make its value
+    impossible.
     """
     for smaller in _all_smaller(scene, shortest):
         if not scene.spoiled or all(
                 name in smaller.parameters for name in scene.parameters
-                if name in scene.spoiled_with or name.startswith(_SCALES)):
+                if name in scene.spoiled_with or name.startswith(_SCALE_PREFIXES)):
             yield smaller
 
 
@@ -76,7 +77,7 @@ def _all_smaller(scene: StressScene, shortest: float) -> Iterator[StressScene]:
         if len(some) > 1:
             yield scene.without(some)
     for name in names:
-        if name.split('.')[0] not in FAMILIES and name not in _KEPT:
+        if name.split('.')[0] not in FAMILIES and name not in _REQUIRED:
             yield scene.without([name])
     size = names.get('weave.size')
     if isinstance(size, list):

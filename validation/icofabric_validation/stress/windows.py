@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors that a run adds, growth apart: windows of one shortest period beside a far tighter run.
+Errors that a run adds, without their growth, by windows of one shortest period.
 
-At the beginning of each window the tighter run takes the state over. Where the two are apart by
-more than was allowed at its end, a displaced companion says how much of that is growth.
+At the start of each window a reference run of much smaller tolerance takes over the state. If the
+distance of the two runs at the end exceeds the allowed error, a displaced companion measures how
+much of the distance is growth.
 """
 
 from collections.abc import Callable
@@ -22,20 +23,21 @@ from icofabric_sim.simulation.reports.divergence import (
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 
-# Tolerance of the reference: this part of the run's own, and at least this for each radian of the
-# fastest motion, below which rounding rules; at most the last.
-_FINER, _LEAST, _MOST = 1e-2, 2e-13, 1e-11
-# Windows of a run, at most; spread evenly over longer ones.
-WINDOWS: Final = 24
-# Rounding of a window, in units of the last place of the coordinates over a.
-_ROUNDING: Final = 256.0 * np.finfo(float).eps
-# Words of stops that are not about steps: `connector.obstruction: stop`, overlaps too deep.
-_PHYSICAL: Final = (
+# Tolerance of the reference: this fraction of that of the run, within limits for each radian of
+# the fastest motion. Round-off dominates below the lower limit.
+_REFERENCE_TOLERANCE_RATIO = 1e-2
+_MIN_TOLERANCE_PER_RADIAN, _MAX_TOLERANCE_PER_RADIAN = 2e-13, 1e-11
+# Largest number of windows of a run; they are spread evenly over longer runs.
+MAX_WINDOWS: Final = 24
+# Round-off of a window, for coordinates of 1 a.
+_ROUND_OFF_RATIO: Final = 256.0 * np.finfo(float).eps
+# Words of stops that do not depend on steps: `connector.obstruction: stop`, overlaps too deep.
+_PHYSICAL_STOP_TEXTS: Final = (
     'connector.obstruction is stop', 'Give a larger contact.stiffness', 'move them apart')
 
 
 class Run(Protocol):
-    """What is followed: a simulation, or what another program computes of its scene."""
+    """A run that can be judged: a simulation, or a run of the scene in another program."""
 
     should_stop: Callable[[], bool] | None
 
@@ -48,7 +50,7 @@ class Run(Protocol):
         """Time [s] of the present state."""
 
     def advance_to(self, time: float) -> None:
-        """Go on to a time [s], or a little later where steps have one length."""
+        """Advance to a time [s], or to the end of a fixed step after it."""
 
     def advance_steps(self, count: int) -> object:
         """Take whole steps."""
@@ -57,32 +59,33 @@ class Run(Protocol):
         """The state: position, orientation, intact."""
 
 
-class Added(NamedTuple):
-    """What was added by the end of the run, and what may be."""
+class AddedError(NamedTuple):
+    """The error added until the end of the run, and the allowed error."""
 
     error: float
-    promised: float  # tolerance times time, and rounding
-    rounding: float  # of it
-    windows: int = 0  # that were compared, or were to be
-    unjudged: int = 0  # of them: where nothing can be said of the error
-    why: str = ''  # the first of them
-    broken: str = ''  # connectors that broke otherwise than in the reference; '': none did
+    promised: float  # tolerance times time, plus round-off
+    rounding: float  # round-off in `promised`
+    windows: int = 0  # number, with those that could not be compared
+    unjudged: int = 0  # windows whose error is unknown
+    why: str = ''  # reason for the first of them
+    broken: str = ''  # connectors that broke differently in the reference; '': none
 
 
 def reference_scene(scene: Scene, rate: float) -> Scene:
-    """The scene by the adaptive method, far tighter; `rate` [rad/s] of the fastest motion."""
+    """Return a scene with `dop8` and a small tolerance; `rate` [rad/s] of the fastest motion."""
     tolerance = min(max(
-        _FINER * float(str(scene.parameters['solver.tolerance'])), _LEAST * rate), _MOST * rate)
+        _REFERENCE_TOLERANCE_RATIO * float(str(scene.parameters['solver.tolerance'])),
+        _MIN_TOLERANCE_PER_RADIAN * rate), _MAX_TOLERANCE_PER_RADIAN * rate)
     return scene.with_changes({
         'solver.method': 'dop8', 'solver.step': 0.0, 'solver.tolerance': max(tolerance, 1e-15),
         'solver.energy_limit': 1e9, 'solver.threads': 1})
 
 
-def compiled_reference(scene: Scene) -> Simulation:
+def compile_reference(scene: Scene) -> Simulation:
     """
-    A run of a reference scene, or of one whose tolerance is larger until doubles can give it.
+    Compile a reference scene, with a larger tolerance if double precision cannot reach its own.
 
-    What rounding adds depends on the scene's coordinates too, which its rate says nothing of.
+    Round-off depends on the coordinates, which the rate of the fastest motion does not contain.
     """
     while True:
         try:
@@ -94,42 +97,40 @@ def compiled_reference(scene: Scene) -> Simulation:
                 'solver.tolerance': 3.0 * float(str(scene.parameters['solver.tolerance']))})
 
 
-def rate_of(simulation: Simulation) -> float:
-    """Rate [rad/s] of the fastest motion; that of the duration where nothing vibrates."""
+def fastest_rate(simulation: Simulation) -> float:
+    """Return the rate [rad/s] of the fastest motion; without vibration, one turn per duration."""
     rate = simulation.status.largest_frequency
     return max(rate, 2.0 * math.pi / float(str(simulation.scene.parameters['duration'])))
 
 
-def is_physical(text: str) -> bool:
-    """Whether a run stopped for what its bodies did, whatever the steps."""
-    return any(words in text for words in _PHYSICAL)
+def is_physical_stop(text: str) -> bool:
+    """Return True if a run stopped for the state of its bodies, independently of its steps."""
+    return any(words in text for words in _PHYSICAL_STOP_TEXTS)
 
 
-def go_on(run: Simulation, other: Simulation) -> float:
-    """Have `other` go on where a run is; returns by how much its clock is behind that [s]."""
+def continue_from(run: Simulation, other: Simulation) -> float:
+    """Let `other` continue from the state of a run; return by how much its clock is behind [s]."""
     other.reset_time()
     other.take_over(run, keep_motion=True)
     return 0.0
 
 
-def far_tighter(
+def run_reference(
     run: Run, rate: float, end: float, should_stop: Callable[[], bool],
-    begun: Simulation | None = None
+    started: Simulation | None = None
 ) -> tuple[Growth | None, float, str]:
     """
-    A far tighter run from the start: growth, distance at the `end` [s], and why it stopped.
+    Run a reference from the start, and return growth, distance at the `end` [s] and stop reason.
 
-    The start is where `begun` stands; None: that of the scene.
-
-    Where it stopped the growth is that until then, and there is no distance; no growth: there was
-    no time.
+    The start is the state of `started`, or that of the scene. If the reference stops, growth is
+    that until the stop and the distance is 0. Without growth, time ran out.
     """
-    reference = compiled_reference(reference_scene(run.scene, rate))
-    if begun is not None:
+    reference = compile_reference(reference_scene(run.scene, rate))
+    if started is not None:
         try:
-            go_on(begun, reference)
+            continue_from(started, reference)
         except SimulationError as error:
-            # It cannot begin there: what ends it is in that state.
+            # The state itself is the reason for the stop.
             return None, 0.0, str(error)
     reference.should_stop, start = should_stop, reference.time
     companion = Companion(reference)
@@ -147,42 +148,42 @@ def far_tighter(
 
 
 class Windows:
-    """One run, followed window by window; `result` says what was found so far."""
+    """One run, compared with references window by window; `result` has the errors so far."""
 
     def __init__(
         self, run: Run, rate: float, should_stop: Callable[[], bool], *,
-        compare: bool = True, most: float = WINDOWS,
-        hand_over: Callable[[Any, Simulation], float] = go_on
+        compare: bool = True, max_windows: float = MAX_WINDOWS,
+        hand_over: Callable[[Any, Simulation], float] = continue_from
     ) -> None:
         """
         Follow `run`, whose fastest motion has the `rate` [rad/s].
 
-        `compare`: whether references go beside it; `most`: windows, at most; `hand_over` brings
-        one of these to where the run is. `should_stop` ends an advance of each of them with
-        Interrupted.
+        Without `compare` there are no references. There are at most `max_windows` windows.
+        `hand_over` sets a reference to the state of the run. `should_stop` ends an advance of the
+        run or a reference with Interrupted.
         """
         self._hand_over, self._earlier = hand_over, 0.0
-        self._run, self._rate, self._most = run, rate, most
+        self._run, self._rate, self._max_windows = run, rate, max_windows
         self._start, self._half_edge = run.time, run.scene.geometry.half_edge
         self._tolerance = float(str(run.scene.parameters['solver.tolerance']))
         self._error = self._rounding = 0.0
         self._count = self._unjudged = 0
         self._why = self._broken = ''
-        # What a reference stopped for that any run must stop for; '': nothing.
+        # Reason for which a reference stopped and any run must stop; '': none.
         self.stopped = ''
-        self._others: list[Simulation] = []
-        self._reference, self._finer = reference_scene(run.scene, rate), 0.0
+        self._references: list[Simulation] = []
+        self._reference, self._reference_tolerance = reference_scene(run.scene, rate), 0.0
         self._should_stop = run.should_stop = should_stop
         if compare:
-            self._finer = float(str(self._reference.parameters['solver.tolerance']))
-            self._others = self._compiled()
+            self._reference_tolerance = float(str(self._reference.parameters['solver.tolerance']))
+            self._references = self._compile_references()
 
     def follow(self, duration: float) -> None:
-        """Advance to `duration` [s]; raises what ends the run, and Interrupted."""
+        """Advance to `duration` [s]; raise SimulationError if the run stops, or Interrupted."""
         run = self._run
         length = duration - self._start
         period = min(2.0 * math.pi / self._rate, length)
-        gap = max(length / self._most - period, 0.0)
+        gap = max(length / self._max_windows - period, 0.0)
         while run.time < duration:
             before = run.time
             if gap > 0.0:
@@ -192,43 +193,43 @@ class Windows:
             fault = self._take_over()
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
-            if self._others:
+            if self._references:
                 self._count += 1
                 try:
                     if fault is not None:
                         raise fault
                     self._compare(before, start)
                 except SimulationError as error:
-                    self._skip(f'the tighter run stopped: {error}')
-                    if is_physical(str(error)):
+                    self._skip(f'the reference run stopped: {error}')
+                    if is_physical_stop(str(error)):
                         self.stopped = self.stopped or str(error)
-                    # One that has failed does not go on.
-                    self._others = self._compiled()
+                    # A run that has failed cannot continue.
+                    self._references = self._compile_references()
 
-    def result(self) -> Added:
-        """What was added so far, and what may be."""
-        return Added(
+    def result(self) -> AddedError:
+        """Return the error added so far, and the allowed error."""
+        return AddedError(
             self._error, self._tolerance * (self._run.time - self._start) + self._rounding,
             self._rounding,
             self._count, self._unjudged, self._why, self._broken)
 
     def _take_over(self) -> SimulationError | None:
         """
-        Have the others begin where the run is; why they cannot.
+        Set the references to the state of the run; return the error if they cannot start there.
 
-        A run with a given step may be on its way to infinity, where none with chosen ones begins.
-        It is for its next health check to see that.
+        A run with a given step may diverge, and a run with adaptive steps cannot start from such a
+        state. The next health check of the run finds the divergence.
         """
-        for other in self._others:
+        for other in self._references:
             try:
                 self._earlier = self._hand_over(self._run, other)
             except SimulationError as error:
                 return error
         return None
 
-    def _compiled(self) -> list[Simulation]:
-        """Return the reference and the one that is displaced from it."""
-        others = [compiled_reference(self._reference) for _ in range(2)]
+    def _compile_references(self) -> list[Simulation]:
+        """Return the reference and its displaced companion."""
+        others = [compile_reference(self._reference) for _ in range(2)]
         for other in others:
             other.should_stop = self._should_stop
         return others
@@ -238,12 +239,12 @@ class Windows:
         self._why = self._why or f'to t = {self._run.time:.6g} s: {why}'
 
     def _compare(self, before: float, start: float) -> None:
-        run, (reference, mark) = self._run, self._others
+        run, (reference, mark) = self._run, self._references
         end = run.time - self._earlier
         reference.advance_to(end)
         one, two = run.snapshot(), reference.snapshot()
         error, length = distance_between(one, two, self._half_edge), run.time - start
-        rounding = _ROUNDING * (1.0 + float(np.abs(one.position).max()) / self._half_edge)
+        rounding = _ROUND_OFF_RATIO * (1.0 + float(np.abs(one.position).max()) / self._half_edge)
         allowed = self._tolerance * length + rounding
         if not error <= allowed:
             companion = Companion(mark)
@@ -256,17 +257,17 @@ class Windows:
             elif not np.array_equal(one.intact, two.intact):
                 differing = int((one.intact != two.intact).sum())
                 if growth.is_sensitive or allowed > DISPLACEMENT:
-                    # Displacements that are allowed may decide whether a connector breaks.
-                    self._skip(f'{differing} connectors broke otherwise')
+                    # An allowed error may decide whether a connector breaks.
+                    self._skip(f'{differing} connectors broke differently')
                 elif not self._broken:
                     self._broken = (
-                        f'{differing} connectors broke otherwise than in the tighter run by t = '
+                        f'{differing} connectors broke differently from the reference run by t = '
                         f'{run.time:.6g} s, where small displacements grow {growth.largest:.3g} '
                         'times')
                 error = 0.0
             else:
                 error /= max(1.0, growth.largest)
-        # Windows stand for what lies before them, too.
+        # Windows also represent the gaps before them.
         part = (run.time - before) / length
         self._error += error * part
-        self._rounding += (rounding + self._finer * length) * part
+        self._rounding += (rounding + self._reference_tolerance * length) * part

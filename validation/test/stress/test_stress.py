@@ -27,17 +27,17 @@ from icofabric_validation.stress import judge as judge_module
 from icofabric_validation.stress import refusals, report, scenes, windows, workers
 from icofabric_validation.stress import shrink as shrink_module
 from icofabric_validation.stress.judge import judge
-from icofabric_validation.stress.kinds import Kind, KINDS, MOST, TERMS
+from icofabric_validation.stress.kinds import Kind, KINDS, MAX_KINDS, TERMS
 from icofabric_validation.stress.refusals import (
-    first_name,
-    has_jumped,
+    did_length_jump,
+    first_parameter,
     is_right_refusal,
-    moment_of,
+    stop_time,
 )
 from icofabric_validation.stress.scenes import draw_scene, kind_of, seeds_of, StressScene
 from icofabric_validation.stress.shrink import shrink
 from icofabric_validation.stress.verdict import Finding, Verdict
-from icofabric_validation.stress.windows import Added, compiled_reference, Windows
+from icofabric_validation.stress.windows import AddedError, compile_reference, Windows
 from icofabric_validation.stress.workers import judge_all, judge_scenes
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_seeds_mean_what_they_meant(monkeypatch):
     pinned = (
         (0, 26, 0.0518346), (1, 28, 0.312626), (154, 0, 0.00983245), (300, 28, 1.347),
         (1946, 3, 0.444586), (2**32 - 1, 47, 1.90257), *PINNED_LATER)
-    for grown in (KINDS, (*KINDS, Kind('dop8', ('mutual',)))):
+    for grown in (KINDS, (*KINDS, Kind('dop8', ('coulomb',)))):
         monkeypatch.setattr(scenes, 'KINDS', grown)
         for seed, kind, duration in pinned:
             assert kind_of(seed) == kind, seed
@@ -100,7 +100,7 @@ def test_seeds_mean_what_they_meant(monkeypatch):
 
 
 def test_kinds_are_few_and_their_terms_are_known():
-    assert len({*KINDS}) == len(KINDS) <= MOST
+    assert len({*KINDS}) == len(KINDS) <= MAX_KINDS
     for kind in KINDS:
         assert kind.method in ('auto', *ico.METHODS, *IMPLICIT)
         assert [*kind.terms] == [term for term in TERMS if term in kind.terms], kind
@@ -195,7 +195,7 @@ def test_refusals_of_another_name_are_found(plant):
     ('give e.g. less than 1.5 s.', ''), ('energy is lost', ''), ('the a.b is', ''),
     ('see e.g. solver.step.', 'solver.step'), ('loads.push.force is', 'loads.push.force')])
 def test_names_in_sentences_are_those_of_parameters(text, name):
-    assert first_name(text) == name
+    assert first_parameter(text) == name
 
 
 def test_stops_are_right_where_they_were_asked_for():
@@ -210,13 +210,13 @@ def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkey
     found = judge(draw_scene(30673))
     assert found.verdict is Verdict.STOPPED and 'connector 0 ' in found.detail
     run = compile_scene(ico.Scene.from_parameters(draw_scene(30673).parameters))
-    assert not has_jumped(found.detail, run)
+    assert not did_length_jump(found.detail, run)
     with pytest.raises(SimulationError) as caught:
         run.advance_to(0.03)
-    assert has_jumped(str(caught.value), run)
-    assert not has_jumped('the energy does not balance', run)
+    assert did_length_jump(str(caught.value), run)
+    assert not did_length_jump('the energy does not balance', run)
     monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
-    assert not has_jumped(str(caught.value), run)
+    assert not did_length_jump(str(caught.value), run)
 
 
 @pytest.mark.long
@@ -225,7 +225,7 @@ def test_a_given_step_too_long_for_lengths_that_jump_is_a_right_reason(monkeypat
         found = judge(draw_scene(seed))
         assert found.verdict is Verdict.STOPPED and 'around them jump' in found.detail
     # It is the runs with shorter steps that say so.
-    monkeypatch.setattr(judge_module, 'has_jumped', lambda text, run: False)
+    monkeypatch.setattr(judge_module, 'did_length_jump', lambda text, run: False)
     assert judge(draw_scene(200288)).verdict is Verdict.WRONGLY_STOPPED
 
 
@@ -295,7 +295,7 @@ def test_refusals_that_chance_brings_in_changes_are_right(seed):
 @pytest.mark.parametrize('seed', [34359760037, 68719600142])
 def test_a_run_up_to_a_change_that_has_too_long_a_step_stops(seed):
     """
-    The first went on from places that are no numbers, into an error of the factorisation.
+    The first went on from places that are not finite, into an error of the factorisation.
 
     The second has a connector in a shell with shorter steps, which ends any run.
     """
@@ -341,7 +341,7 @@ def test_an_estimate_that_is_zero_is_found(plant):
 
 def test_what_the_same_step_says_without_the_fault():
     finding = judge(with_values(solver__step=1.2e-3, solver__tolerance=1e-9))
-    assert finding.verdict is Verdict.SAID and finding.added > 3.0 * finding.promised, finding
+    assert finding.verdict is Verdict.REPORTED and finding.added > 3.0 * finding.promised, finding
 
 
 def test_a_lost_unit_of_the_tolerance_is_found(plant):
@@ -384,7 +384,7 @@ def test_a_checkpoint_that_loses_a_bit_is_found(plant):
 
     plant(Checkpoint, 'of', classmethod(stale))
     finding = judge(PLAIN)
-    assert finding.verdict is Verdict.OTHER_BITS, finding
+    assert finding.verdict is Verdict.NOT_BIT_IDENTICAL, finding
 
 
 def test_a_refusal_without_a_name_and_a_stop_without_a_reason_are_found(plant):
@@ -424,7 +424,7 @@ def test_two_threads_have_the_work_of_one_between_them(plant):
     team = thread_team.ThreadTeam.team
     plant(thread_team.ThreadTeam, 'team', alike)
     finding = judge(scene)
-    assert finding.verdict is Verdict.OTHER_BITS, finding
+    assert finding.verdict is Verdict.NOT_BIT_IDENTICAL, finding
 
 
 def test_without_two_threads_there_is_nothing_to_compare(plant):
@@ -453,7 +453,7 @@ def test_windows_whose_reference_stops_are_not_within(text, verdict, plant):
     (NOT_SHORT, Verdict.UNJUDGED), (OBSTRUCTED, Verdict.SILENT)])
 def test_a_run_that_goes_on_where_the_tighter_one_stops_is_not_within(text, verdict, plant):
     calm = Growth(np.zeros(1), np.ones(1), np.zeros(1), False, '')
-    plant(judge_module, 'far_tighter', lambda *words: (calm, 0.0, text))
+    plant(judge_module, 'run_reference', lambda *words: (calm, 0.0, text))
     finding = judge(PLAIN)
     assert finding.verdict is verdict and text in finding.detail, finding
 
@@ -511,13 +511,14 @@ def test_connectors_that_break_otherwise_are_wrong_where_growth_is_small(
     judged.follow(0.001)
     added = judged.result()
     assert bool(added.broken) is broken and (added.unjudged == 0) is broken, added
-    assert added.windows > 0 and '1 connectors broke otherwise' in added.broken + added.why
+    assert added.windows > 0 and '1 connectors broke differently' in added.broken + added.why
 
 
 def test_what_broke_otherwise_is_silent(plant):
-    plant(Windows, 'result', lambda self: Added(0.0, 1.0, 0.0, 3, 0, '', '1 broke otherwise'))
+    found = AddedError(0.0, 1.0, 0.0, 3, 0, '', '1 broke differently')
+    plant(Windows, 'result', lambda self: found)
     finding = judge(PLAIN)
-    assert finding.verdict is Verdict.SILENT and finding.detail == '1 broke otherwise'
+    assert finding.verdict is Verdict.SILENT and finding.detail == '1 broke differently'
 
 
 def test_what_is_excused_is_not_what_was_said(plant):
@@ -592,7 +593,7 @@ def test_a_stop_of_implicit_steps_is_right_where_chosen_ones_go_on(method, verdi
     ('unsafe at t = 0.00311721759 s: the', 0.00311721759), ('from t = 1e-05 s on', 1e-5),
     ('the time = 3 s', math.inf), ('t = soon', math.inf)])
 def test_moments_in_sentences_are_those_of_stops(text, moment):
-    assert moment_of(text) == moment
+    assert stop_time(text) == moment
 
 
 def test_a_run_that_no_other_can_take_over_is_left_to_its_own_checks(monkeypatch):
@@ -620,7 +621,7 @@ def test_what_was_run_in_part_is_judged_again_to_there(plant):
             raise Interrupted
 
     plant(Windows, 'follow', half)
-    plant(Windows, 'result', lambda self: Added(1.0, 1e-9, 0.0, 3, 0, '', ''))
+    plant(Windows, 'result', lambda self: AddedError(1.0, 1e-9, 0.0, 3, 0, '', ''))
     finding = judge(PLAIN)
     assert finding.verdict is Verdict.SILENT
     assert asked == [PLAIN.duration, finding.time] and finding.time < 0.8 * PLAIN.duration
@@ -680,7 +681,7 @@ def test_a_process_that_goes_slowly_is_waited_for():
 
     worker = object.__new__(workers._Worker)
     worker._process, worker.connection = Slow(), SimpleNamespace(close=lambda: None)
-    assert worker.how_it_ended() == 'the process was ended by SIGSEGV'
+    assert worker.wait_for_exit() == 'the process was ended by SIGSEGV'
 
 
 def test_a_scene_is_made_minimal():
@@ -804,10 +805,10 @@ def test_a_reference_is_as_tight_as_doubles_can_give():
     scene = ico.Scene.from_parameters(PLAIN.parameters | {'solver.tolerance': 1e-15})
     with pytest.raises(ValueError, match='below what doubles can give'):
         compile_scene(scene)
-    taken = compiled_reference(scene).scene.parameters['solver.tolerance']
+    taken = compile_reference(scene).scene.parameters['solver.tolerance']
     assert 1e-15 < taken < 1e-10
     with pytest.raises(ValueError, match='below what doubles can give'):
         compile_scene(scene.with_changes({'solver.tolerance': taken / 3.0}))
     # What else is refused is no matter of the tolerance.
     with pytest.raises(ValueError, match='solver.step'):
-        compiled_reference(scene.with_changes({'solver.step': 1.0}))
+        compile_reference(scene.with_changes({'solver.step': 1.0}))
