@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The source tree that this package is part of: pages, example scenes and tests lie there."""
+"""The source tree of the project, with pages, example scenes and tests."""
 
 from pathlib import Path
 from typing import Final

@@ -15,7 +15,7 @@ import pytest
 
 @pytest.mark.parametrize('scene', CASES)
 def test_displacements_grow_alike_down_to_rounding(scene):
-    rows = [*measure_predictability((scene,), looks=4, part=0.5)]
+    rows = [*measure_predictability((scene,), samples=4, duration_ratio=0.5)]
     assert len(rows) == 4 * len(CASES[scene].methods) and not any(row.fault for row in rows)
     for row in rows:
         # A unit in the last place is no displacement of a known size: it is not compared.
@@ -30,7 +30,7 @@ def test_displacements_grow_alike_down_to_rounding(scene):
 def test_methods_of_one_scene_find_the_same_growth():
     # It is that of the motion, whatever computes it.
     last = {row.method: row.growth_9
-            for row in measure_predictability(('free',), looks=4, part=0.25)}
+            for row in measure_predictability(('free',), samples=4, duration_ratio=0.25)}
     assert len(last) == 4 and min(last.values()) > 10.0
     assert max(last.values()) < 1.01 * min(last.values())
 
@@ -38,8 +38,8 @@ def test_methods_of_one_scene_find_the_same_growth():
 def test_a_start_of_which_the_last_bit_decides_is_found(monkeypatch):
     # As woven all connectors are as long as where their stiffness changes.
     monkeypatch.setitem(CASES, 'kinked', CASES['kinked']._replace(off=0.0))
-    rows = [*measure_predictability(('kinked',), ('srkn4',), looks=2, part=0.25)]
-    assert all('rounding adds' in row.fault for row in rows)
+    rows = [*measure_predictability(('kinked',), ('srkn4',), samples=2, duration_ratio=0.25)]
+    assert all('round-off adds' in row.fault for row in rows)
 
 
 def test_a_state_that_loses_bits_is_found(monkeypatch):
@@ -52,14 +52,14 @@ def test_a_state_that_loses_bits_is_found(monkeypatch):
         return simulation
 
     monkeypatch.setattr(predictability, '_begin', rough)
-    rows = [*measure_predictability(('free',), ('srkn6',), looks=2, part=0.25)]
+    rows = [*measure_predictability(('free',), ('srkn6',), samples=2, duration_ratio=0.25)]
     assert all(row.fault for row in rows)
 
 
 def test_a_run_that_stops_is_a_fault(monkeypatch):
     monkeypatch.setitem(CASES, 'free', CASES['free']._replace(
         parameters={**CASES['free'].parameters, 'solver.energy_limit': 1e-9}))
-    (row,) = measure_predictability(('free',), ('leapfrog',), looks=1, part=0.25)
+    (row,) = measure_predictability(('free',), ('leapfrog',), samples=1, duration_ratio=0.25)
     assert 'energy' in row.fault and math.isnan(row.time)
 
 
@@ -77,10 +77,10 @@ def test_the_command_prints_and_writes(monkeypatch, tmp_path, capsys):
     assert '1 runs, 0 with growth' in capsys.readouterr().out
     with table.open() as file:
         assert [row['steps'] for row in csv.DictReader(file)] == ['7', '14']
-    monkeypatch.setattr(predictability, 'measure_predictability', made_up('rounding adds 1 a'))
+    monkeypatch.setattr(predictability, 'measure_predictability', made_up('round-off adds 1 a'))
     assert main(['stress', '--predictability', '--json']) == 1
     rows = [*map(json.loads, capsys.readouterr().out.splitlines())]
-    assert rows[1]['fault'] == 'rounding adds 1 a' and rows[0]['growth_15'] == 3.0
+    assert rows[1]['fault'] == 'round-off adds 1 a' and rows[0]['growth_15'] == 3.0
 
 
 def test_what_does_not_go_with_it_is_refused(capsys, monkeypatch):

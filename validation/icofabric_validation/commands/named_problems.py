@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from icofabric_validation.named.problem import Answer
 
 # Options of `icofabric stress` that only apply to random scenes.
-OF_RANDOM_SCENES = ('scenes', 'seed', 'kinds', 'shrink', 'coverage', 'processes')
+RANDOM_SCENE_OPTIONS = ('scenes', 'seed', 'kinds', 'shrink', 'coverage', 'processes')
 
 
 def add_named_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def add_named_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def is_given(arguments: argparse.Namespace, name: str) -> bool:
-    """Return whether an option or switch is on the command line; 0 is a value."""
+    """Return True if an option or switch is on the command line; 0 is a value."""
     value = getattr(arguments, name)
     return value is not None and value is not False
 
@@ -39,7 +39,7 @@ def main_named(arguments: argparse.Namespace) -> int:
     """Solve the problems; return 1 if an answer differs from the known one."""
     from icofabric_validation.named import report
     from icofabric_validation.named.catalogue import PROBLEMS, solve_all
-    for name in OF_RANDOM_SCENES:
+    for name in RANDOM_SCENE_OPTIONS:
         if is_given(arguments, name):
             raise InputError(f'--{name} applies to random scenes and cannot be combined with '
                              '--named')
@@ -65,7 +65,7 @@ def main_named(arguments: argparse.Namespace) -> int:
                 report.write_table(table, answers)
             progress.update(len(answers))
     if not arguments.json:
-        print(report.last_line(answers))
+        print(report.summary_line(answers))
     return int(any(answer.faults for answer in answers))
 
 

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""`icofabric stress --predictability`: growth of a change of the start, from round-off up."""
+"""`icofabric stress --predictability`: growth of initial displacements, from round-off up."""
 
 import argparse
 from pathlib import Path
 
 from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.terminal import InputError, require_place
-from icofabric_validation.commands.named_problems import is_given, OF_RANDOM_SCENES
+from icofabric_validation.commands.named_problems import is_given, RANDOM_SCENE_OPTIONS
 
 
 def add_predictability_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
         '--predictability', action='store_true',
-        help='instead of random scenes: growth of displacements of the start, from a round-off '
-        'unit up, and the errors added by round-off')
+        help='instead of random scenes: growth of initial displacements, from a unit of '
+        'round-off up, and the errors added by round-off')
 
 
 def main_predictability(arguments: argparse.Namespace) -> int:
@@ -27,7 +27,8 @@ def main_predictability(arguments: argparse.Namespace) -> int:
         Row,
         row_line,
     )
-    for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list', 'map', 'steps', 'picture'):
+    for name in (
+            *RANDOM_SCENE_OPTIONS, 'named', 'problem', 'long', 'list', 'map', 'steps', 'picture'):
         if is_given(arguments, name):
             raise InputError(f'--{name} cannot be combined with --predictability')
     table = None

@@ -9,7 +9,7 @@ from pathlib import Path
 from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.commands.rest_outputs import picture_path
 from icofabric_sim.terminal import InputError, require_place
-from icofabric_validation.commands.named_problems import is_given, OF_RANDOM_SCENES
+from icofabric_validation.commands.named_problems import is_given, RANDOM_SCENE_OPTIONS
 
 _MAX_STEPS = 10**9
 
@@ -46,7 +46,7 @@ def main_map(arguments: argparse.Namespace) -> int:
         products_of,
         STEPS,
     )
-    for name in (*OF_RANDOM_SCENES, 'named', 'problem', 'long', 'list'):
+    for name in (*RANDOM_SCENE_OPTIONS, 'named', 'problem', 'long', 'list'):
         if is_given(arguments, name):
             raise InputError(f'--{name} cannot be combined with --map')
     steps = STEPS if arguments.steps is None else arguments.steps

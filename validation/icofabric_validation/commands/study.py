@@ -26,7 +26,7 @@ from icofabric_sim.terminal import (
 if TYPE_CHECKING:
     from icofabric_sim.sweeps.single_run import Outcome
     from icofabric_sim.sweeps.sweep import How, Study
-    from icofabric_validation.material.part import Found, Part, Row, Stage, Table
+    from icofabric_validation.material.part import Part, Results, Row, Stage, Table
 
 _NAME = 'icofabric study'
 _OUTPUT, _STORE = 'runs/study', 'runs/sweep'
@@ -198,7 +198,7 @@ def _outcomes(
 
 
 def _write(
-    part: 'Part', found: 'Found', output: Path, progress: Progress
+    part: 'Part', found: 'Results', output: Path, progress: Progress
 ) -> 'tuple[str, list[Table]]':
     """Write figure and tables of a part; return the tables as text and as data."""
     from icofabric_validation.pictures.material_figures import draw_part

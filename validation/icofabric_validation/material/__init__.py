@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The study of the material: what icosahedral fabric is good for (docs/study.md).
+The material study: properties and uses of icosahedral fabric (docs/study.md).
 
-A part has stages, each a study of the sweep store; its tables are made from what these keep.
-`part` has the records, `catalogue` all parts, `elastic`, `waves`, `surfaces`, `strength` and
-`jamming` the parts themselves.
+A part has stages, each a study in the sweep store, and tables of their results. `part` has the
+records and `catalogue` all parts. `elastic`, `waves`, `surfaces`, `strength`, `jamming` and
+`friction` define the parts.
 """

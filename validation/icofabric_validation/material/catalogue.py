@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""All parts of the study, and their runs as studies of the sweep store."""
+"""All parts of the material study, and their runs as studies in the sweep store."""
 
 from collections.abc import Mapping
 import os
@@ -22,7 +22,7 @@ PARTS: Final[Mapping[str, Part]] = {
 
 
 def make_study(stage: Stage, store: str | os.PathLike[str]) -> Study:
-    """The runs of a stage, judged."""
+    """Return the study of a stage, with validated parameters."""
     return Study.from_parameters(
         make_parameters(stage.base), cases=stage.cases, verbs=stage.verbs, keep=stage.keep,
         store=store)

@@ -9,13 +9,13 @@ from typing import Any, Final
 from icofabric_validation.material.part import (
     angles,
     BENDING_UNIT,
-    closed_form,
+    closed_form_ratio,
     fixed,
-    Found,
     K,
     Level,
     modulus_unit,
     Part,
+    Results,
     Row,
     Stage,
     Table,
@@ -24,7 +24,7 @@ from icofabric_validation.material.part import (
 # Bending stiffness over k a^2.
 BENDINGS: Final = (0.0, 0.01, 0.1, 1.0)
 _TABLE_ANGLES = 5
-# Of slabs.
+# Connector angles of slabs [rad].
 SLAB_ANGLES: Final = (-0.3, 0.3)
 SLAB_BENDING: Final = 0.1
 _QUICK_SIZES = ((5, 3, 3), (7, 3, 3))
@@ -42,7 +42,7 @@ def _endless(level: Level) -> dict[str, Stage]:
 
 
 def constants_of(row: Row) -> dict[str, float]:
-    """C11, C12, C44 and moduli of a periodic fabric in k / W, and its ratio along an axis."""
+    """Return C11, C12, C44 and moduli in k / W, and Poisson's ratio along an axis."""
     unit = modulus_unit(row['weave.connector_angle'])
     c11, c12, c44 = (
         row[f'elasticity.stiffness.{name}'] / unit for name in ('xx.xx', 'xx.yy', 'yz.yz'))
@@ -54,19 +54,19 @@ def constants_of(row: Row) -> dict[str, float]:
 
 
 def largest_difference(found: Iterable[dict[str, float]]) -> float:
-    """Of the ratio of point springs from the closed form, at most."""
-    return max((abs(one['nu'] - closed_form(one['angle'])) for one in found
+    """Return the largest error of Poisson's ratio of point springs from the closed form."""
+    return max((abs(one['nu'] - closed_form_ratio(one['angle'])) for one in found
                 if one['bending'] == 0.0), default=math.nan)
 
 
-def _endless_tables(found: Found) -> list[Table]:
+def _endless_tables(found: Results) -> list[Table]:
     every = [constants_of(row) for row in found['endless']]
     there = sorted({one['angle'] for one in every})
     chosen = [there[round(place * (len(there) - 1) / (_TABLE_ANGLES - 1))]
               for place in range(_TABLE_ANGLES)]
     rows = [
         (f'{one["bending"]:g}', fixed(one['angle'], 4), *(fixed(one[name], 3) for name in (
-            'C11', 'C12', 'C44', 'nu')), fixed(closed_form(one['angle']), 3),
+            'C11', 'C12', 'C44', 'nu')), fixed(closed_form_ratio(one['angle']), 3),
          *(fixed(one[name], 3) for name in ('K', 'x', 'xy', 'xyz')))
         for one in every if one['angle'] in chosen]
     return [Table(
@@ -95,8 +95,8 @@ def _slabs(level: Level) -> dict[str, Stage]:
             kinds, ('elasticity',), ('moduli',), 0.05, {**common, 'weave.size': [5, 5, 5]})}
 
 
-def slab_rows(found: Found) -> list[dict[str, Any]]:
-    """Slabs beside the periodic fabric in the same direction."""
+def slab_rows(found: Results) -> list[dict[str, Any]]:
+    """Return slabs compared with the periodic fabric in the same direction."""
     endless = {(row['weave.kind'], row['weave.connector_angle']): row
                for row in found['endless']}
     rows = []
@@ -114,7 +114,7 @@ def slab_rows(found: Found) -> list[dict[str, Any]]:
 
 
 def _ratios(row: Row) -> dict[str, float]:
-    """Poisson's ratios of a pull along x across y and z, from all 21 constants."""
+    """Return Poisson's ratios for tension along x, from all 21 elastic constants."""
     import numpy as np
     order = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
     stiffness = np.zeros((6, 6))
@@ -126,7 +126,7 @@ def _ratios(row: Row) -> dict[str, float]:
     return {'endless_y': float(-strain[1] / strain[0]), 'endless_z': float(-strain[2] / strain[0])}
 
 
-def _slab_tables(found: Found) -> list[Table]:
+def _slab_tables(found: Results) -> list[Table]:
     return [Table(
         f'Slabs between two held ends, bending stiffness {SLAB_BENDING:g} k a^2, pulled along x '
         'by 0.0001 to 0.0003', (

@@ -3,8 +3,8 @@
 """
 Pre-tension and face contact, without bending stiffness.
 
-Connectors shorter than the weave (D < L) pull shells together until faces meet. And one figure of
-it by an independent code.
+Connectors shorter than the weave (D < L) pull shells together until faces are in contact. An
+independent code verifies one result.
 """
 
 import math
@@ -13,12 +13,12 @@ from typing import Any, Final
 from icofabric_sim.scene.weave_geometry import MINIMUM_LENGTH_RATIO
 from icofabric_validation.material.part import (
     fixed,
-    Found,
     K,
-    LEAST,
     Level,
+    MIN_ANGLE,
     modulus_unit,
     Part,
+    Results,
     Row,
     Stage,
     Table,
@@ -31,26 +31,26 @@ CONTACTS: Final = (20.0, 200.0, 2000.0)
 CONTACT: Final = 200.0
 RATIO: Final = 0.97
 _FREE_RATIOS = (1.05, 1.001, *RATIOS)
-_MAP_ANGLES = (LEAST, -0.34, -0.3, -0.25, -0.2, -0.1, 0.0)
+_MAP_ANGLES = (MIN_ANGLE, -0.34, -0.3, -0.25, -0.2, -0.1, 0.0)
 _MAP_RATIOS = (0.999, 0.98, 0.95, 0.92, 0.88, 0.84, 0.8, 0.75)
 _SHEAR = 'strength shear 0.001 1 x'
-_FAR: Final = 0.3
+_MAX_STRAIN: Final = 0.3
 
 
-def jams_below(angle: float) -> float:
-    """D over L below which the shells of a free fabric press on each other: L_min / L."""
+def jamming_ratio(angle: float) -> float:
+    """Return the D / L below which the shells of a free fabric are in contact: L_min / L."""
     geometry = woven(angle)
     return MINIMUM_LENGTH_RATIO * geometry.cube_width / geometry.connector_length
 
 
-def tight(angle: float, ratio: float, **more: Any) -> dict[str, Any]:
-    """Fabric with connectors of the natural length D = ratio times L."""
+def tensioned(angle: float, ratio: float, **more: Any) -> dict[str, Any]:
+    """Return parameters of a fabric with natural length D = ratio times L."""
     return {'weave.connector_angle': angle,
             'connector.natural_length': ratio * woven(angle).connector_length, **more}
 
 
-def touching(stiffness: float) -> dict[str, Any]:
-    """Contacts of a stiffness over k; 0: none."""
+def with_contact(stiffness: float) -> dict[str, Any]:
+    """Return contact parameters for a stiffness over k; 0: no contact."""
     return {'contact.mode': 'auto' if stiffness else 'never', 'contact.stiffness': stiffness * K}
 
 
@@ -68,53 +68,54 @@ def _stages(level: Level) -> dict[str, Stage]:
     sizes = [[5, 3, 3], [7, 3, 3], [5, 5, 5], [7, 5, 5], [9, 5, 5], [9, 7, 7], [13, 9, 9]]
     sizes = sizes[:level.pick(2, 5, 7)]
     points = level.pick(6, 10, 20)
-    far = [f'strength {kind} {_FAR:g} {points} x' for kind in ('shear', 'push', 'pull')]
+    far = [f'strength {kind} {_MAX_STRAIN:g} {points} x' for kind in ('shear', 'push', 'pull')]
     free, held = ({**base, 'weave.size': size} for size in (free_size, slab))
     return {
         'free': Stage(
-            [tight(LEAST, ratio, **touching(stiffness))
+            [tensioned(MIN_ANGLE, ratio, **with_contact(stiffness))
              for stiffness in (0.0, CONTACT) for ratio in free_ratios],
             ('statics',), ('contacts', 'tension'), level.pick(0.2, 1.5, 20.0), free),
         'held': Stage(
-            [tight(LEAST, ratio, **touching(stiffness))
+            [tensioned(MIN_ANGLE, ratio, **with_contact(stiffness))
              for stiffness in contacts for ratio in ratios
-             # Stiffest contacts that hardly press: no rest is found.
+             # The stiffest contacts at the smallest pre-tension have no equilibrium.
              if (stiffness, ratio) != (CONTACTS[-1], RATIOS[0])],
             ('curve',), (_SHEAR,), level.pick(0.5, 5.0, 40.0), held),
         'size': Stage(
-            [tight(LEAST, RATIO, **touching(stiffness), **{'weave.size': size})
+            [tensioned(MIN_ANGLE, RATIO, **with_contact(stiffness), **{'weave.size': size})
              for stiffness in (0.0, CONTACT) for size in sizes],
             ('curve',), (_SHEAR,), level.pick(0.3, 3.0, 30.0), base),
         'map': Stage(
-            [tight(angle, ratio, **touching(stiffness))
+            [tensioned(angle, ratio, **with_contact(stiffness))
              for stiffness in (0.0, CONTACT) for angle in map_angles for ratio in map_ratios
-             # Open weaves that are hardly tight are slack.
-             if angle == LEAST or ratio != map_ratios[0]],
+             # Open weaves with the smallest pre-tension are slack.
+             if angle == MIN_ANGLE or ratio != map_ratios[0]],
             ('curve',), (_SHEAR,), level.pick(0.3, 0.3, 5.0), {**base, 'weave.size': short}),
         'far': Stage(
-            [tight(LEAST, RATIO, **touching(stiffness)) for stiffness in (0.0, CONTACT)],
+            [tensioned(MIN_ANGLE, RATIO, **with_contact(stiffness))
+             for stiffness in (0.0, CONTACT)],
             ('curve',), far, level.pick(5.0, 8.0, 200.0), {**base, 'weave.size': short}),
         'endless': Stage(
-            [tight(angle, ratio, **touching(stiffness))
-             for angle in (LEAST, -0.3) for stiffness in contacts
-             for ratio in (ratios if angle == LEAST else [r for r in ratios if r < 0.96])],
+            [tensioned(angle, ratio, **with_contact(stiffness))
+             for angle in (MIN_ANGLE, -0.3) for stiffness in contacts
+             for ratio in (ratios if angle == MIN_ANGLE else [r for r in ratios if r < 0.96])],
             ('elasticity', 'bands'), ('moduli relaxed', f'gap {level.pick(2, 6, 12)} relaxed'),
             level.pick(0.3, 0.5, 1.5), {**base, 'weave.size': [5, 5, 5]})}
 
 
 def contact_of(row: Row) -> float:
-    """Stiffness of contacts over k; 0: none."""
+    """Return the contact stiffness over k; 0: no contact."""
     return float(row['contact.stiffness']) / K if row['contact.mode'] == 'auto' else 0.0
 
 
 def ratio_of(row: Row) -> float:
-    """D over L."""
+    """Return D / L."""
     return round(float(row['connector.natural_length'])
                  / woven(row['weave.connector_angle']).connector_length, 9)
 
 
 def shear_of(row: Row, which: str = 'modulus') -> float:
-    """Shear modulus in k / W, between strains of 0.0001 and 0.0003, or `modulus_beyond`."""
+    """Return the shear modulus in k / W from 0.0001 to 0.0003, or `modulus_beyond`."""
     return float(row[f'curve.shear.x.{which}']) / modulus_unit(row['weave.connector_angle'])
 
 
@@ -122,11 +123,11 @@ def _size(row: Row) -> str:
     return 'x'.join(map(str, map(int, row['weave.size'])))
 
 
-def _named(stiffness: float) -> str:
+def _contact(stiffness: float) -> str:
     return f'K/k = {stiffness:g}' if stiffness else 'none'
 
 
-def _tables(found: Found) -> list[Table]:
+def _tables(found: Results) -> list[Table]:
     free: dict[float, dict[float, Row]] = {}
     for row in found['free']:
         free.setdefault(ratio_of(row), {})[contact_of(row)] = row
@@ -137,13 +138,14 @@ def _tables(found: Found) -> list[Table]:
          fixed(rows[CONTACT]['statics.pull'], 3)) for ratio, rows in free.items()]
     held: dict[float, dict[float, str]] = {}
     for row in found['held']:
-        held.setdefault(contact_of(row), {})[ratio_of(row)] = _both(row)
+        held.setdefault(contact_of(row), {})[ratio_of(row)] = _modulus_text(row)
     ratios = list(dict.fromkeys(ratio_of(row) for row in found['held']))
-    size = [(_size(row), _named(contact_of(row)), _both(row),
+    size = [(_size(row), _contact(contact_of(row)), _modulus_text(row),
              row['curve.shear.x.touching'], row['curve.shear.x.verdict'])
             for row in found['size']]
-    far = [(_named(contact_of(row)), kind, *(row[f'curve.{kind}.x.{name}'] for name in (
-        'buckles_at', 'touching', 'reached')), row[f'curve.{kind}.x.most'] / modulus_unit(LEAST),
+    far = [(_contact(contact_of(row)), kind, *(row[f'curve.{kind}.x.{name}'] for name in (
+        'buckles_at', 'touching', 'reached')),
+        row[f'curve.{kind}.x.most'] / modulus_unit(MIN_ANGLE),
         row[f'curve.{kind}.x.most_at']) for row in found['far']
         for kind in ('shear', 'push', 'pull')]
     return [
@@ -151,9 +153,9 @@ def _tables(found: Found) -> list[Table]:
             'D / L', 'without contact', f'with contact, K/k = {CONTACT:g}', 'pairs in contact',
             'largest overlap over a', 'largest tension [N]'), counted),
         Table('Shear modulus in k / W between two held ends, from a strain of 0.0001 to 0.0003, '
-              'and to 0.001 where that is another one',
+              'and to 0.001 if that differs',
               ('contact', *(f'D / L = {ratio:g}' for ratio in ratios)),
-              [(_named(stiffness), *(values.get(ratio, '-') for ratio in ratios))
+              [(_contact(stiffness), *(values.get(ratio, '-') for ratio in ratios))
                for stiffness, values in held.items()]),
         Table(f'By size, D / L = {RATIO:g}', (
             'positions', 'contact', 'G W / k', 'pairs in contact',
@@ -171,17 +173,17 @@ def _tables(found: Found) -> list[Table]:
 
 def _endless_row(row: Row) -> tuple[Any, ...]:
     if row['state'] != 'done':
-        return (fixed(row['weave.connector_angle'], 4), _named(contact_of(row)), ratio_of(row),
+        return (fixed(row['weave.connector_angle'], 4), _contact(contact_of(row)), ratio_of(row),
                 row['reason'], *('-',) * 6)
-    # Of the woven fabric: the unit stays the same as it shrinks.
+    # The unit of the woven fabric, although the fabric has shrunk.
     unit = modulus_unit(row['weave.connector_angle'])
     lowest, none = float(row['bands.grid.lowest']), 1e-6 * float(row['bands.highest'])
     waves = 'all cost energy' if lowest > none else (
         'some lower the energy' if lowest < -none else 'some cost none')
     return (
-        fixed(row['weave.connector_angle'], 4), _named(contact_of(row)), f'{ratio_of(row):g}',
+        fixed(row['weave.connector_angle'], 4), _contact(contact_of(row)), f'{ratio_of(row):g}',
         fixed(row['elasticity.size'], 4), *(
-            _short(float(row[f'elasticity.stiffness.{pair}']) / unit)
+            _rounded(float(row[f'elasticity.stiffness.{pair}']) / unit)
             for pair in ('xx.xx', 'xx.yy', 'yz.yz')),
         2 * int(row['elasticity.pressing']), int(row['elasticity.soft_strains']), waves)
 
@@ -190,8 +192,8 @@ def _count(row: Row) -> Any:
     return row['statics.mechanisms'] if row['state'] == 'done' else row['reason']
 
 
-def map_of(found: Found, stiffness: float) -> dict[float, dict[float, float]]:
-    """Shear modulus in k / W by angle and by D over L; NaN where the slab has no rest."""
+def map_of(found: Results, stiffness: float) -> dict[float, dict[float, float]]:
+    """Return shear moduli in k / W by angle and D / L; NaN for slabs without equilibrium."""
     modulus: dict[float, dict[float, float]] = {}
     for row in found['map']:
         if contact_of(row) == stiffness:
@@ -199,25 +201,25 @@ def map_of(found: Found, stiffness: float) -> dict[float, dict[float, float]]:
     return modulus
 
 
-def _map_table(found: Found) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+def _map_table(found: Results) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
     closed, free = map_of(found, CONTACT), map_of(found, 0.0)
     ratios = sorted({ratio for row in closed.values() for ratio in row}, reverse=True)
     return (('angle', 'jams below', *(f'{ratio:g}' for ratio in ratios)), [
-        (fixed(angle, 4), fixed(jams_below(angle), 3), *(
-            f'{_short(row[ratio])} ({_short(free[angle][ratio])})' if ratio in row else '-'
+        (fixed(angle, 4), fixed(jamming_ratio(angle), 3), *(
+            f'{_rounded(row[ratio])} ({_rounded(free[angle][ratio])})' if ratio in row else '-'
             for ratio in ratios))
         for angle, row in closed.items()])
 
 
-def _both(row: Row) -> str:
-    """The modulus, and that of the next strains where it differs by more than 5 %."""
+def _modulus_text(row: Row) -> str:
+    """Return the modulus, and that of the next strains if it differs by more than 5 %."""
     first, second = shear_of(row), shear_of(row, 'modulus_beyond')
     if abs(first - second) > 0.05 * max(abs(first), abs(second), 1e-3):
-        return f'{_short(first)}, then {_short(second)}'
-    return _short(first)
+        return f'{_rounded(first)}, then {_rounded(second)}'
+    return _rounded(first)
 
 
-def _short(value: float) -> str:
+def _rounded(value: float) -> str:
     if not math.isfinite(value):
         return '-'
     return '0' if abs(value) < 1e-6 else f'{value:.2g}'
@@ -230,11 +232,11 @@ def _check(level: Level) -> dict[str, Stage]:
     points = level.pick(1, 1, 4)
     word = f'independent shear {0.001 * points:g} {points} x'
     return {'scipy': Stage(
-        [tight(LEAST, RATIO, **touching(CONTACT))], ('curve',), (word,),
+        [tensioned(MIN_ANGLE, RATIO, **with_contact(CONTACT))], ('curve',), (word,),
         level.pick(40.0, 40.0, 160.0), {'connector.stiffness': K, 'weave.size': [3, 3, 3]})}
 
 
-def _check_tables(found: Found) -> list[Table]:
+def _check_tables(found: Results) -> list[Table]:
     row, = found['scipy']
     strains = [name.split('.', 4)[4].removesuffix('.engine') for name in row
                if name.startswith('curve.independent') and name.endswith('.engine')]
@@ -248,7 +250,7 @@ def _check_tables(found: Found) -> list[Table]:
             row[f'{name}.touching']))
     return [Table(
         'A slab of 3 x 3 x 3 positions sheared between held ends, D / L = 0.97, K/k = 200: the '
-        'engine, and SciPy with energies written anew', (
+        'engine, and SciPy with independent energies', (
             'strain', 'energy [J]: engine', 'SciPy', 'derivative [J]: engine', 'SciPy',
             'distance of bodies over a', 'residual gradient', 'overlapping pairs'), rows)]
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Records of the study: stages of runs, parts, tables; and what all parts share."""
+"""Records of the material study (stages, parts, tables), and shared functions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
@@ -15,36 +15,36 @@ from icofabric_sim.scene.weave_geometry import (
 from icofabric_sim.sweeps.table import SweepTable
 
 _T = TypeVar('_T')
-# Half an edge of a shell [m] and stiffness of a connector [N/m]; results are in units of them.
+# Half edge of a shell [m] and stiffness of a connector [N/m]; results are in these units.
 HALF_EDGE: Final = 0.01
 K: Final = 500.0
-LEAST: Final = MINIMUM_ANGLE
-# [N m/rad]
+MIN_ANGLE: Final = MINIMUM_ANGLE  # [rad]
+# Unit of bending stiffness [N m/rad].
 BENDING_UNIT: Final = K * HALF_EDGE**2
 
 Row = Mapping[str, Any]
 
 
 class Level(IntEnum):
-    """How much of a study is done."""
+    """The extent of a study."""
 
     QUICK = 0  # some minutes of one core
-    USUAL = 1  # what docs/study.md shows
+    USUAL = 1  # the results in docs/study.md
     LARGE = 2  # larger slabs and more values, hours of one core
 
     def pick(self, quick: _T, usual: _T, large: _T) -> _T:
-        """What belongs to it."""
+        """Return the value for this level."""
         return (quick, usual, large)[self]
 
 
 class Stage(NamedTuple):
-    """Runs of one kind."""
+    """Runs with the same verbs and results."""
 
     cases: Sequence[Mapping[str, Any]]  # parameters that differ
     verbs: Sequence[str]
     keep: Sequence[str]
-    seconds: float  # that a run takes on one core, about
-    base: Mapping[str, Any] = {}  # parameters that all of them have
+    seconds: float  # approximate time of a run on one core
+    base: Mapping[str, Any] = {}  # common parameters
 
 
 class Table(NamedTuple):
@@ -56,14 +56,14 @@ class Table(NamedTuple):
     note: str = ''
 
     def lines(self) -> list[str]:
-        """The table as pages have it."""
+        """Return the table in Markdown."""
         return [
             '| ' + ' | '.join(self.columns) + ' |', '|' + '---|' * len(self.columns),
             *('| ' + ' | '.join(map(cell, row)) + ' |' for row in self.rows)]
 
 
-# What the stages of a part have found, by their names: a row a run.
-Found = Mapping[str, Sequence[Row]]
+# Results of the stages of a part by name; a row for each run.
+Results = Mapping[str, Sequence[Row]]
 
 
 class Part(NamedTuple):
@@ -72,34 +72,34 @@ class Part(NamedTuple):
     name: str
     title: str
     stages: Callable[[Level], dict[str, Stage]]
-    tables: Callable[[Found], list[Table]]
+    tables: Callable[[Results], list[Table]]
 
 
 def rows_of(table: SweepTable) -> list[Row]:
-    """The runs of a stage as dictionaries, in their order; values of failed ones are NaN or ''."""
+    """Return the runs of a stage as dictionaries; values of failed runs are NaN or ''."""
     columns = {name: table[name].tolist() for name in table}
     return [{name: values[row] for name, values in columns.items()}
             for row in range(len(table))]
 
 
 def woven(angle: float) -> WeaveGeometry:
-    """Lengths of a weave of the shells of the study."""
+    """Return the geometry of a weave of the shells of the study."""
     return geometry_from_angle(HALF_EDGE, angle)
 
 
 def modulus_unit(angle: float) -> float:
-    """Return k / W [Pa]."""
+    """Return the unit of moduli, k / W [Pa]."""
     return K / woven(angle).pitch
 
 
-def closed_form(angle: float) -> float:
-    """Poisson's ratio along an axis of the periodic fabric of point springs (docs/material.md)."""
+def closed_form_ratio(angle: float) -> float:
+    """Return Poisson's ratio along an axis for point springs (docs/material.md)."""
     s = math.sin(2.0 * angle)
     return s / (2.0 + s)
 
 
 def cell(value: Any) -> str:
-    """A value as a table has it: three digits, a dash where there is none."""
+    """Return a value with three digits, or a dash if it is not finite."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return str(value)
     if not math.isfinite(value):
@@ -110,7 +110,7 @@ def cell(value: Any) -> str:
 
 
 def fixed(value: float, digits: int) -> str:
-    """A value with so many digits behind the point; a dash where there is none."""
+    """Return a value with `digits` decimals, or a dash if it is not finite."""
     if not math.isfinite(value):
         return '-'
     text = f'{value:.{digits}f}'
@@ -118,9 +118,9 @@ def fixed(value: float, digits: int) -> str:
 
 
 def angles(count: int, last: float) -> list[float]:
-    """Connector angles [rad] from the least one, level connectors among them."""
-    step = (last - LEAST) / (count - 1)
-    found = [LEAST + step * number for number in range(count)]
+    """Return connector angles [rad] from the smallest one to `last`, with 0 among them."""
+    step = (last - MIN_ANGLE) / (count - 1)
+    found = [MIN_ANGLE + step * number for number in range(count)]
     nearest = min(range(1, count), key=lambda number: abs(found[number]))
     found[nearest] = 0.0
     return found

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Strength: the first fall of the stress, the first break, the most load; energy that is taken."""
+"""Strength: first load drop, first break, largest stress; energy dissipated and absorbed."""
 
 import math
 from typing import Any, Final
@@ -9,33 +9,33 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_validation.material.part import (
     BENDING_UNIT,
     fixed,
-    Found,
     HALF_EDGE,
     K,
-    LEAST,
     Level,
+    MIN_ANGLE,
     modulus_unit,
     Part,
+    Results,
     Row,
     Stage,
     Table,
     woven,
 )
 
-ANGLES: Final = (LEAST, -0.3, 0.0, 0.3)
+ANGLES: Final = (MIN_ANGLE, -0.3, 0.0, 0.3)
 _FEW_ANGLES = (-0.3, 0.3)
 BENDING: Final = 0.1
-# Connectors break when they are so many times as long as woven.
-BREAKS_AT: Final = 1.1
+# Length over the woven length at which connectors break.
+BREAK_RATIO: Final = 1.1
 KINDS: Final = ('pull', 'push', 'shear')
 STRAIN: Final = 0.3
-# Energy in a cycle: up to this strain.
+# Largest strain of a cycle.
 CYCLE_STRAIN: Final = 0.15
-# A fall: speed [m/s], and simulated time [s] of it.
+# Impact speed of a fall [m/s], and simulated times [s].
 SPEED: Final = 1.0
 _DURATION, _LARGE_DURATION = 0.06, 0.15
 _GAP = 1e-4  # [m] between the slab and the floor at the start
-# Relaxation times [s] of connectors in a fall, and the stiffness of their arms over their own.
+# Relaxation times [s] of connectors in a fall, and stiffness of Maxwell arms over k.
 _TIMES = (3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 1e-1)
 _ARM = 1.0
 
@@ -43,7 +43,7 @@ _ARM = 1.0
 def _fabric(angle: float, **more: Any) -> dict[str, Any]:
     return {
         'weave.connector_angle': angle,
-        'connector.break_length_extension': BREAKS_AT * woven(angle).connector_length, **more}
+        'connector.break_length_extension': BREAK_RATIO * woven(angle).connector_length, **more}
 
 
 def _base(size: list[int]) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _stages(level: Level) -> dict[str, Stage]:
         'cycles': Stage(
             [_fabric(angle) for angle in there], ('curve',), cycles, level.pick(1.5, 1.5, 30.0),
             _base(size))}
-    # Of one angle: more points, a larger slab, contacts of another stiffness.
+    # For one angle: more points, a larger slab, other contact stiffnesses.
     doubled = [f'strength {kind} {STRAIN:g} {2 * points} x' for kind in KINDS]
     angle = _FEW_ANGLES[0]
     found['finer'] = Stage(
@@ -80,7 +80,7 @@ def _stages(level: Level) -> dict[str, Stage]:
 
 
 def curve_of(row: Row, kind: str) -> tuple[list[float], list[float]]:
-    """Strains, and stresses in k / W."""
+    """Return strains, and stresses in k / W."""
     unit = modulus_unit(row['weave.connector_angle'])
     strains, stresses = (
         [float(word) for word in row[f'curve.{kind}.x.{name}'].split()]
@@ -89,7 +89,7 @@ def curve_of(row: Row, kind: str) -> tuple[list[float], list[float]]:
 
 
 def events_of(row: Row, kind: str) -> list[Any]:
-    """Strains of what happens, and the most stress in k / W."""
+    """Return the strains of events, and the largest stress in k / W."""
     name = f'curve.{kind}.x'
     return [
         *(row[f'{name}.{what}'] for what in (
@@ -102,7 +102,7 @@ _EVENTS = ('first contact', 'first connector through a shell', 'first load drop 
            'first break', 'broken at the end', 'largest stress W / k', 'at', 'reached')
 
 
-def _tables(found: Found) -> list[Table]:
+def _tables(found: Results) -> list[Table]:
     rows = [
         (row['weave.kind'], fixed(row['weave.connector_angle'], 4), kind, *events_of(row, kind))
         for row in found['curves'] for kind in KINDS]
@@ -123,7 +123,7 @@ def _tables(found: Found) -> list[Table]:
                 fixed(row[f'{name}.lost'] / row[f'{name}.work'], 2), row[f'{name}.broken']))
     return [
         Table(f'Slabs between two held ends, bending stiffness {BENDING:g} k a^2, connectors that '
-              f'break at {BREAKS_AT:g} L: strains of events',
+              f'break at {BREAK_RATIO:g} L: strains of events',
               ('weave', 'angle [rad]', 'kind', *_EVENTS), rows),
         Table(f'Sensitivity at {angle:g} rad', ('', 'kind', *_EVENTS), checks),
         Table(f'Cycle to a strain of {CYCLE_STRAIN:g} [mJ]', (
@@ -135,7 +135,7 @@ STRENGTH = Part('strength', 'Strength and energy dissipated in a cycle', _stages
 
 
 def _falling(angle: float, size: list[int], **more: Any) -> dict[str, Any]:
-    """A slab that is thrown at a floor, just above it."""
+    """Return the parameters of a slab just above a floor."""
     scene = Scene.from_parameters({'weave.size': size, 'weave.connector_angle': angle})
     floor = float(scene.position[:, 2].min()) - 0.5 * woven(angle).cube_width - _GAP
     return {'weave.connector_angle': angle, 'planes.floor.offset': floor, 'weave.size': size,
@@ -166,24 +166,25 @@ def _falls(level: Level) -> dict[str, Stage]:
             ('run',), keep, seconds, {**base, 'connector.maxwell_stiffness': _ARM * K})}
 
 
-def taken(row: Row) -> float:
-    """The part of the energy of the throw that is not in the motion of the whole at the end."""
+def absorbed(row: Row) -> float:
+    """Return the fraction of the impact energy that is not in the motion of the centre."""
     share = _rebound(row)
     return 1.0 - share * share
 
 
 def _rebound(row: Row) -> float:
-    """Speed away from the floor over that towards it."""
+    """Return the rebound speed over the impact speed."""
     return float(row['run.centre.velocity.z']) / SPEED
 
 
 def _fall_row(name: str, row: Row) -> tuple[Any, ...]:
     return (name, fixed(row['weave.connector_angle'], 4), fixed(_rebound(row), 3),
-            fixed(taken(row), 3), fixed(row['run.stretch'], 3), fixed(row['run.compression'], 3),
+            fixed(absorbed(row), 3), fixed(row['run.stretch'], 3),
+            fixed(row['run.compression'], 3),
             f'{row["run.balance_worst"]:.1g}' if math.isfinite(row['run.balance_worst']) else '-')
 
 
-def _fall_tables(found: Found) -> list[Table]:
+def _fall_tables(found: Results) -> list[Table]:
     rows = [_fall_row('', row) for row in found['falls']]
     rows += [_fall_row(name, row) for name, row in zip(
         ('tolerance 1e-8', 'larger slab'), found['finer'])]
@@ -204,10 +205,11 @@ def _fall_tables(found: Found) -> list[Table]:
 
 
 def _relaxing_row(row: Row) -> tuple[Any, ...]:
-    # Nothing else does work, so what is left and what was dissipated are the throw.
+    # No other work is done: remaining and dissipated energy add up to the impact energy.
     lost = row['run.energy.dissipated']
     return (
-        f'{1e3 * row["connector.maxwell_time"]:g}', fixed(_rebound(row), 3), fixed(taken(row), 3),
+        f'{1e3 * row["connector.maxwell_time"]:g}', fixed(_rebound(row), 3),
+        fixed(absorbed(row), 3),
         fixed(lost / (row['run.energy.total'] + lost), 3), fixed(row['run.stretch'], 3),
         f'{row["run.balance_worst"]:.1g}')
 

@@ -1,17 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which surfaces are floppy: mechanisms of slabs, counted, and where they are."""
+"""Floppy surfaces: number and location of mechanisms in slabs."""
 
 import math
 from typing import Any, Final
 
 from icofabric_validation.material.part import (
     fixed,
-    Found,
     K,
-    LEAST,
     Level,
+    MIN_ANGLE,
     Part,
+    Results,
     Row,
     Stage,
     Table,
@@ -20,7 +20,7 @@ from icofabric_validation.material.part import (
 _SIZES = ((3, 3, 3), (5, 5, 5), (7, 7, 7), (9, 9, 9), (9, 5, 3), (4, 6, 8), (9, 9, 2))
 _QUICK_SIZES = ((3, 3, 3), (5, 5, 5), (4, 6, 8))
 _LARGE_SIZES = (*_SIZES, (10, 10, 9), (21, 7, 5), (13, 13, 3))
-ANGLES: Final = (LEAST, 0.0, 0.4)
+ANGLES: Final = (MIN_ANGLE, 0.0, 0.4)
 _BIAS_SIZES = ((6, 6, 6), (8, 8, 8), (10, 10, 6))
 PLACES: Final = ('corner', 'edge', 'face', 'within')
 LAYERS: Final = 4
@@ -28,10 +28,10 @@ LAYERS: Final = 4
 
 def expected(size: tuple[int, int, int]) -> tuple[int, int]:
     """
-    6 N - C of a slab of variant 0, and the part of it that is in proportion to its faces.
+    Return 6 N - C of a slab of variant 0, and the term that is proportional to its faces.
 
-    Every unit square of a grid plane has one diagonal with a connector, and N is half of the
-    positions, or half of one more where all sizes are odd.
+    Every unit square of a grid plane has one diagonal with a connector. N is half the number of
+    positions, rounded up.
     """
     x, y, z = size
     odd = x * y * z % 2
@@ -39,12 +39,12 @@ def expected(size: tuple[int, int, int]) -> tuple[int, int]:
     return faces - (x + y + z) + 3 * odd, faces
 
 
-def of_surface(normal: tuple[float, float, float]) -> float:
+def surface_mechanisms(normal: tuple[float, float, float]) -> float:
     """
-    Mechanisms of a free surface, per W^2 of it: half of the connector ends that it cuts.
+    Return the mechanisms of a free surface per W^2: half the number of cut connectors.
 
-    Of the twelve neighbours at W (1, +-1, 0) and so on, through a plane whose bodies fill 2 W^3
-    each: (2 n1 + n2) / 2 for a unit normal with n1 >= n2 >= n3 >= 0.
+    With twelve neighbours at W (1, +-1, 0) and permutations, and a volume of 2 W^3 per body, they
+    are (2 n1 + n2) / 2 for a unit normal with n1 >= n2 >= n3 >= 0.
     """
     first, second, _ = sorted(map(abs, normal), reverse=True)
     return (2.0 * first + second) / (2.0 * math.hypot(*normal))
@@ -72,7 +72,7 @@ def _share(row: Row) -> float:
     return float(row['mechanisms.turning'] / row['mechanisms.count'])
 
 
-def _tables(found: Found) -> list[Table]:
+def _tables(found: Results) -> list[Table]:
     rows: list[tuple[Any, ...]] = []
     for row in found['slabs']:
         size = _size(row)
@@ -83,10 +83,10 @@ def _tables(found: Found) -> list[Table]:
             *(fixed(row[f'mechanisms.at.{place}'], 2) for place in PLACES)))
     bias = [(
         'x'.join(map(str, _size(row))), row['mechanisms.freedoms'], row['mechanisms.connectors'],
-        row['mechanisms.count'], row['mechanisms.self_stresses'], fixed(_cut(row), 0))
+        row['mechanisms.count'], row['mechanisms.self_stresses'], fixed(_all_surfaces(row), 0))
         for row in found['bias']]
     surfaces = [
-        (name, fixed(of_surface(normal), 3)) for name, normal in (
+        (name, fixed(surface_mechanisms(normal), 3)) for name, normal in (
             ('(111), the top of bias', (1.0, 1.0, 1.0)), ('(100), a face of a slab', (1, 0, 0)),
             ('(110)', (1, 1, 0)), ('(211)', (2, 1, 1)), ('(210), the most', (2, 1, 0)))]
     return [
@@ -100,12 +100,12 @@ def _tables(found: Found) -> list[Table]:
         Table('Mechanisms of a free surface per W^2', ('surface', '(2 n1 + n2) / 2'), surfaces)]
 
 
-def _cut(row: Row) -> float:
-    """Mechanisms of the six faces of a bias slab, (111), (1 -1 0) and (1 1 -2), by their areas."""
+def _all_surfaces(row: Row) -> float:
+    """Return the mechanisms of the six faces of a bias slab, (111), (1 -1 0) and (1 1 -2)."""
     x, y, z = _size(row)
-    top = of_surface((1.0, 1.0, 1.0))
-    # The base is a square, so it does not matter which side is which.
-    sides = of_surface((1.0, -1.0, 0.0)) + of_surface((1.0, 1.0, -2.0))
+    top = surface_mechanisms((1.0, 1.0, 1.0))
+    # Both sides of the base are equal.
+    sides = surface_mechanisms((1.0, -1.0, 0.0)) + surface_mechanisms((1.0, 1.0, -2.0))
     return 2.0 * (x * y * top + x * z * sides)
 
 

@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A satellite between earth and moon, in axes that turn with them, on a closed orbit."""
+"""A satellite on a closed orbit between earth and moon, in rotating axes."""
 
 from collections.abc import Iterator
 import math
 
-from icofabric_validation.named.free_bodies import refine
+from icofabric_validation.named.free_bodies import yield_refined_curves
 from icofabric_validation.named.problem import Curve, Problem
 import numpy as np
 
-# Mass of the moon in parts of the whole, and the orbit of eqs (0.1) and (0.2) of the source.
+# Mass of the moon over the total mass, and the orbit of eqs (0.1) and (0.2) of the source.
 _MOON = 0.012277471
 _EARTH = 1.0 - _MOON
 _START = np.array([[0.994, 0.0, 0.0]])
@@ -28,7 +28,7 @@ def _acceleration(time: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _solve(long: bool) -> Iterator[Curve]:
-    yield from refine(
+    yield from yield_refined_curves(
         _acceleration, _START, _VELOCITY, _PERIOD, _START,
         tolerances=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
         steps=tuple(_PERIOD / n for n in (8192, 12288) + ((16384, 32768) if long else ())),
@@ -36,6 +36,6 @@ def _solve(long: bool) -> Iterator[Curve]:
 
 
 PROBLEM = Problem(
-    'arenstorf', 'a satellite on a closed orbit between earth and moon, in axes that turn',
+    'arenstorf', 'a satellite on a closed orbit between earth and moon, in rotating axes',
     'Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, (II.0.1), (II.0.2)',
     'distance from the start after one period', _solve, has_long_form=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A shell that bounces on a vertex, with and without restitution, beside its formula."""
+"""A shell that bounces on a vertex, with and without dissipation, compared with its formula."""
 
 from collections.abc import Iterator
 
@@ -10,30 +10,29 @@ from icofabric_validation.named.loose_bodies import (
     FLOOR,
     GRAVITY,
     heights,
+    rotate_down,
     simulate,
-    standing,
     VERTICES,
 )
 from icofabric_validation.named.problem import Curve, Point, PremiseError, Problem
 from icofabric_validation.named.restitution import (
     damping_for,
+    restitution_of,
     TIP,
     VERTEX_SHARE,
-)
-from icofabric_validation.named.restitution import (
-    restitution as speed_kept,
 )
 import numpy as np
 
 _HEIGHT, _BOUNCES = 0.1, 4
-_ROTATION = standing(VERTICES[0])
+_ROTATION = rotate_down(VERTICES[0])
 
 
 def _error(stiffness: float, damping: float, restitution: float | None) -> tuple[float, int]:
     """
-    How far the speed of the last take-off is from the product of all restitutions, over it.
+    Return the relative error of the speed after the last bounce, and the steps.
 
-    A given restitution is one for all speeds; else that of the damping at each of them.
+    The expected speed is the product of all restitutions: the given one, or that of the damping at
+    the speed of each impact.
     """
     simulation = simulate(
         [Body((0.0, 0.0, TIP + _HEIGHT), rotation=_ROTATION)],
@@ -43,23 +42,21 @@ def _error(stiffness: float, damping: float, restitution: float | None) -> tuple
     speed = float(np.sqrt(2.0 * GRAVITY * _HEIGHT))
     time = speed / GRAVITY
     for _ in range(_BOUNCES):
-        kept = restitution
-        if kept is None:
-            kept = speed_kept(damping, VERTEX_SHARE * speed)
-        speed *= kept
+        speed *= restitution_of(damping, VERTEX_SHARE * speed) if restitution is None else (
+            restitution)
         time += 2.0 * speed / GRAVITY
-    # On the way up from the last bounce.
+    # At the top of the flight after the last bounce.
     simulation.advance_to(time - speed / GRAVITY)
     snapshot = simulation.snapshot()
     height = float(heights(simulation)[0]) - TIP
-    # It is late by the contacts, so near the top of the flight after the last of them.
+    # Contacts delay the shell, so the time is only near that of the top of the flight.
     late = _BOUNCES * contact_time(mass, stiffness) / VERTEX_SHARE
     top, fall = 0.5 * speed**2 / GRAVITY, float(snapshot.linear_velocity[0, 2])
     if not (0.0 < height < _HEIGHT and abs(height - top) < 0.1 * top
             and abs(fall) < 1.5 * GRAVITY * late):
         raise PremiseError(
-            f'after {_BOUNCES} bounces it must be near the top of its flight, {top:.3g} m high, '
-            f'and is at {height:.3g} m with {fall:.3g} m/s')
+            f'after {_BOUNCES} bounces the shell must be near the top of its flight, at '
+            f'{top:.3g} m, but is at {height:.3g} m with {fall:.3g} m/s')
     found = np.sqrt(2.0 * (snapshot.energy['kinetic'] / mass + GRAVITY * height))
     return abs(float(found) - speed) / speed, simulation.status.step_count
 
@@ -72,10 +69,10 @@ def _solve(long: bool) -> Iterator[Curve]:
     for stiffness in stiffnesses:
         error, steps = _error(stiffness, damping, None)
         points.append(Point(contact_time(mass, stiffness), error, steps))
-    # Weight acts while they touch, for a time that falls with the root of the stiffness.
+    # Weight acts during contacts, whose time falls with the square root of the stiffness.
     yield Curve('dop8, restitution by damping', 'contact time [s]', tuple(points), 1e-2, order=1.0)
     error, steps = _error(1e6, 0.0, 1.0)
-    yield Curve('dop8, no losses', 'restitution', (Point(1.0, error, steps),), 1e-12,
+    yield Curve('dop8, without dissipation', 'restitution', (Point(1.0, error, steps),), 1e-12,
                 is_refined=False)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The problems by number, and running them one after the other."""
+"""The numbered problems, and their runs one after another."""
 
 from collections.abc import Iterator, Sequence
 import logging
@@ -25,7 +25,7 @@ from icofabric_validation.named import (
 from icofabric_validation.named.problem import Answer, Curve, PremiseError, Problem
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# Numbers are those of this list, from 1: new problems go to its end.
+# Numbers are positions in this list, from 1: add new problems at the end.
 PROBLEMS: Final[tuple[Problem, ...]] = (
     pleiades.PROBLEM,
     arenstorf.PROBLEM,
@@ -47,17 +47,16 @@ PROBLEMS: Final[tuple[Problem, ...]] = (
 
 def solve_all(numbers: Sequence[int], *, long: bool = False) -> Iterator[Answer]:
     """
-    Run problems by their numbers, and say what was found of each as soon as it is.
+    Run problems by their numbers, and yield each answer when it is complete.
 
-    A scene that is refused, or a run that stops for what it met, is an answer too: one with a
-    fault.
+    A refused scene or a stopped run is an answer with a fault.
     """
     for number in numbers:
         problem = PROBLEMS[number - 1]
         curves: list[Curve] = []
         failure, began = '', time.process_time()
         level = _LOGGER.level
-        # Contacts are softer than they should be on purpose, where stiffer ones follow.
+        # Some contacts are too soft on purpose: problems compare them with stiffer ones.
         _LOGGER.setLevel(logging.ERROR)
         try:
             curves.extend(problem.solve(long))

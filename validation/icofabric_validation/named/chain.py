@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A chain of masses on a line: the middle diagonal row of a turned slab, cut out by a region.
+A chain of masses on a line: the middle diagonal row of a rotated slab, cut out by a region.
 
-Attachment points lie on the line and supports leave each body only its way along it, so places
-along the line obey m x_i'' = T(x_i+1 - x_i) - T(x_i - x_i-1) with the law T of the connectors, and
-nothing else. Masses are 1 kg.
+Attachment points lie on the line, and supports leave each body only the freedom to move along the
+line. Positions x_i therefore obey m x_i'' = T(x_i+1 - x_i) - T(x_i - x_i-1) with the law T of the
+connectors. Masses are 1 kg.
 """
 
 from collections.abc import Callable
@@ -18,21 +18,21 @@ from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-# Shells are this large [m], so that no extension of these problems brings two points together.
-_HALF_EDGE: Final = 1.0
+_HALF_EDGE: Final = 1.0  # [m]
 _REACH: Final = 0.5  # from a centre to its attachment points [m]
-_CONNECTOR: Final = 10.0  # weave.connector_length [m]
+# weave.connector_length [m]; no extension in these problems makes two points coincide.
+_CONNECTOR_LENGTH: Final = 10.0
 
 
 def chain_parameters(count: int, fixed: str, parameters: dict[str, Any]) -> dict[str, Any]:
-    """Parameters of a chain of an odd number of bodies; those that `fixed` selects stand still."""
+    """Return the parameters of a chain of an odd number of bodies; `fixed` selects held ones."""
     if count % 2 == 0:
-        raise ValueError(f'count must be odd, got {count}: the middle row of a slab has so many')
+        raise ValueError(f'count must be odd as in the middle row of a slab, got {count}')
     values: dict[str, Any] = {
         'weave.kind': 'bias', 'weave.boundary': 'fabric', 'weave.size': [count, count, 1],
-        # The middle row lies along x, and no other body is as near to the middle plane and height.
+        # The middle row is along x; all other bodies are outside the region.
         'weave.azimuth': 0.25 * math.pi, 'weave.region': f'box {40.0 * count} 1 1',
-        'weave.connector_length': _CONNECTOR, 'shell.edge_length': 2.0 * _HALF_EDGE,
+        'weave.connector_length': _CONNECTOR_LENGTH, 'shell.edge_length': 2.0 * _HALF_EDGE,
         'shell.thickness': 0.5, 'shell.mass': 1.0, 'contact.mode': 'never', 'solver.threads': 1,
         'groups.row': 'all', 'supports.line.group': 'row', 'supports.line.fix': 'ty tz rotation',
         'groups.ends': fixed, 'supports.ends.group': 'ends', 'supports.ends.fix': 'all'}
@@ -44,7 +44,7 @@ def chain_parameters(count: int, fixed: str, parameters: dict[str, Any]) -> dict
 
 
 def natural_length() -> float:
-    """Woven length of the connectors [m], at which laws have extension 0."""
+    """Return the woven length of the connectors [m], at which laws have extension 0."""
     scene = Scene.from_parameters(chain_parameters(3, 'ids 0 2', {}))
     return float(np.linalg.norm(scene.position[1] - scene.position[0])) - 2.0 * _REACH
 
@@ -53,9 +53,9 @@ def write_law(
     path: Path, tension: Callable[[np.ndarray], np.ndarray], low: float, high: float, lines: int
 ) -> float:
     """
-    Write a law of extensions `low` to `high` [m] as a table; returns its spacing [m].
+    Write a law for extensions `low` to `high` [m] as a table; return the spacing [m].
 
-    A line is at extension 0, where the law is 0, so the natural length is the woven one.
+    One line is at extension 0, where the force is 0, so the natural length is the woven one.
     """
     spacing = (high - low) / lines
     extension = spacing * np.arange(round(low / spacing), round(high / spacing) + 1)
@@ -64,10 +64,10 @@ def write_law(
     return spacing
 
 
-def start(
+def set_chain_state(
     simulation: Simulation, displacement: np.ndarray, velocity: np.ndarray
 ) -> None:
-    """Set displacements [m] from the woven places and velocities [m/s] along the line, (n,)."""
+    """Set displacements [m] from woven positions and velocities [m/s] along the line, (n,)."""
     scene = simulation.scene
     along = _direction(scene)
     simulation.set_state(
@@ -75,14 +75,14 @@ def start(
         linear_velocity=velocity[:, None] * along)
 
 
-def motion(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [m] and velocities [m/s] along the line, (n,)."""
+def chain_state(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Return displacements [m] and velocities [m/s] along the line, (n,)."""
     snapshot, along = simulation.snapshot(), _direction(simulation.scene)
     return (snapshot.position - simulation.scene.position) @ along, (
         snapshot.linear_velocity @ along)
 
 
 def _direction(scene: Scene) -> np.ndarray:
-    """Unit vector (3,) from each body to the next."""
+    """Return the unit vector (3,) from each body to the next."""
     step: np.ndarray = scene.position[1] - scene.position[0]
     return step / np.linalg.norm(step)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Many loose shells at the places of a weave, on a floor, in a box or within six walls."""
+"""Scenes of many shells without connectors, on a floor, in a box or between six walls."""
 
 from typing import Any, Literal
 
@@ -8,8 +8,8 @@ from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.scene.scene import Scene
 from icofabric_validation.named.loose_bodies import A, GRAVITY
 
-# Room beside the outermost bodies [m].
-_BESIDE = 0.004
+# Gap between the outermost bodies and the planes [m].
+_GAP = 0.004
 
 
 def crowd(
@@ -17,16 +17,15 @@ def crowd(
     parameters: dict[str, Any]
 ) -> Scene:
     """
-    Half as many bodies as grid positions, turning and moving at random.
+    Return a scene of half as many bodies as grid positions, with random velocities.
 
-    On a floor a little below or in a box that is open above, with weight, or between six walls,
-    without.
+    The bodies have weight above a floor or in an open box, and none between six walls.
     """
     values: dict[str, Any] = {
         'weave.size': list(size), 'weave.connected': False, 'weave.connector_length': 0.027,
         'shell.edge_length': 2.0 * A, 'initial_random.seed': 1, 'solver.threads': 1, **parameters}
     place = Scene.from_parameters(values).position
-    room = circumscribed_radius(A) + _BESIDE
+    room = circumscribed_radius(A) + _GAP
     if within != 'walls':
         values |= {'planes.floor.normal': [0.0, 0.0, 1.0],
                    'planes.floor.offset': float(place[:, 2].min() - room),

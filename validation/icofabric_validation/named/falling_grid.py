@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A grid of shells falls on a floor: overlaps where it is damped, energy where it is not."""
+"""A grid of shells falls on a floor: overlaps with damping, energy without."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +15,7 @@ _START: dict[str, Any] = {
 
 
 def _overlaps(long: bool) -> Iterator[Curve]:
-    """The stiffer the contact, the less they overlap, and the run says by how much."""
+    """Yield the reported largest overlap, which falls with the contact stiffness."""
     size, end = ((6, 6, 12), 0.5) if long else ((3, 3, 6), 0.2)
     points = []
     for stiffness in (1e5, 1e6, 1e7):
@@ -34,7 +34,7 @@ def _overlaps(long: bool) -> Iterator[Curve]:
 
 
 def _energy(long: bool) -> Iterator[Curve]:
-    """Without losses the energy stays, to what the tolerance allows."""
+    """Yield the energy error without dissipation, which falls with the tolerance."""
     size, end = ((6, 6, 12), 0.3) if long else ((3, 3, 6), 0.15)
     points = []
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
@@ -52,10 +52,10 @@ def _energy(long: bool) -> Iterator[Curve]:
 
 
 FALLING = Problem(
-    'grid_666', 'a grid of shells falls on a floor, with friction and losses',
-    'SimBenchmark (Kang and Hwangbo 2018), 666', 'deepest overlap, over a', _overlaps,
+    'grid_666', 'a grid of shells falls on a floor, with friction and damping',
+    'SimBenchmark (Kang and Hwangbo 2018), 666', 'largest overlap over a', _overlaps,
     has_long_form=True)
 ELASTIC = Problem(
-    'elastic_666', 'a grid of shells falls on a floor without losses',
+    'elastic_666', 'a grid of shells falls on a floor without dissipation',
     'SimBenchmark (Kang and Hwangbo 2018), elastic 666',
     'error of the energy over the kinetic energy', _energy, has_long_form=True)

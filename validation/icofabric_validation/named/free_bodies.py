@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bodies without connectors whose places are the solution of x'' = f(t, x, x').
+Bodies without connectors whose positions solve x'' = f(t, x, x').
 
-The forces come from outside (kernels/external.py), so that steps, error estimate and their choice
-are those of every run with `dop8`. The half edge is 1 m: errors over a are those of the places.
+The forces are external (kernels/external.py), so steps, their control and the error estimate are
+those of every run with `dop8`. The half edge is 1 m, so errors over a are errors of positions.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,21 +15,21 @@ from icofabric_sim.simulation.simulation import compile_scene
 from icofabric_validation.named.problem import Curve, Point
 import numpy as np
 
-# (time, places (n, 3), velocities (n, 3)) to accelerations (n, 3), in SI units.
+# (time, positions (n, 3), velocities (n, 3)) to accelerations (n, 3), in SI units.
 Acceleration = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
-def places_after(
+def positions_after(
     acceleration: Acceleration, position: np.ndarray, velocity: np.ndarray, duration: float,
     *, tolerance: float = 1e-6, step: float = 0.0
 ) -> tuple[np.ndarray, int]:
-    """Places (n, 3) after a `duration` [s], and the steps that were taken."""
+    """Return positions (n, 3) after a `duration` [s], and the number of steps."""
     scene = Scene.from_parameters({
-        # Every second place of two rows holds a body.
+        # Every second position of two rows has a body.
         'weave.size': [len(position), 2, 1], 'weave.connected': False, 'contact.mode': 'never',
         'shell.edge_length': 2.0, 'shell.thickness': 0.5, 'solver.method': 'dop8',
         'solver.tolerance': tolerance, 'solver.step': step, 'solver.threads': 1,
-        # Without a potential all energy is work; coarse steps must not end the run.
+        # All energy is external work, and long steps must not stop the run.
         'solver.energy_limit': 1e9})
     mass = scene.shell.mass
 
@@ -46,18 +46,18 @@ def places_after(
     return simulation.snapshot().position, simulation.status.step_count
 
 
-def refine(
+def yield_refined_curves(
     acceleration: Acceleration, position: np.ndarray, velocity: np.ndarray, duration: float,
     answer: np.ndarray, *, tolerances: tuple[float, ...], steps: tuple[float, ...],
     allowed: float, allowed_given: float, floor: float
 ) -> Iterator[Curve]:
-    """Curves with steps that are chosen by tolerances, and with given steps."""
-    for of, values, limit in (('dop8, its own steps', tolerances, allowed),
+    """Yield curves with adaptive steps for `tolerances`, and with given `steps`."""
+    for of, values, limit in (('dop8, adaptive steps', tolerances, allowed),
                               ('dop8, given steps', steps, allowed_given)):
         points = []
         for value in values:
             given = {'tolerance': value} if values is tolerances else {'step': value}
-            place, taken = places_after(acceleration, position, velocity, duration, **given)
+            place, taken = positions_after(acceleration, position, velocity, duration, **given)
             error = float(np.abs(place - answer).max())
             points.append(Point(duration / taken, error, taken))
         yield Curve(

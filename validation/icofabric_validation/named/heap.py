@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A heap of shells at rest in a box: floor and walls bear its weight, and nothing creeps."""
+"""A heap of shells at rest in a box: support forces carry the weight, and no shell creeps."""
 
 from collections.abc import Iterator
 
@@ -15,8 +15,8 @@ from icofabric_validation.named.restitution import TIP
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-_SETTLED = 1e-14  # kinetic energy of a body at rest, over its weight times a
-_LONGEST = 20.0  # until then it has come to rest [s]
+_MAX_REST_ENERGY_RATIO = 1e-14  # kinetic energy of a body at rest, over its weight times a
+_MAX_SETTLING_TIME_S = 20.0
 
 
 def _scene(size: tuple[int, int, int]) -> Scene:
@@ -27,32 +27,32 @@ def _scene(size: tuple[int, int, int]) -> Scene:
 
 
 def _settle(simulation: Simulation) -> None:
-    """Advance until hardly anything moves."""
+    """Advance until the heap is at rest."""
     scene, calm = simulation.scene, 0
     while calm < 3:
         simulation.advance_to(simulation.time + 0.1)
         kinetic = simulation.snapshot().energy['kinetic'] / scene.body_count
-        calm = calm + 1 if kinetic < _SETTLED * scene.shell.mass * GRAVITY * A else 0
-        if simulation.time > _LONGEST:
+        calm = calm + 1 if kinetic < _MAX_REST_ENERGY_RATIO * scene.shell.mass * GRAVITY * A else 0
+        if simulation.time > _MAX_SETTLING_TIME_S:
             raise PremiseError(
-                f'after {_LONGEST:g} s the heap still moves: {kinetic:.3g} J a body')
+                f'after {_MAX_SETTLING_TIME_S:g} s the heap still moves: {kinetic:.3g} J per body')
 
 
-def borne(touching: Touching, body_count: int) -> float:
+def upward_force(touching: Touching, body_count: int) -> float:
     """
-    Force [N] upwards of floor and walls, friction included.
+    Return the upward force [N] of floor and walls, with friction.
 
-    Raises PremiseError where all bodies lie on the floor: that is no heap.
+    Raises PremiseError if all bodies lie on the floor.
     """
     planes = touching.bodies[:, 1] < 0
     floor = touching.bodies[:, 1] == -1 - touching.planes.index('floor')
     if not len(np.unique(touching.bodies[floor, 0])) < body_count:
-        raise PremiseError(f'nothing lies on anything: the floor touches all {body_count} shells')
+        raise PremiseError(f'no heap: the floor touches all {body_count} shells')
     return float((touching.force + touching.spring)[planes, 2].sum())
 
 
-def _way(one: Snapshot, other: Snapshot) -> float:
-    """Largest displacement [m] of any body, turns times the radius included."""
+def _largest_displacement(one: Snapshot, other: Snapshot) -> float:
+    """Return the largest displacement [m] of a body, with rotations times the radius."""
     moved = np.linalg.norm(other.position - one.position, axis=1)
     turn = Rotation.from_quat(other.orientation) * Rotation.from_quat(one.orientation).inv()
     return float((moved + TIP * turn.magnitude()).max())
@@ -65,20 +65,20 @@ def _solve(long: bool) -> Iterator[Curve]:
     _settle(simulation)
     began, before = simulation.time, simulation.snapshot()
     weight = scene.shell.mass * GRAVITY * scene.body_count
-    error = way = 0.0
+    error = moved = 0.0
     for time in began + hold * np.arange(1, 11) / 10.0:
         simulation.advance_to(float(time))
-        up = borne(simulation.status.touching(), scene.body_count)
+        up = upward_force(simulation.status.touching(), scene.body_count)
         error = max(error, abs(up / weight - 1.0))
-        way = max(way, _way(before, simulation.snapshot()) / A)
+        moved = max(moved, _largest_displacement(before, simulation.snapshot()) / A)
     steps, of = simulation.status.step_count, f'leapfrog, {scene.body_count} shells'
-    yield Curve(f'{of}: force upwards', 'rest from [s]', (Point(began, error, steps),), 1e-6,
+    yield Curve(f'{of}: upward force', 'rest from [s]', (Point(began, error, steps),), 1e-6,
                 is_refined=False)
-    yield Curve(f'{of}: way over a', 'held for [s]', (Point(hold, way, steps),), 1e-5,
+    yield Curve(f'{of}: displacement over a', 'held for [s]', (Point(hold, moved, steps),), 1e-5,
                 is_refined=False)
 
 
 PROBLEM = Problem(
-    'heap', 'a heap of shells at rest in a box', 'statics: forces add up to the weight',
-    'force of floor and walls against the weight, relative; largest way of a body, turns times '
-    'the radius included, over a', _solve, has_long_form=True)
+    'heap', 'a heap of shells at rest in a box', 'statics: support forces equal the weight',
+    'relative error of the force of floor and walls against the weight; largest displacement of a '
+    'body over a, with rotations times the radius', _solve, has_long_form=True)

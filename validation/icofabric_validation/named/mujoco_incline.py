@@ -1,17 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The shell on an incline in MuJoCo, as a mesh on a plane: errors against its step."""
+"""The shell on an incline in MuJoCo, as a mesh on a plane."""
 
 from importlib import import_module
 from importlib.util import find_spec
 import math
 
-from icofabric_validation.named.loose_bodies import A, GRAVITY, NORMALS, standing, VERTICES
+from icofabric_validation.named.loose_bodies import A, GRAVITY, NORMALS, rotate_down, VERTICES
 import numpy as np
 
 
 def is_installed() -> bool:
-    """Whether MuJoCo can be imported."""
+    """Return True if MuJoCo can be imported."""
     return find_spec('mujoco') is not None
 
 
@@ -20,10 +20,10 @@ def slide(
     settle: float, last: float
 ) -> tuple[float, float, int]:
     """
-    Way over a and mean acceleration [m/s^2] along x in the `last` [s], after `settle` [s]; steps.
+    Return displacement over a, mean acceleration [m/s^2] along x, and steps.
 
-    Contacts are as stiff as it recommends at most (solref: twice the step); Newton's solver, an
-    elliptic cone.
+    They are for the `last` [s] after `settle` [s]. Contacts have the largest recommended stiffness
+    (solref: twice the step), the Newton solver and an elliptic cone.
     """
     mujoco = import_module('mujoco')
     points = ' '.join(repr(float(x)) for x in VERTICES.ravel())
@@ -37,7 +37,7 @@ def slide(
         f'mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
         '<geom type="mesh" mesh="shell"/></body></worldbody></mujoco>')
     data = mujoco.MjData(model)
-    turned = standing(NORMALS[0], azimuth)
+    turned = rotate_down(NORMALS[0], azimuth)
     data.qpos[:3] = 0.0, 0.0, -float((turned.apply(VERTICES))[:, 2].min())
     x, y, z, w = turned.as_quat()
     data.qpos[3:7] = w, x, y, z
@@ -47,5 +47,5 @@ def slide(
     count = round(last / step)
     for _ in range(count):
         mujoco.mj_step(model, data)
-    way = float(np.abs(data.qpos[:3] - place).max()) / A
-    return way, (float(data.qvel[0]) - speed) / (count * step), count
+    moved = float(np.abs(data.qpos[:3] - place).max()) / A
+    return moved, (float(data.qvel[0]) - speed) / (count * step), count

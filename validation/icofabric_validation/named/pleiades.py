@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Seven stars in a plane that attract each other and pass closely (Pleiades)."""
+"""Seven stars in a plane that attract each other, with close encounters (Pleiades)."""
 
 from collections.abc import Iterator
 
-from icofabric_validation.named.free_bodies import refine
+from icofabric_validation.named.free_bodies import yield_refined_curves
 from icofabric_validation.named.problem import Curve, Problem
 import numpy as np
 
@@ -14,7 +14,7 @@ _START = np.array([
 _VELOCITY = np.array([
     [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, -1.25, 0], [0, 1, 0], [1.75, 0, 0], [-1.5, 0, 0]])
 _END = 3.0
-# Places at t = 3: Bari test set (F. Mazzia, C. Magherini, release 2.4, II-11), by GAMD in
+# Positions at t = 3: Bari test set (F. Mazzia, C. Magherini, release 2.4, II-11), by GAMD in
 # quadruple precision.
 _ANSWER = np.array([
     [0.3706139143970502, -0.3943437585517392e1, 0.0],
@@ -35,16 +35,16 @@ def _acceleration(time: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _solve(long: bool) -> Iterator[Curve]:
-    yield from refine(
+    yield from yield_refined_curves(
         _acceleration, _START, _VELOCITY, _END, _ANSWER,
         tolerances=(1e-4, 1e-6, 1e-8, 1e-10, 1e-12) + ((1e-13,) if long else ()),
         steps=tuple(_END / n for n in (2048, 3072, 4096) + ((8192, 12288) if long else ())),
-        # Errors of the start grow about 1e3 times on the way.
+        # Initial errors grow about 1e3 times until the end.
         allowed=1e-10, allowed_given=1e-5, floor=5e-12)
 
 
 PROBLEM = Problem(
-    'pleiades', 'seven stars that attract each other and pass closely',
+    'pleiades', 'seven stars with close encounters',
     'Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.10; answer: Test Set '
     'for IVP Solvers, Bari',
     'largest error of a coordinate at t = 3', _solve, has_long_form=True)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a problem with a known answer is, and how errors against steps are judged."""
+"""Problems with known answers, and the judgement of errors against steps."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,71 +9,71 @@ from typing import NamedTuple
 
 import numpy as np
 
-# A slope through few points is known about so well.
-_SLACK = 0.5
+# Largest deficit of an observed order, for slopes through few points.
+_ORDER_TOLERANCE = 0.5
 
 
 class PremiseError(Exception):
-    """A run did not come to where its answer is known: nothing moved, parted or came to rest."""
+    """A run did not reach the state with the known answer, for example rest or separation."""
 
 
 class Point(NamedTuple):
-    """What was found with one step, tolerance or stiffness."""
+    """The error for one step, tolerance or stiffness."""
 
-    refined: float  # value of what is made finer
+    refined: float  # value of the refined quantity
     error: float  # in the measure of the problem
-    steps: int = 0  # that the run took; 0: not counted
+    steps: int = 0  # number of steps of the run; 0: not counted
 
 
 @dataclass(frozen=True)
 class Curve:
     """
-    Errors of one method or one case, from coarse to fine.
+    Errors of one method or case, from coarse to fine.
 
-    The last error must be `allowed` at most, and where an `order` is expected the slope through
-    all errors above `floor` must not be less. Where nothing is made finer the points are cases
-    and each error must be allowed. Curves of other tools stand beside and are not judged.
+    The last error must be at most `allowed`. If there is an expected `order`, the slope through
+    all errors above `floor` must not be less. Without refinement, points are cases, and each error
+    must be at most `allowed`. Curves of other tools are for comparison only.
     """
 
-    of: str  # method and case
-    refined: str  # what is made finer, with its unit, or what tells the cases apart
+    label: str  # method and case
+    refined: str  # refined quantity with its unit, or the quantity that differs between cases
     points: tuple[Point, ...]
     allowed: float = math.inf
     order: float | None = None
     floor: float = 0.0
     is_refined: bool = True
-    is_beside: bool = False
+    is_comparison: bool = False
 
     @property
     def observed_order(self) -> float | None:
-        """Slope of the logarithm of the error; None where fewer than two errors tell it."""
-        told = [point for point in self.points if point.error > self.floor and point.refined > 0.0]
-        if not self.is_refined or len(told) < 2:
+        """Slope of the logarithm of the error; None with fewer than two errors above the floor."""
+        used = [point for point in self.points if point.error > self.floor and point.refined > 0.0]
+        if not self.is_refined or len(used) < 2:
             return None
-        refined, error, _ = zip(*told)
+        refined, error, _ = zip(*used)
         return float(np.polyfit(np.log(refined), np.log(error), 1)[0])
 
     @property
     def fault(self) -> str:
-        """What is wrong with it; '': nothing."""
-        if self.is_beside:
+        """Reason why the curve is not as expected, or an empty string."""
+        if self.is_comparison:
             return ''
         judged = self.points[-1:] if self.is_refined else self.points
         worst = max((point.error for point in judged), key=lambda error: (error != error, error))
         # NaN is not allowed.
         if not worst <= self.allowed:
-            return f'the error is {worst:.3g}, allowed are {self.allowed:.3g}'
+            return f'the error is {worst:.3g}, at most {self.allowed:.3g} is allowed'
         if self.order is None:
             return ''
         slope = self.observed_order
         if slope is None:
-            return f'order {self.order:g} is expected, and no two errors show one'
-        if not slope >= self.order - _SLACK:
-            return f'the order is {slope:.2f}, expected is {self.order:g}'
+            return f'order {self.order:g} is expected, but fewer than two errors show one'
+        if not slope >= self.order - _ORDER_TOLERANCE:
+            return f'the order is {slope:.2f}, but {self.order:g} is expected'
         return ''
 
     def order_before(self, index: int) -> float | None:
-        """Order between the point before and this one."""
+        """Return the order between a point and the one before."""
         if index == 0 or not self.is_refined:
             return None
         one, other = self.points[index - 1], self.points[index]
@@ -85,31 +85,31 @@ class Curve:
 @dataclass(frozen=True)
 class Problem:
     """
-    A scene, its known answer, and what is compared.
+    A scene with a known answer.
 
-    `solve(long)` runs it, in its short form or as long as the source asks for, and yields curves.
+    `solve(long)` runs the short form, or the full duration of the source, and yields curves.
     """
 
     name: str
     title: str
     source: str
-    compared: str  # what the error is
+    compared: str  # definition of the error
     solve: Callable[[bool], Iterator[Curve]]
     has_long_form: bool = False
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found of one problem."""
+    """The result of one problem."""
 
     number: int
     problem: Problem
     curves: tuple[Curve, ...]
     seconds: float  # processor time
-    failure: str = ''  # the error that ended it, if one did
+    failure: str = ''  # error that ended the problem; '': none
 
     @property
     def faults(self) -> list[str]:
-        """A sentence for all that is wrong."""
-        found = [f'{curve.of}: {curve.fault}' for curve in self.curves if curve.fault]
+        """Sentences about all faults."""
+        found = [f'{curve.label}: {curve.fault}' for curve in self.curves if curve.fault]
         return [*found, self.failure] if self.failure else found

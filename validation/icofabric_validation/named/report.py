@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What problems with known answers gave, as one numbered table."""
+"""Table of the results of problems with known answers."""
 
 from collections.abc import Iterable
 import csv
@@ -10,13 +10,13 @@ from typing import Any, Final
 from icofabric_validation.named.problem import Answer, Curve, Problem
 
 COLUMNS: Final = (
-    'problem', 'name', 'of', 'refined', 'value', 'error', 'steps', 'order', 'expected', 'allowed',
-    'fault')
-_HEAD = f'{"no":>2} {"of":36}{"made finer":22}{"value":>10}{"error":>10}{"steps":>9}{"order":>7}'
+    'problem', 'name', 'curve', 'refined', 'value', 'error', 'steps', 'order', 'expected',
+    'allowed', 'fault')
+_HEAD = f'{"no":>2} {"curve":36}{"refined":22}{"value":>10}{"error":>10}{"steps":>9}{"order":>7}'
 
 
 def catalogue_lines(problems: Iterable[Problem]) -> list[str]:
-    """A line for each problem."""
+    """Return a line for each problem."""
     return [
         f'{number:3}  {problem.name:22} {problem.title}'
         + (' (also long)' if problem.has_long_form else '')
@@ -24,12 +24,12 @@ def catalogue_lines(problems: Iterable[Problem]) -> list[str]:
 
 
 def head_lines() -> list[str]:
-    """The head of the table."""
+    """Return the head of the table."""
     return [_HEAD, '-' * len(_HEAD)]
 
 
 def answer_lines(answer: Answer) -> list[str]:
-    """The rows of a problem: what is compared, errors with orders beside, what was expected."""
+    """Return the rows of a problem: compared quantity, errors, orders and expectations."""
     problem = answer.problem
     lines = [f'{answer.number:2} {problem.name}: {problem.title}',
              f'   error: {problem.compared}']
@@ -37,7 +37,7 @@ def answer_lines(answer: Answer) -> list[str]:
         for index, point in enumerate(curve.points):
             order = curve.order_before(index)
             lines.append(
-                f'   {curve.of if index == 0 else "":36}'
+                f'   {curve.label if index == 0 else "":36}'
                 f'{curve.refined if index == 0 else "":22}{point.refined:10.4g}{point.error:10.2g}'
                 f'{point.steps or "":>9}' + ('' if order is None else f'{order:7.2f}'))
         lines.append(f'   {"":36}{_judgement(curve)}')
@@ -47,9 +47,9 @@ def answer_lines(answer: Answer) -> list[str]:
 
 
 def _judgement(curve: Curve) -> str:
-    """What was expected of a curve, and whether it is so."""
-    if curve.is_beside:
-        return 'beside, not judged'
+    """Return the expectation for a curve, and its result."""
+    if curve.is_comparison:
+        return 'for comparison, not judged'
     words = f'at most {curve.allowed:.2g}'
     if curve.order is not None:
         slope = curve.observed_order
@@ -58,8 +58,8 @@ def _judgement(curve: Curve) -> str:
     return f'{words}: {curve.fault or "as expected"}'
 
 
-def last_line(answers: Iterable[Answer]) -> str:
-    """How many problems were answered as expected."""
+def summary_line(answers: Iterable[Answer]) -> str:
+    """Return the number of problems with the expected answer."""
     found = list(answers)
     wrong = [str(answer.number) for answer in found if answer.faults]
     line = f'{len(found) - len(wrong)} of {len(found)} problems answered as expected'
@@ -67,22 +67,22 @@ def last_line(answers: Iterable[Answer]) -> str:
 
 
 def as_dictionary(answer: Answer) -> dict[str, Any]:
-    """An answer in plain values, for JSON."""
+    """Return an answer as plain values, for JSON."""
     problem = answer.problem
     return {
         'problem': answer.number, 'name': problem.name, 'title': problem.title,
         'source': problem.source, 'compared': problem.compared, 'seconds': answer.seconds,
         'faults': answer.faults,
         'curves': [
-            {'of': curve.of, 'refined': curve.refined, 'allowed': curve.allowed,
+            {'curve': curve.label, 'refined': curve.refined, 'allowed': curve.allowed,
              'expected_order': curve.order, 'order': curve.observed_order,
-             'beside': curve.is_beside, 'fault': curve.fault,
+             'comparison': curve.is_comparison, 'fault': curve.fault,
              'points': [point._asdict() for point in curve.points]}
             for curve in answer.curves]}
 
 
 def write_table(path: Path, answers: Iterable[Answer]) -> None:
-    """A CSV with a line for each point."""
+    """Write a CSV with a line for each point."""
     with path.open('w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
@@ -90,7 +90,7 @@ def write_table(path: Path, answers: Iterable[Answer]) -> None:
             for curve in answer.curves:
                 for index, point in enumerate(curve.points):
                     writer.writerow([
-                        answer.number, answer.problem.name, curve.of, curve.refined,
+                        answer.number, answer.problem.name, curve.label, curve.refined,
                         repr(point.refined), repr(point.error), point.steps,
                         curve.order_before(index), curve.order, curve.allowed, curve.fault])
             if answer.failure:

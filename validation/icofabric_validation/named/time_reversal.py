@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A free slab, and the same motion backwards: reversible methods come back whatever the step."""
+"""A free slab forward and backward in time: reversible methods return for any step."""
 
 from collections.abc import Iterator
 
@@ -9,18 +9,18 @@ from icofabric_sim.simulation.simulation import compile_scene
 from icofabric_validation.named.problem import Curve, Point, PremiseError, Problem
 import numpy as np
 
-# Small motion is not chaotic: rounding grows little until it is back.
+# Small motion is not chaotic, so round-off hardly grows until this time [s].
 _END = 0.2
 
 
 def _error(method: str, step: float) -> tuple[float, int]:
-    """Distance from the start after a way there and back, over a, and steps."""
+    """Return the distance from the start over a after the motion and its reversal, and steps."""
     scene = load_scene('free_slab').with_changes({
         'solver.method': method, 'solver.step': step, 'solver.threads': 1,
         'contact.mode': 'never'})
     simulation = compile_scene(scene)
     first = simulation.snapshot()
-    # Whole steps, so that the way back has the same ones.
+    # Whole steps, so that the reversed motion has the same steps.
     count = round(_END / step)
     simulation.advance_to(count * step)
     there = simulation.snapshot()
@@ -52,5 +52,5 @@ def _solve(long: bool) -> Iterator[Curve]:
 
 
 PROBLEM = Problem(
-    'time_reversal', 'free_slab, there and back', 'the equations of motion are reversible',
+    'time_reversal', 'free_slab, forward and backward', 'the equations of motion are reversible',
     'distance from the start, over a', _solve)

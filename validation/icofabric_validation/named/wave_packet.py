@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A packet of Bloch waves in a fabric: its phase and its middle move as the bands say."""
+"""A packet of Bloch waves in a fabric, compared with phase and group velocities of the bands."""
 
 from collections.abc import Iterator
 import math
@@ -12,13 +12,12 @@ from icofabric_sim.statics.periodic import make_cell, solve_bands
 from icofabric_validation.named.problem import Curve, Point, Problem
 import numpy as np
 
-# Of six bands the uppermost of the lower three, far from the others; along x, in parts of pi over
-# the pitch.
-_BAND, _PART = 2, 0.3
-# Displacements are this part of a, so that forces are linear to as much.
-_SIZE = 1e-7
-# Half the block, in widths of the packet.
-_ROOM = 4.0
+# The third of six bands, which is far from the others; wave number along x over pi / pitch.
+_BAND, _WAVE_NUMBER_RATIO = 2, 0.3
+# Largest displacement over a, so small that forces are linear to the same accuracy.
+_AMPLITUDE_RATIO = 1e-7
+# Half the width of the block over that of the packet.
+_HALF_BLOCK_RATIO = 4.0
 
 
 def _scene(size: list[int]) -> Scene:
@@ -29,16 +28,16 @@ def _scene(size: list[int]) -> Scene:
 
 
 class _Wave(NamedTuple):
-    """A Bloch wave of the band, and how it changes with the wave vector."""
+    """A Bloch wave of the band, with derivatives by the wave vector."""
 
     frequency: float  # [rad/s]
-    wave: np.ndarray  # (6,), complex: polarisation times the roots of mass and inertia
+    wave: np.ndarray  # (6,), complex: polarisation times square roots of mass and inertia
     frequency_slope: np.ndarray  # (3,) [m/s]
     wave_slope: np.ndarray  # (3, 6) [m]
 
 
 def _wave(scene: Scene, wave_vector: np.ndarray) -> _Wave:
-    """The wave, by perturbation theory of the matrix of the cell."""
+    """Return the wave, by perturbation theory of the matrix of the unit cell."""
     cell = make_cell(scene)
     phase = np.exp(1j * cell.offsets @ wave_vector)
     blocks = cell.stiffness / np.outer(cell.root, cell.root)
@@ -46,7 +45,7 @@ def _wave(scene: Scene, wave_vector: np.ndarray) -> _Wave:
     slopes = np.einsum('rk,r,rij->kij', 1j * cell.offsets, phase, blocks)
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.conj().T))
     frequency, wave = float(np.sqrt(values[_BAND])), vectors[:, _BAND]
-    # (3, 6): components of the change of the matrix on all bands.
+    # (3, 6): components of the derivative of the matrix on all bands.
     change = 0.5 * (slopes + slopes.conj().swapaxes(1, 2)) @ wave @ vectors.conj()
     frequency_slope = change[:, _BAND].real / (2.0 * frequency)
     change[:, _BAND] = 0.0
@@ -55,7 +54,7 @@ def _wave(scene: Scene, wave_vector: np.ndarray) -> _Wave:
 
 
 def _speeds(scene: Scene, wave_vector: np.ndarray) -> tuple[float, float]:
-    """Frequency [rad/s] and group velocity along x [m/s], by the bands."""
+    """Return frequency [rad/s] and group velocity along x [m/s] of the band."""
     change = 1e-4 * np.linalg.norm(wave_vector) * np.array([1.0, 0.0, 0.0])
     bands = solve_bands(scene, np.array([
         wave_vector - change, wave_vector, wave_vector + change]))[:, _BAND]
@@ -65,10 +64,10 @@ def _speeds(scene: Scene, wave_vector: np.ndarray) -> tuple[float, float]:
 def _amplitudes(
     simulation: Simulation, frequency: float, wave: np.ndarray, wave_vector: np.ndarray
 ) -> np.ndarray:
-    """Amplitude of the wave at each body, (n,), complex: its phase is that of the wave there."""
+    """Return the complex amplitude of the wave at each body, (n,)."""
     scene, snapshot = simulation.scene, simulation.snapshot()
     root = np.sqrt(np.repeat([scene.shell.mass, scene.shell.inertia], 3))
-    # Small turns are twice the vector part of the quaternion against the woven one.
+    # Small rotations are twice the vector part of the relative quaternion.
     turn = 2.0 * snapshot.orientation[:, :3] * np.sign(snapshot.orientation[:, 3:])
     moved = np.hstack([snapshot.position - scene.position, turn]) * root
     rate = np.hstack([snapshot.linear_velocity, snapshot.angular_velocity]) * root
@@ -78,11 +77,11 @@ def _amplitudes(
 
 
 def _errors(width: float) -> tuple[float, float, int]:
-    """Errors of the phase and of the group velocity of a packet so many pitches wide; steps."""
-    side = 2 * math.ceil(_ROOM * width) + 1
+    """Return errors of phase and group velocity of a packet of `width` pitches, and steps."""
+    side = 2 * math.ceil(_HALF_BLOCK_RATIO * width) + 1
     scene = _scene([side + 2 * math.ceil(width), side, side])
     pitch, a = float(scene.geometry.pitch), 0.5 * scene.shell.edge_length
-    wave_vector = np.array([_PART * math.pi / pitch, 0.0, 0.0])
+    wave_vector = np.array([_WAVE_NUMBER_RATIO * math.pi / pitch, 0.0, 0.0])
     packet = _wave(scene, wave_vector)
     frequency, wave = packet.frequency, packet.wave
     known, group = _speeds(scene, wave_vector)
@@ -90,34 +89,33 @@ def _errors(width: float) -> tuple[float, float, int]:
     place = scene.position - scene.position.mean(axis=0)
     envelope = np.exp(-(place**2).sum(axis=1) / (2.0 * (width * pitch) ** 2))
     root = np.sqrt(np.repeat([scene.shell.mass, scene.shell.inertia], 3))
-    # Waves of the packet have polarisations and frequencies of their own, to first order: with
-    # those of the middle one, other bands would be excited and beat with it.
-    beside = 1j * place / (width * pitch) ** 2
-    shape = wave + beside @ packet.wave_slope
+    # Waves of the packet have individual polarisations and frequencies, to first order. With those
+    # of the central wave, other bands would be excited and cause beats.
+    derivative = 1j * place / (width * pitch) ** 2
+    shape = wave + derivative @ packet.wave_slope
     phases = (envelope * np.exp(1j * scene.position @ wave_vector))[:, None] / root
-    scale = _SIZE * a / np.abs((phases * shape)[:, :3]).max()
+    scale = _AMPLITUDE_RATIO * a / np.abs((phases * shape)[:, :3]).max()
     moved = (scale * phases * shape).real
     rate = (-1j * scale * phases * (
-        frequency * shape + (beside @ packet.frequency_slope)[:, None] * wave)).real
+        frequency * shape + (derivative @ packet.frequency_slope)[:, None] * wave)).real
     turn = 0.5 * moved[:, 3:]
     simulation.set_state(
         position=scene.position + moved[:, :3], linear_velocity=rate[:, :3],
         angular_velocity=rate[:, 3:],
         orientation=np.hstack([turn, np.sqrt(1.0 - (turn**2).sum(axis=1, keepdims=True))]))
-    # While the middle moves by the width.
+    # Until the centre has moved by the width.
     times = width * pitch / abs(group) * np.linspace(0.0, 1.0, 33)
-    waves, middles = [], []
+    waves, centres = [], []
     for time in times:
         simulation.advance_to(float(time))
         found = _amplitudes(simulation, frequency, wave, wave_vector)
         weight = np.abs(found) ** 2
         waves.append(np.sum(found))
-        middles.append(weight @ place[:, 0] / weight.sum())
-    # Traces of the other bands still beat with the packet; lines through all looks do not see
-    # them.
+        centres.append(weight @ place[:, 0] / weight.sum())
+    # Other bands still cause small beats, which fits through all samples average out.
     phase = float(-np.polyfit(times, np.unwrap(np.angle(waves)), 1)[0])
-    middle = float(np.polyfit(times, middles, 1)[0])
-    return (abs(phase - known) / known, abs(middle - group) / abs(group),
+    centre = float(np.polyfit(times, centres, 1)[0])
+    return (abs(phase - known) / known, abs(centre - group) / abs(group),
             simulation.status.step_count)
 
 
@@ -127,7 +125,7 @@ def _solve(long: bool) -> Iterator[Curve]:
                                       ('group velocity', 1, 3e-2, 2.0)):
         yield Curve(
             f'srkn6, {of}', '1 over (k x width)', tuple(
-                Point(1.0 / (_PART * math.pi * width), errors[which], errors[2])
+                Point(1.0 / (_WAVE_NUMBER_RATIO * math.pi * width), errors[which], errors[2])
                 for width, errors in found.items()), allowed, order=order)
 
 

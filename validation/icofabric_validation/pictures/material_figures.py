@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the study of the material: one for each part that has one."""
+"""Figures of the parts of the material study."""
 
 from collections.abc import Callable, Mapping, Sequence
 import math
@@ -19,13 +19,13 @@ from icofabric_validation.material.friction import friction_of
 from icofabric_validation.material.jamming import (
     CONTACT,
     contact_of,
-    jams_below,
+    jamming_ratio,
     map_of,
     RATIO,
     ratio_of,
     shear_of,
 )
-from icofabric_validation.material.part import BENDING_UNIT, closed_form, Found, LEAST
+from icofabric_validation.material.part import BENDING_UNIT, closed_form_ratio, MIN_ANGLE, Results
 from icofabric_validation.material.strength import curve_of, KINDS
 from icofabric_validation.material.surfaces import ANGLES, LAYERS, PLACES
 from icofabric_validation.material.waves import gap_of
@@ -33,12 +33,12 @@ import numpy as np
 
 _WIDTH, _HEIGHT, _DOTS = 3.4, 2.9, 130  # inches of a plot, dots per inch
 _ANGLE = 'connector angle [rad]'
-# Reads in grey, and by those who confuse colours.
+# Readable in grey and with colour blindness.
 _MAP = 'cividis'
 
 
-def draw_part(path: Path, name: str, found: Found) -> bool:
-    """Draw the figure of a part; False: it has none. No display is needed."""
+def draw_part(path: Path, name: str, found: Results) -> bool:
+    """Draw the figure of a part without a display; return False if the part has none."""
     if name not in FIGURES:
         return False
     require_library('matplotlib', 'a picture')
@@ -63,7 +63,7 @@ def _label(plot: Any, x: str, y: str, title: str = '', *, legend: bool = True) -
         plot.legend()
 
 
-def _constants(plots: Sequence[Any], found: Found) -> None:
+def _constants(plots: Sequence[Any], found: Results) -> None:
     by_bending: dict[float, list[dict[str, float]]] = {}
     for row in found['endless']:
         one = constants_of(row)
@@ -73,8 +73,8 @@ def _constants(plots: Sequence[Any], found: Found) -> None:
         x = [one['angle'] for one in points]
         for plot, name in ((ratio, 'nu'), (shear, 'C44')):
             draw_line(plot, x, [one[name] for one in points], style, f'{bending:g}')
-    fine = np.linspace(LEAST, math.pi / 4.0, 200)
-    ratio.plot(fine, [closed_form(angle) for angle in fine], color='0.5', linewidth=3.0,
+    fine = np.linspace(MIN_ANGLE, math.pi / 4.0, 200)
+    ratio.plot(fine, [closed_form_ratio(angle) for angle in fine], color='0.5', linewidth=3.0,
                alpha=0.5, zorder=0, label='closed form')
     stiff = by_bending[max(value for value in by_bending if value <= 0.1)]
     names = (('x', 'E along x'), ('xy', 'E along xy'), ('xyz', 'E along xyz'), ('K', 'bulk K'))
@@ -86,7 +86,7 @@ def _constants(plots: Sequence[Any], found: Found) -> None:
     _label(young, _ANGLE, 'modulus [k / W]', 'bending stiffness 0.1 k a$^2$')
 
 
-def _slabs(plots: Sequence[Any], found: Found) -> None:
+def _slabs(plots: Sequence[Any], found: Results) -> None:
     stiffness, ratio = plots
     groups: dict[tuple[str, float], list[Any]] = {}
     for row in slab_rows(found):
@@ -109,7 +109,7 @@ def _slabs(plots: Sequence[Any], found: Found) -> None:
     _label(ratio, 'width [positions]', "Poisson's ratio [-]", 'lines: periodic fabric')
 
 
-def _waves(plots: Sequence[Any], found: Found) -> None:
+def _waves(plots: Sequence[Any], found: Results) -> None:
     plot, = plots
     gaps: dict[float, dict[float, float]] = {}
     for row in found['map']:
@@ -121,7 +121,7 @@ def _waves(plots: Sequence[Any], found: Found) -> None:
     _label(plot, _ANGLE, 'width of the gap over its middle [-]', legend=False)
 
 
-def _surfaces(plots: Sequence[Any], found: Found) -> None:
+def _surfaces(plots: Sequence[Any], found: Results) -> None:
     depth, place = plots
     cubes = [row for row in found['slabs'] if len(set(map(int, row['weave.size']))) == 1]
     sizes = sorted({int(row['weave.size'][0]) for row in cubes})
@@ -145,7 +145,7 @@ def _surfaces(plots: Sequence[Any], found: Found) -> None:
            f'{sizes[-1]} positions a side')
 
 
-def _jam(plots: Sequence[Any], found: Found) -> None:
+def _jam(plots: Sequence[Any], found: Results) -> None:
     counts, held, plane = plots
     free: dict[float, list[tuple[float, float]]] = {}
     for row in found['free']:
@@ -163,7 +163,7 @@ def _jam(plots: Sequence[Any], found: Found) -> None:
     for (stiffness, points), style in zip(curves.items(), line_styles(len(curves))):
         x, y = zip(*points)
         draw_line(held, x, y, style, _contact_name(stiffness))
-    # Room for the legend above the curves.
+    # Space for the legend above the curves.
     held.set_ylim(None, 1.5 * held.get_ylim()[1])
     held.legend(ncols=2)
     _label(held, 'D / L', 'shear modulus [k / W]', 'between held ends, least angle', legend=False)
@@ -174,21 +174,21 @@ def _contact_name(stiffness: float) -> str:
     return f'K / k = {stiffness:g}' if stiffness else 'without contact'
 
 
-def _phases(plot: Any, found: Found) -> None:
-    """Shear modulus by angle and D over L, and where faces begin to press."""
+def _phases(plot: Any, found: Results) -> None:
+    """Draw the shear modulus by angle and D / L, and the limit of face contact."""
     touching = map_of(found, CONTACT)
     there = sorted(touching)
     ratios = sorted({ratio for row in touching.values() for ratio in row})
     values = np.array([[touching[angle].get(ratio, math.nan) for angle in there]
                        for ratio in ratios])
-    # Slack where it was not computed.
+    # Values that were not computed are slack.
     image = plot.imshow(
         np.nan_to_num(np.clip(values, 0.0, None)), origin='lower', aspect='auto', cmap=_MAP,
         extent=(-0.5, len(there) - 0.5, -0.5, len(ratios) - 0.5))
     plot.figure.colorbar(image, ax=plot, label='shear modulus [k / W]')
     plot.set_xticks(range(len(there)), [f'{angle:.2f}' for angle in there], rotation=45)
     plot.set_yticks(range(len(ratios)), [f'{ratio:g}' for ratio in ratios])
-    limit = [np.interp(jams_below(angle), ratios, np.arange(len(ratios)), left=-0.5)
+    limit = [np.interp(jamming_ratio(angle), ratios, np.arange(len(ratios)), left=-0.5)
              for angle in there]
     plot.plot(range(len(there)), limit, color='white', linewidth=2.5)
     plot.plot(range(len(there)), limit, color='#d55e00', linestyle='--', linewidth=1.3,
@@ -199,7 +199,7 @@ def _phases(plot: Any, found: Found) -> None:
     _label(plot, _ANGLE, 'D / L', f'between held ends, K / k = {CONTACT:g}', legend=False)
 
 
-def _strength(plots: Sequence[Any], found: Found) -> None:
+def _strength(plots: Sequence[Any], found: Results) -> None:
     rows = [row for row in found['curves'] if row['weave.kind'] == 'orthogonal']
     for kind, plot in zip(KINDS, plots):
         for row, style in zip(rows, line_styles(len(rows))):
@@ -209,7 +209,7 @@ def _strength(plots: Sequence[Any], found: Found) -> None:
         _label(plot, 'strain [-]', 'stress [k / W]', kind, legend=kind == KINDS[0])
 
 
-def _friction(plots: Sequence[Any], found: Found) -> None:
+def _friction(plots: Sequence[Any], found: Results) -> None:
     sheared, around = plots
     rows = [row for row in found['slab'] if ratio_of(row) == RATIO]
     for row, style in zip(rows, line_styles(len(rows))):
@@ -225,8 +225,8 @@ def _friction(plots: Sequence[Any], found: Found) -> None:
     _label(around, 'strain [-]', 'stress [k / W]', f'connectors that only pull, {angle:.3g} rad')
 
 
-# Plots beside each other, and who draws them.
-FIGURES: Final[Mapping[str, tuple[int, Callable[[Sequence[Any], Found], None]]]] = {
+# Number of plots in a row, and the function that draws them.
+FIGURES: Final[Mapping[str, tuple[int, Callable[[Sequence[Any], Results], None]]]] = {
     'constants': (3, _constants), 'slabs': (2, _slabs), 'waves': (1, _waves),
     'surfaces': (2, _surfaces), 'jam': (3, _jam),
     'friction': (2, _friction), 'strength': (3, _strength)}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of the map of stability: drift of the energy against step times frequency."""
+"""Picture of the stability map: energy error against step times frequency."""
 
 from collections.abc import Sequence
 import math
@@ -12,7 +12,7 @@ from icofabric_validation.stability_map import Cell
 
 
 def draw_map(path: Path, cells: Sequence[Cell]) -> None:
-    """Draw to a PNG file; no display needed. Crosses at the top: refused; triangles: stopped."""
+    """Draw cells to a PNG file without a display. Crosses: refused runs; triangles: stopped."""
     fabrics = list(dict.fromkeys(cell.fabric for cell in cells))
     methods = list(dict.fromkeys(cell.method for cell in cells))
     with paper_style():

@@ -1,18 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs commands that stand beside figures and promises of the pages, and compares what they print.
+Run the commands of figures on pages, and compare their output with the pages.
 
     .venv/bin/python -m icofabric_validation.repository.claims
     .venv/bin/python -m icofabric_validation.repository.claims --only law_table shear_stiffness
     .venv/bin/python -m icofabric_validation.repository.claims \
         --pages docs/statics.md docs/replay.md
 
-docs/claims.yaml says which figures: deterministic ones have to agree in every digit that the page
-prints, ratios of times within a factor. Of the pages (README.md and docs/tour.md) every command
-`.venv/bin/icofabric` is run, in the order of the page, in a folder of its own, and has to end with
-0; not those of verbs that serve, or go on for long. One that takes more than `--seconds` is ended,
-and counts as not seen.
+docs/claims.yaml lists the figures. Deterministic figures must agree in all digits of the page, and
+ratios of times within a factor. Every command `.venv/bin/icofabric` of the pages (README.md and
+docs/tour.md) runs in the order of the page, in a temporary folder, and must return 0. Verbs that
+serve or take long are left out. A command that takes more than `--seconds` is stopped and counts
+as not seen.
 """
 
 import argparse
@@ -33,15 +33,15 @@ from icofabric_validation.source_tree import ROOT
 import yaml
 
 NUMBER = re.compile(r'\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?')
-SAME, DIFFERS, UNSEEN = 'the same', 'DIFFERS', 'not seen'
-# Verbs that go on until they are ended, or for long.
-UNENDING = ('view', 'stress', 'benchmark', 'warm', 'sweep')
-# Folders of the tree that commands read from.
-READ = ('examples', 'config')
+EQUAL, DIFFERENT, NOT_SEEN = 'equal', 'DIFFERENT', 'not seen'
+# Verbs that serve until they are stopped, or take long.
+LONG_VERBS = ('view', 'stress', 'benchmark', 'warm', 'sweep')
+# Folders of the tree that commands read.
+READ_FOLDERS = ('examples', 'config')
 
 
 class Row(NamedTuple):
-    """What was compared."""
+    """One comparison."""
 
     claim: str
     page: str
@@ -55,8 +55,8 @@ def numbers(text: str) -> list[Decimal]:
     return [Decimal(number.rstrip(',').replace(',', '')) for number in NUMBER.findall(text)]
 
 
-def agrees(said: str, seen: str) -> bool:
-    """Whether two words are the same, or two numbers in the digits that `said` has."""
+def is_equal(said: str, seen: str) -> bool:
+    """Return True if two words are equal, or two numbers in the digits of `said`."""
     if said == seen:
         return True
     try:
@@ -67,15 +67,15 @@ def agrees(said: str, seen: str) -> bool:
 
 
 def is_within(said: str, seen: Sequence[str], factor: float) -> bool:
-    """Whether all of `seen` are in the range of the numbers of `said`, to a factor either way."""
+    """Return True if all of `seen` are in the range of `said`, extended by a factor."""
     low, high = float(min(numbers(said))), float(max(numbers(said)))
     return bool(seen) and all(
         low / factor <= float(number) <= factor * high
         for text in seen for number in numbers(text))
 
 
-def said_by(claim: dict[str, Any], figures: dict[str, dict[str, Any]]) -> list[str]:
-    """Return what the page says, or docs/figures.yaml; ValueError where it does not."""
+def values_on_page(claim: dict[str, Any], figures: dict[str, dict[str, Any]]) -> list[str]:
+    """Return the values on the page or in docs/figures.yaml; raise ValueError without a match."""
     if 'figure' in claim:
         return [str(figures[claim['figure']]['value'])]
     said = groups(claim['said'], (ROOT / claim['page']).read_text(encoding='utf-8'))
@@ -90,8 +90,8 @@ def groups(pattern: str, text: str) -> list[str]:
             for group in found.groups()]
 
 
-def seen_in(claim: dict[str, Any], output: str) -> list[str]:
-    """Return what the output of its command shows, in the unit of the page."""
+def values_in_output(claim: dict[str, Any], output: str) -> list[str]:
+    """Return the values in the output of the command, in the unit of the page."""
     seen = groups(claim['seen'], output)
     if 'scale' in claim:
         seen = [str(Decimal(number) * claim['scale']) for number in seen]
@@ -99,30 +99,30 @@ def seen_in(claim: dict[str, Any], output: str) -> list[str]:
 
 
 def verdict(claim: dict[str, Any], said: Sequence[str], seen: Sequence[str]) -> str:
-    """Say whether what was seen is what the page says."""
+    """Return the result of the comparison of page and output."""
     if 'factor' in claim:
         right = is_within(' '.join(said), seen, float(claim['factor']))
-        return f'within {claim["factor"]} times' if right else DIFFERS
+        return f'within {claim["factor"]} times' if right else DIFFERENT
     if 'figure' in claim:
         said = [str(number) for number in numbers(' '.join(said))]
-    right = len(said) == len(seen) and all(map(agrees, said, seen))
-    return SAME if right else DIFFERS
+    right = len(said) == len(seen) and all(map(is_equal, said, seen))
+    return EQUAL if right else DIFFERENT
 
 
 class Runs:
-    """Commands in a folder of their own, each once."""
+    """Commands in a temporary folder, each of which runs once."""
 
     def __init__(self, folder: Path, seconds: float) -> None:
-        """End each after so many `seconds`."""
+        """Prepare the folder; stop each command after `seconds` [s]."""
         self._folder, self._seconds = folder, seconds
         self._outputs: dict[str, tuple[int | None, str]] = {}
-        for name in READ:
+        for name in READ_FOLDERS:
             (folder / name).symlink_to(ROOT / name)
         for name in ('runs', 'docs/gallery'):
             (folder / name).mkdir(parents=True)
 
     def output(self, command: str) -> tuple[int | None, str]:
-        """Return the exit status, None where it took too long, and what it printed."""
+        """Return exit status and output; the status is None if the command took too long."""
         if command not in self._outputs:
             words = shlex.split(command, comments=True)
             words[0] = str(ROOT / words[0])
@@ -135,7 +135,7 @@ class Runs:
                 text, _ = process.communicate(timeout=self._seconds)
                 status = process.returncode
             except subprocess.TimeoutExpired:
-                # With the processes that it started.
+                # With the child processes of the command.
                 os.killpg(process.pid, signal.SIGKILL)
                 process.communicate()
                 status, text = None, f'took more than {self._seconds:g} s'
@@ -144,48 +144,48 @@ class Runs:
         return self._outputs[command]
 
 
-def judged(
+def compare_claim(
     name: str, claim: dict[str, Any], figures: dict[str, dict[str, Any]], runs: Runs
 ) -> Row:
     """Compare one claim."""
-    said = said_by(claim, figures)
+    said = values_on_page(claim, figures)
     command = claim.get('command') or figures[claim['figure']]['command']
     if 'before' in claim:
         runs.output(claim['before'])
     status, output = runs.output(command)
     page = claim.get('page', 'docs/figures.yaml')
     if status is None:
-        return Row(name, page, ', '.join(said), output, UNSEEN)
-    seen = seen_in(claim, output)
+        return Row(name, page, ', '.join(said), output, NOT_SEEN)
+    seen = values_in_output(claim, output)
     if status != claim.get('ends_with', 0):
-        return Row(name, page, ', '.join(said), f'exit status {status}', DIFFERS)
+        return Row(name, page, ', '.join(said), f'exit status {status}', DIFFERENT)
     return Row(name, page, ', '.join(said), ', '.join(seen), verdict(claim, said, seen))
 
 
 def commands_of(text: str) -> Iterator[str]:
-    """Return the commands of a page that stand in lines of their own, in its order."""
+    """Yield the commands of a page that are on separate lines, in order."""
     for line in re.findall(
             r'^(?: {4}|\t)? *(\.venv/bin/icofabric .*)$', text, re.MULTILINE):
         command = re.sub(r'\s+#\s.*$', '', line).strip()
-        if command.split()[1] not in UNENDING and '[-' not in command:
+        if command.split()[1] not in LONG_VERBS and '[-' not in command:
             yield command
 
 
-def tried(page: str, runs: Runs) -> Iterator[Row]:
+def run_page(page: str, runs: Runs) -> Iterator[Row]:
     """Run the commands of a page."""
     for command in commands_of((ROOT / page).read_text(encoding='utf-8')):
         status, text = runs.output(command)
         words = ' '.join(command.split()[1:])
         if status is None:
-            yield Row(words, page, 'ends with 0', text, UNSEEN)
+            yield Row(words, page, 'ends with 0', text, NOT_SEEN)
         else:
             last = text.strip().splitlines()[-1:] if status else []
             yield Row(words, page, 'ends with 0', ' '.join([str(status), *last]),
-                      DIFFERS if status else SAME)
+                      DIFFERENT if status else EQUAL)
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return the rows below each other; long words are cut."""
+    """Return the rows as a table; long words are shortened."""
     shown = [Row('claim', 'page', 'said', 'seen', 'verdict'), *rows]
     cut = [[word if len(word) <= 60 else word[:57] + '...' for word in row] for row in shown]
     widths = [max(len(row[k]) for row in cut) for k in range(len(Row._fields))]
@@ -196,9 +196,9 @@ def table(rows: Sequence[Row]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--only', nargs='+', default=None, help='names of claims; no pages then')
+    parser.add_argument('--only', nargs='+', default=None, help='names of claims, without pages')
     parser.add_argument('--pages', nargs='*', default=['README.md', 'docs/tour.md'])
-    parser.add_argument('--seconds', type=float, default=100.0, help='for a command at most')
+    parser.add_argument('--seconds', type=float, default=100.0, help='limit for a command')
     options = parser.parse_args()
     claims, figures = (
         yaml.safe_load((ROOT / 'docs' / f'{name}.yaml').read_text(encoding='utf-8'))[name]
@@ -207,12 +207,13 @@ def main() -> int:
         parser.error(f'docs/claims.yaml has no {", ".join(sorted(unknown))}')
     with tempfile.TemporaryDirectory() as folder:
         runs = Runs(Path(folder), options.seconds)
-        rows = [judged(name, claims[name], figures, runs) for name in options.only or claims]
+        rows = [compare_claim(name, claims[name], figures, runs)
+                for name in options.only or claims]
         if not options.only:
-            rows += [row for page in options.pages for row in tried(page, runs)]
+            rows += [row for page in options.pages for row in run_page(page, runs)]
     print(table(rows))
-    differing = sum(row.verdict == DIFFERS for row in rows)
-    unseen = sum(row.verdict == UNSEEN for row in rows)
+    differing = sum(row.verdict == DIFFERENT for row in rows)
+    unseen = sum(row.verdict == NOT_SEEN for row in rows)
     print(f'\n{len(rows)} compared or run: {differing} differ, {unseen} took too long')
     return 1 if differing else 0
 

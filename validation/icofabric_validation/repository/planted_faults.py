@@ -1,17 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Plant the faults of planted_faults.yaml, one at a time, and print which share of them tests catch.
+Plant the faults of planted_faults.yaml, one at a time, and print the fraction that tests catch.
 
-Each is planted in a copy of the tree. The tests of its file run, quickest first and without those
-of `make test-long`, until one fails; that one must pass in a second copy without the fault. What
-survives may be judged by the whole suite (`--whole-suite`). Results go into a table, and faults
-that it has already are not run again:
+Each fault is planted in a copy of the tree. The tests of its file run, quickest first and without
+those of `make test-long`, until one fails. This test must pass in a second copy without the fault.
+The whole suite may run for faults that survive (`--whole-suite`). Results go into a table, and
+faults in the table are not run again:
 
     .venv/bin/python -m icofabric_validation.repository.planted_faults --only bag/ ros/ \
         --results faults.csv
 
-A fault in kernels has all of them compiled again, which takes minutes, so these come last.
+A fault in kernels recompiles all kernels, which takes minutes, so these faults are last.
 """
 
 import argparse
@@ -31,20 +31,20 @@ import yaml
 
 TABLE = Path(__file__).with_suffix('.yaml')
 PACKAGE = 'icofabric_sim'
-# A test that takes longer [s] hangs, by the fault.
-_LONGEST = 900
-_WHOLE = ('test', 'validation/test', '-m', 'not graph and not long')
-# Of the files of a fault: what `make test` runs.
+# Time limit of a test, which a fault may cause to hang.
+_TEST_TIMEOUT_S = 900
+_WHOLE_SUITE = ('test', 'validation/test', '-m', 'not graph and not long')
+# Options for the tests of a file: those of `make test`.
 _USUAL = ('-m', 'not long')
 _LEFT_OUT = ('.git', '.venv', '.*_cache', 'build', 'install', 'log', 'dist', 'runs')
 _FAILED = re.compile(
     r'^(?:FAILED|ERROR) ((?:validation/)?test/\S+?\.py(?:::.*?)?)(?: - .*)?$', re.MULTILINE)
-# Exit statuses of pytest: all passed; some failed; not even begun, e.g. by a failed import.
+# Exit statuses of pytest: all passed; some failed; not started, for example by a failed import.
 _PASSED, _SOME_FAILED, _BROKEN_OFF = 0, 1, 2
 
 
 class Fault(NamedTuple):
-    """A line of a file of the package, and what replaces it."""
+    """A line of a file of the package, and its replacement."""
 
     file: str
     old: str
@@ -53,16 +53,16 @@ class Fault(NamedTuple):
 
     @property
     def in_kernels(self) -> bool:
-        """Whether the kernels change with it, and are compiled again."""
+        """True if the fault changes kernels, which are then recompiled."""
         return self.file.startswith(('kernels/', 'geometry/'))
 
     def __str__(self) -> str:
-        """Return where it is, and what it does."""
+        """Return file, old line and new line."""
         return f'{self.file}: {self.old.strip()}  ->  {self.new.strip()}'
 
 
 def read_table(path: Path = TABLE, root: Path = ROOT) -> list[Fault]:
-    """The faults; ValueError where one cannot be planted or has no tests."""
+    """Return the faults; raise ValueError if one cannot be planted or has no tests."""
     faults = []
     for name, entry in yaml.safe_load(path.read_text(encoding='utf-8')).items():
         text = (root / PACKAGE / name).read_text(encoding='utf-8')
@@ -73,30 +73,30 @@ def read_table(path: Path = TABLE, root: Path = ROOT) -> list[Fault]:
         for old, new in entry['faults']:
             if text.count(old) != 1:
                 raise ValueError(
-                    f'{name} holds this line {text.count(old)} times instead of once; write the '
-                    f'table as the file is now: {old!r}')
+                    f'{name} has this line {text.count(old)} times instead of once; update the '
+                    f'table: {old!r}')
             if old == new:
-                raise ValueError(f'{name}: no fault, nothing is replaced: {old!r}')
+                raise ValueError(f'{name}: the replacement is equal to the line: {old!r}')
             faults.append(Fault(name, old, new, tests))
     return faults
 
 
 class Copies:
-    """A copy of the tree for faults, and one without."""
+    """Copies of the tree with and without a fault."""
 
     def __init__(self, folder: Path) -> None:
-        """Copy the tree with what is compiled beside it."""
+        """Copy the tree with its caches of kernels."""
         self.faulty, self.clean = folder / 'faulty', folder / 'clean'
         for copy in (self.faulty, self.clean):
             shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*_LEFT_OUT), symlinks=True)
         self._cache = folder / 'cache'
 
     def first_failure(self, fault: Fault, tests: tuple[str, ...]) -> str:
-        """The first test that fails by a fault, and passes without it; '' where none does."""
+        """Return the first test that fails only with the fault, or an empty string."""
         path = self.faulty / PACKAGE / fault.file
         text = path.read_text(encoding='utf-8')
         path.write_text(text.replace(fault.old, fault.new), encoding='utf-8')
-        # Else kernels with the fault would replace those without it.
+        # Kernels with the fault must not replace those without it.
         try:
             failed = run_tests(self.faulty, tests, self._cache if fault.in_kernels else None)
         finally:
@@ -109,14 +109,14 @@ class Copies:
 
 
 def run_tests(tree: Path, tests: tuple[str, ...], cache: Path | None) -> str:
-    """The first test that fails in a copy of the tree; '' where all pass."""
+    """Return the first test that fails in a copy of the tree, or an empty string."""
     environment = {**os.environ, 'PYTHONPATH': f'{tree}:{tree}/validation',
                    'PYTHONDONTWRITEBYTECODE': '1'}
     if cache is not None:
         environment['NUMBA_CACHE_DIR'] = str(cache)
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-x', '-q', '-n', '0', '-p', 'no:cacheprovider',
-         f'--timeout={_LONGEST}', *tests],
+         f'--timeout={_TEST_TIMEOUT_S}', *tests],
         cwd=tree, env=environment, text=True, capture_output=True, check=False)
     if done.returncode == _PASSED:
         return ''
@@ -129,7 +129,7 @@ def run_tests(tree: Path, tests: tuple[str, ...], cache: Path | None) -> str:
 
 
 def known_results(path: Path | None) -> dict[tuple[str, str, str], str]:
-    """What is in a table of results: by file, old and new text, the test or ''."""
+    """Return the tests in a table of results, by file, old and new text; '': not caught."""
     if path is None or not path.is_file():
         return {}
     with path.open(encoding='utf-8', newline='') as file:
@@ -140,14 +140,14 @@ def judge(
     copies: Copies, fault: Fault, *, whole: bool, known: dict[tuple[str, str, str], str],
     results: Path | None,
 ) -> str:
-    """The test that catches a fault, '' where none does."""
+    """Return the test that catches a fault, or an empty string."""
     if fault[:3] in known:
         return known[fault[:3]]
     begun, caught = time.monotonic(), ''
     for test in fault.tests:
         caught = caught or copies.first_failure(fault, (test, *_USUAL))
     if not caught and whole:
-        caught = copies.first_failure(fault, _WHOLE)
+        caught = copies.first_failure(fault, _WHOLE_SUITE)
     seconds = time.monotonic() - begun
     if results is not None:
         with results.open('a', encoding='utf-8', newline='') as file:
@@ -156,20 +156,20 @@ def judge(
 
 
 def main() -> int:
-    """Print what catches each, and the share; returns 0."""
+    """Print the test that catches each fault, and the fraction caught; return 0."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--only', nargs='+', default=[''], metavar='WORD', help='faults of files whose name '
-        'begins so, e.g. bag/ ros/')
+        'starts so, e.g. bag/ ros/')
     parser.add_argument(
-        '--whole-suite', action='store_true', help='have survivors judged by all tests but those '
-        'of nodes')
+        '--whole-suite', action='store_true', help='run all tests except those of nodes for '
+        'faults that survive')
     parser.add_argument('--results', type=Path, metavar='FILE', help='a table (CSV) to add to')
     arguments = parser.parse_args()
     faults = [fault for fault in read_table() if fault.file.startswith(tuple(arguments.only))]
     if not faults:
-        parser.error(f'--only: no fault is in a file that begins with {arguments.only}')
+        parser.error(f'--only: no fault is in a file that starts with {arguments.only}')
     faults.sort(key=lambda fault: fault.in_kernels)
     known = known_results(arguments.results)
     caught_by_own, survivors = 0, []

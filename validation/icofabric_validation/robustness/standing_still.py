@@ -214,7 +214,7 @@ def main() -> int:
     os.environ['NUMBA_CACHE_DIR'] = str(arguments.cache or folder / 'cache')
     print(f'{describe_machine()}, load {os.getloadavg()[0]:.1f}; logs in {folder}', flush=True)
     table = Table(wall_limits=not arguments.no_wall_limits)
-    table.begin('standing still', f'{arguments.stops} stops, seed {arguments.seed}')
+    table.begin('rotate_down still', f'{arguments.stops} stops, seed {arguments.seed}')
     trial = Trial(folder, free_domain(), arguments.seed)
     each = max(60.0 * arguments.minutes - arguments.first, 0.0) / max(arguments.stops - 1, 1)
     try:

@@ -28,9 +28,9 @@ from icofabric_sim.sweeps.independent import (
 )
 from icofabric_sim.sweeps.outcomes import carry_out, make_work
 from icofabric_validation.material.catalogue import make_study, PARTS
-from icofabric_validation.material.jamming import jams_below
-from icofabric_validation.material.part import cell, closed_form, fixed, Level, woven
-from icofabric_validation.material.surfaces import expected, of_surface
+from icofabric_validation.material.jamming import jamming_ratio
+from icofabric_validation.material.part import cell, closed_form_ratio, fixed, Level, woven
+from icofabric_validation.material.surfaces import expected, surface_mechanisms
 from icofabric_validation.source_tree import ROOT
 from matplotlib.image import imread
 import numpy as np
@@ -126,9 +126,9 @@ def test_cells_of_tables():
     assert [cell(value) for value in (0.12345, math.nan, 3.0, 12345, 'x', True)] == [
         '0.123', '-', '3', '12,345', 'x', 'True']
     assert [fixed(value, 2) for value in (-0.001, 1.005, math.nan)] == ['0.00', '1.00', '-']
-    assert closed_form(MINIMUM_ANGLE) == pytest.approx(-0.5)
-    assert jams_below(MINIMUM_ANGLE) == pytest.approx(1.0)
-    assert jams_below(0.0) == pytest.approx(math.sqrt(0.6))
+    assert closed_form_ratio(MINIMUM_ANGLE) == pytest.approx(-0.5)
+    assert jamming_ratio(MINIMUM_ANGLE) == pytest.approx(1.0)
+    assert jamming_ratio(0.0) == pytest.approx(math.sqrt(0.6))
 
 
 # Counting.
@@ -148,10 +148,10 @@ def test_a_cut_meets_the_connectors_that_lead_through_it():
     normals = np.random.default_rng(5).standard_normal((50, 3))
     for normal in normals / np.linalg.norm(normals, axis=1, keepdims=True):
         along = ways @ normal
-        assert of_surface(normal) == pytest.approx(0.5 * along[along > 0.0].sum() / 2.0)
-        assert math.sqrt(0.75) <= of_surface(normal) <= math.sqrt(1.25)
-    assert of_surface((1, 1, 1)) == pytest.approx(math.sqrt(0.75))
-    assert of_surface((2, 1, 0)) == pytest.approx(math.sqrt(1.25))
+        assert surface_mechanisms(normal) == pytest.approx(0.5 * along[along > 0.0].sum() / 2.0)
+        assert math.sqrt(0.75) <= surface_mechanisms(normal) <= math.sqrt(1.25)
+    assert surface_mechanisms((1, 1, 1)) == pytest.approx(math.sqrt(0.75))
+    assert surface_mechanisms((2, 1, 0)) == pytest.approx(math.sqrt(1.25))
 
 
 @pytest.mark.parametrize('weave', [{}, {'kind': 'bias'}])

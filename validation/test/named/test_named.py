@@ -57,12 +57,13 @@ def test_curves_are_judged_by_their_last_error_and_their_slope():
     stalled = falling(4.0, factor=100.0, last=3e-5)
     assert Curve('x', 'step [s]', stalled, order=4.0).fault != ''
     assert Curve('x', 'step [s]', stalled, order=4.0, floor=4e-5).fault == ''
-    assert 'no two errors' in Curve('x', 'step [s]', falling(4.0), order=4.0, floor=1.0).fault
+    fault = Curve('x', 'step [s]', falling(4.0), order=4.0, floor=1.0).fault
+    assert 'fewer than two errors' in fault
     for wrong in (math.nan, math.inf):
         assert Curve('x', 'step [s]', falling(4.0, last=wrong), allowed=1.0).fault
         cases = (Point(1.0, wrong), Point(2.0, 0.0))
         assert Curve('x', 'case', cases, allowed=1.0, is_refined=False).fault
-        assert not Curve('x', 'case', cases, is_beside=True).fault
+        assert not Curve('x', 'case', cases, is_comparison=True).fault
     # Cases are judged one by one.
     assert Curve('x', 'case', (Point(1.0, 2.0), Point(2.0, 0.0)), 1.0, is_refined=False).fault
 
@@ -77,8 +78,8 @@ def check(problem):
     """Solve the short form; returns its curves, none of which has a fault."""
     curves = tuple(problem.solve(False))
     for curve in curves:
-        print(problem.name, curve.of, curve.observed_order, *curve.points, sep='\n  ')
-        assert curve.fault == '', (problem.name, curve.of, curve.fault)
+        print(problem.name, curve.label, curve.observed_order, *curve.points, sep='\n  ')
+        assert curve.fault == '', (problem.name, curve.label, curve.fault)
         assert all(point.error >= 0.0 for point in curve.points)
     assert curves
     return curves
@@ -116,7 +117,7 @@ def test_every_problem_is_tested():
 
 def test_restitution_is_that_of_the_library():
     for damping, speed in ((0.0, 1.0), (0.1, 0.1), (0.3, 1.0), (5.0, 2.0), (100.0, 3.0)):
-        assert restitution.restitution(damping, speed) == pytest.approx(
+        assert restitution.restitution_of(damping, speed) == pytest.approx(
             contact.restitution(damping, speed), rel=1e-8), (damping, speed)
     assert restitution.damping_for(0.7, 2.0) == pytest.approx(contact.damping_for(0.7, 2.0))
 
@@ -124,7 +125,7 @@ def test_restitution_is_that_of_the_library():
 def test_the_share_of_a_vertex_is_that_of_the_contact_kernel():
     a, up, tip = loose_bodies.A, loose_bodies.UP, restitution.TIP
     depth = 1e-4 * a
-    rotation = loose_bodies.standing(loose_bodies.VERTICES[0]).as_matrix()
+    rotation = loose_bodies.rotate_down(loose_bodies.VERTICES[0]).as_matrix()
     touching, out = np.zeros(1, bool), np.zeros((1, OUT_SIZE))
     touch_planes(
         np.full((1, 2), a), up, 0.0, ((tip - depth) * up)[None],
@@ -166,9 +167,9 @@ def test_what_planes_bear_counts_friction_and_asks_for_a_heap():
     weight = simulation.scene.shell.mass * loose_bodies.GRAVITY
     assert touching.spring == pytest.approx(
         np.array([[-weight * np.sin(tilt), 0.0, 0.0]]), abs=1e-8 * weight)
-    assert heap.borne(touching, 2) == pytest.approx(weight * np.cos(tilt), rel=1e-8)
-    with pytest.raises(PremiseError, match='nothing lies on anything'):
-        heap.borne(touching, 1)
+    assert heap.upward_force(touching, 2) == pytest.approx(weight * np.cos(tilt), rel=1e-8)
+    with pytest.raises(PremiseError, match='no heap'):
+        heap.upward_force(touching, 1)
 
 
 def test_a_shell_that_does_not_bounce_is_a_fault(monkeypatch):
@@ -183,7 +184,7 @@ def test_a_method_that_is_not_reversible_is_found(monkeypatch):
     monkeypatch.setattr(time_reversal, '_error', lambda method, step: real(
         'dop8' if method.startswith('srkn') else method, step))
     *reversible, beside = time_reversal.PROBLEM.solve(False)
-    assert [curve.of.split(':')[0] for curve in reversible if curve.fault] == [
+    assert [curve.label.split(':')[0] for curve in reversible if curve.fault] == [
         'srkn4', 'srkn6', 'srkn8']
     assert not beside.fault
 
@@ -244,7 +245,7 @@ def made_up(error, name='made_up'):
     def solve(long):
         yield Curve('short', 'step [s]', (Point(1.0, error, 7),), allowed=1e-3)
         if long:
-            yield Curve('long', 'step [s]', (Point(0.5, error),), is_beside=True)
+            yield Curve('long', 'step [s]', (Point(0.5, error),), is_comparison=True)
     return Problem(name, 'made up', 'nobody', 'nothing', solve, has_long_form=True)
 
 
@@ -267,7 +268,7 @@ def test_the_command_prints_one_numbered_table(monkeypatch, tmp_path, capsys):
     assert main(['stress', '--named', '--problem', '1', '--long', '--output', str(table)]) == 0
     with table.open() as file:
         rows = [*csv.DictReader(file)]
-    assert [row['of'] for row in rows] == ['short', 'long']
+    assert [row['curve'] for row in rows] == ['short', 'long']
     assert float(rows[0]['error']) == 1e-4
 
 

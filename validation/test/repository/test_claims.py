@@ -5,7 +5,7 @@
 import sys
 
 from icofabric_validation.repository import claims
-from icofabric_validation.repository.claims import agrees, judged, Runs
+from icofabric_validation.repository.claims import compare_claim, is_equal, Runs
 from icofabric_validation.source_tree import ROOT
 import pytest
 from test_commands_in_docs import Printed
@@ -22,7 +22,7 @@ def test_page_says_what_is_compared(name, monkeypatch):
     claim = CLAIMS[name]
     assert {*claim} <= {
         'figure', 'page', 'said', 'command', 'seen', 'factor', 'scale', 'before', 'ends_with'}
-    assert claims.said_by(claim, FIGURES)
+    assert claims.values_on_page(claim, FIGURES)
     commands = [FIGURES[claim['figure']]['command']] if 'figure' in claim else [
         claim[key] for key in ('before', 'command') if key in claim]
     for command in commands:
@@ -35,7 +35,7 @@ def test_page_says_what_is_compared(name, monkeypatch):
     ('6.5e-9', '6.54e-9', True), ('6.5e-9', '6.6e-9', False), ('chaotic', 'chaotic', True),
     ('chaotic', 'between', False), ('chaotic', '3', False)])
 def test_numbers_agree_in_the_digits_that_a_page_prints(said, seen, same):
-    assert agrees(said, seen) is same
+    assert is_equal(said, seen) is same
 
 
 @pytest.mark.parametrize('said, seen, right', [
@@ -48,8 +48,8 @@ def test_ratios_lie_in_the_range_to_a_factor(said, seen, right):
 
 
 @pytest.mark.parametrize('printed, verdict', [
-    ('0.25 of 4', 'the same'), ('0.26 of 4', 'DIFFERS'), ('nothing', 'DIFFERS'),
-    ('0.25 of 4\n0.25 of 4', 'DIFFERS')])
+    ('0.25 of 4', 'equal'), ('0.26 of 4', 'DIFFERENT'), ('nothing', 'DIFFERENT'),
+    ('0.25 of 4\n0.25 of 4', 'DIFFERENT')])
 def test_a_command_is_run_and_compared(printed, verdict, monkeypatch):
     figures = {'parts': {'value': '0.25 of 4', 'command': 'print'}}
     claim = {'figure': 'parts', 'seen': r'([\d.]+) of (\d+)'}
@@ -59,13 +59,13 @@ def test_a_command_is_run_and_compared(printed, verdict, monkeypatch):
             assert command == 'print'
             return 0, printed
 
-    row = judged('parts', claim, figures, Printing())
+    row = compare_claim('parts', claim, figures, Printing())
     assert row.verdict == verdict
     assert verdict in claims.table([row])
 
 
 @pytest.mark.parametrize('status, wanted, verdict', [
-    (1, 0, 'DIFFERS'), (0, 2, 'DIFFERS'), (2, 2, 'the same'), (None, 0, 'not seen')])
+    (1, 0, 'DIFFERENT'), (0, 2, 'DIFFERENT'), (2, 2, 'equal'), (None, 0, 'not seen')])
 def test_what_a_command_ends_with_counts(status, wanted, verdict):
     figures = {'parts': {'value': '4', 'command': 'print'}}
     claim = {'figure': 'parts', 'seen': r'(\d+)', 'ends_with': wanted}
@@ -74,7 +74,7 @@ def test_what_a_command_ends_with_counts(status, wanted, verdict):
         def output(self, _command):
             return status, '4'
 
-    assert judged('parts', claim, figures, Ending()).verdict == verdict
+    assert compare_claim('parts', claim, figures, Ending()).verdict == verdict
 
 
 def test_commands_run_in_a_folder_of_their_own(tmp_path, capsys):

@@ -42,7 +42,7 @@ ENTRY = 'half.py:\n  tests: [test/test_half.py]\n  faults:\n    - [{old}, {new}]
 @pytest.mark.parametrize('table, words', [
     (ENTRY.format(old='x / 3', new='x / 4'), '0 times instead of once'),
     (ENTRY.format(old='x', new='y'), '2 times instead of once'),
-    (ENTRY.format(old='x / 2', new='x / 2'), 'nothing is replaced'),
+    (ENTRY.format(old='x / 2', new='x / 2'), 'the replacement is equal'),
     (ENTRY.format(old='x / 2', new='x').replace('_half.py]', '_third.py]'), 'test_third.py')])
 def test_a_table_that_does_not_fit_is_refused(tmp_path, table, words):
     with pytest.raises(ValueError, match=words):
@@ -57,15 +57,15 @@ def test_what_is_caught_and_what_survives(tmp_path, monkeypatch):
     copies = planted_faults.Copies(tmp_path)
     results = tmp_path / 'results.csv'
 
-    def judged(fault):
+    def compare_claim(fault):
         return planted_faults.judge(
             copies, fault, whole=False, known=planted_faults.known_results(results),
             results=results)
 
-    assert [judged(fault) for fault in faults] == ['test/test_half.py::test_half', '']
+    assert [compare_claim(fault) for fault in faults] == ['test/test_half.py::test_half', '']
     # Taken from the table: no test runs again.
     monkeypatch.setattr(planted_faults, 'run_tests', lambda *arguments: pytest.fail('run'))
-    assert [judged(fault) for fault in faults] == ['test/test_half.py::test_half', '']
+    assert [compare_claim(fault) for fault in faults] == ['test/test_half.py::test_half', '']
     assert (copies.faulty / PACKAGE / 'half.py').read_text() == (
         root / PACKAGE / 'half.py').read_text()
 

@@ -430,7 +430,7 @@ def test_two_threads_have_the_work_of_one_between_them(plant):
 def test_without_two_threads_there_is_nothing_to_compare(plant):
     plant(thread_team, 'size_for', lambda wanted, count, **others: 1)
     finding = judge(PLAIN)
-    assert finding.verdict is Verdict.CRASH and 'asked for two threads' in finding.detail
+    assert finding.verdict is Verdict.CRASH and 'requested two threads' in finding.detail
 
 
 NOT_SHORT = 'no step is short enough for solver.tolerance'
