@@ -37,13 +37,13 @@ def test_methods_of_one_scene_find_the_same_growth():
 
 def test_a_start_of_which_the_last_bit_decides_is_found(monkeypatch):
     # As woven all connectors are as long as where their stiffness changes.
-    monkeypatch.setitem(CASES, 'kinked', CASES['kinked']._replace(off=0.0))
+    monkeypatch.setitem(CASES, 'kinked', CASES['kinked']._replace(offset=0.0))
     rows = [*measure_predictability(('kinked',), ('srkn4',), samples=2, duration_ratio=0.25)]
     assert all('round-off adds' in row.fault for row in rows)
 
 
 def test_a_state_that_loses_bits_is_found(monkeypatch):
-    real = predictability._begin
+    real = predictability._start_run
 
     def rough(scene, way):
         simulation = real(scene, way)
@@ -51,7 +51,7 @@ def test_a_state_that_loses_bits_is_found(monkeypatch):
         simulation.set_state(position=state.position.astype(np.float32).astype(float))
         return simulation
 
-    monkeypatch.setattr(predictability, '_begin', rough)
+    monkeypatch.setattr(predictability, '_start_run', rough)
     rows = [*measure_predictability(('free',), ('srkn6',), samples=2, duration_ratio=0.25)]
     assert all(row.fault for row in rows)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""For fuzz.py: the kinds of input, how a case of each is made, and what must come of it."""
+"""Kinds of input for fuzz.py: their cases, and the expected results."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -36,59 +36,59 @@ from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.errors import SimulationError
 import numpy as np
 
-REFUSED, TAKEN = 'refused', 'taken'
+REFUSED, ACCEPTED = 'refused', 'accepted'
 SCENE: dict[str, Any] = {
     'weave.size': [2, 2, 2], 'contact.mode': 'never', 'groups.tip': 'ids 1',
     'groups.moved': 'ids 0', 'loads.tip.group': 'tip', 'drives.moved.group': 'moved',
     'solver.method': 'srkn4', 'real_time_factor': 0.0, 'duration': 0.03,
     'publish_rate': 300.0, 'initial_random.velocity_sigma': 0.1}
-# More bodies than that are woven by no case.
-_MOST_BODIES = 2000
-_NASTY = (0, 1, 3, 0x7F, 0x80, 0xFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
-_NUMBERS = ('0', '-1', '1e308', '-1e308', '1e-320', '.nan', '.inf', '0x10', '1_0', '99999999999',
-            '1.5', 'true', 'off', 'null', '~', '""', '[]', '[1, 2]', '{}', '1:30', "'", '\\', '@',
-            '9' * 400, 'é', '\0', '!!python/object:os.system', '&a [*a]', '- 1', '%', '\t')
+# Largest number of bodies in a scene that is built.
+_MAX_BODIES = 2000
+_EXTREME_WORDS = (0, 1, 3, 0x7F, 0x80, 0xFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
+_TEXTS = ('0', '-1', '1e308', '-1e308', '1e-320', '.nan', '.inf', '0x10', '1_0', '99999999999',
+          '1.5', 'true', 'off', 'null', '~', '""', '[]', '[1, 2]', '{}', '1:30', "'", '\\', '@',
+          '9' * 400, 'é', '\0', '!!python/object:os.system', '&a [*a]', '- 1', '%', '\t')
 
 
 class Fault(Exception):
-    """What came back is wrong."""
+    """A wrong result."""
 
 
 class Subject(Protocol):
-    """What the cases of one kind are fed to."""
+    """A reader that receives the cases of one kind."""
 
-    def do(self, chance: random.Random) -> str:
-        """Do one case; REFUSED or TAKEN, or what is raised is a fault."""
+    def run_case(self, chance: random.Random) -> str:
+        """Run one case and return REFUSED or ACCEPTED; exceptions are faults."""
 
     def end(self) -> str:
-        """Say what is wrong after all of them; '': nothing is."""
+        """Return the fault after all cases, or an empty string."""
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:
-    """Bytes that are cut, longer, flipped, re-ordered, with absurd lengths, or as before."""
+    """Return data that is cut, extended, reordered, flipped, with absurd lengths, or equal."""
     found = bytearray(data)
     for _ in range(chance.choice((1, 1, 1, 2, 4))):
         size = len(found)
         place = chance.randrange(size + 1)
-        deed = chance.randrange(8)
-        if deed == 0:
+        action = chance.randrange(8)
+        if action == 0:
             del found[place:]
-        elif deed == 1:
+        elif action == 1:
             found[place:place] = chance.randbytes(chance.choice((1, 4, 8, 200)))
-        elif deed == 2 and size:
+        elif action == 2 and size:
             found[place % size] ^= 1 << chance.randrange(8)
-        elif deed == 3 and size >= 4:
-            struct.pack_into('<I', found, place % (size - 3) & ~3, chance.choice(_NASTY))
-        elif deed == 4:
+        elif action == 3 and size >= 4:
+            struct.pack_into('<I', found, place % (size - 3) & ~3, chance.choice(_EXTREME_WORDS))
+        elif action == 4:
             length = chance.choice((1, 4, 16))
             piece = found[place:place + length]
             del found[place:place + length]
             other = chance.randrange(len(found) + 1)
             found[other:other] = piece
-        elif deed == 5 and size >= 8:
+        elif action == 5 and size >= 8:
             struct.pack_into('<d', found, place % (size - 7) & ~3, chance.choice(
                 (float('nan'), float('inf'), -0.0, 1e308, 5e-324)))
-        elif deed == 6:
+        elif action == 6:
             found += bytes(chance.choice((1, 3, 7, 8, 1000)))
         elif size:
             found[place % size] = chance.randrange(256)
@@ -108,7 +108,7 @@ class _Messages:
         point.point[:] = 0.5
         poses = messages.PoseArrayBytes('world', 3)
         poses.values[:] = np.arange(21.0).reshape(3, 7)
-        # Those of a run, as they are recorded.
+        # Recorded messages of a run.
         bag = _record(folder / 'bag')
         with BagReader(bag) as reader:
             kept = {topic: (reader.topics[topic].type_name, data)
@@ -134,7 +134,7 @@ class _Messages:
             if type_name in decoders:
                 self._good.append((type_name, decoders[type_name], data[:4000]))
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         type_name, decode, good = chance.choice(self._good)
         if chance.random() < 0.1:
             good = chance.choice(self._good)[2]
@@ -147,15 +147,15 @@ class _Messages:
                 raise
             return REFUSED
         if repr(decode(data)) != repr(found):
-            raise Fault(f'a {type_name} is read in two ways')
-        return TAKEN
+            raise Fault(f'two readings of a {type_name} differ')
+        return ACCEPTED
 
     def end(self) -> str:
         return ''
 
 
 class _Inputs:
-    """Messages on the topics of a run: each acts, waits or is dropped."""
+    """Messages on the topics of a run, each of which acts, waits or is dropped."""
 
     def __init__(self, folder: Path) -> None:
         self._runner = Runner(_simulation(), [])
@@ -171,7 +171,7 @@ class _Inputs:
                 data = bytearray(message.stamped(number * 10**8))
                 self._good.append((topic, bytes(data)))
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         topic, data = chance.choice(self._good)
         if chance.random() < 0.1:
             topic = chance.choice(self._good)[0]
@@ -182,12 +182,13 @@ class _Inputs:
             now - then for now, then in zip(
                 (inputs.dropped, inputs.acted, len(inputs)), before, strict=True))
         if dropped + acted + waiting != 1:
-            raise Fault(f'of one message {dropped} were dropped, {acted} acted, {waiting} wait')
+            raise Fault(
+                f'one message counts as {dropped} dropped, {acted} acted, {waiting} waiting')
         if self._runner.failure:
             raise Fault(self._runner.failure)
         if waiting and len(inputs) > 50:
             inputs.drop_waiting('the case is over')
-        return REFUSED if dropped else TAKEN
+        return REFUSED if dropped else ACCEPTED
 
     def end(self) -> str:
         finite = np.isfinite(self._runner.simulation.snapshot().position).all()
@@ -195,7 +196,7 @@ class _Inputs:
 
 
 class _Checkpoints:
-    """Files of checkpoints, with checksums that are wrong or made right again."""
+    """Files of checkpoints, with wrong or corrected checksums."""
 
     def __init__(self, folder: Path) -> None:
         self._simulation, self._path = _simulation(), folder / 'a.checkpoint'
@@ -205,7 +206,7 @@ class _Checkpoints:
         other = ico.compile_scene(ico.Scene.from_parameters({'weave.size': [3, 2, 2]}))
         self._foreign = other.checkpoint().to_bytes()
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         data = damaged(self._foreign if chance.random() < 0.05 else self._good, chance)
         if chance.random() < 0.7 and len(data) > 64:
             body = bytearray(data[:-32])
@@ -225,18 +226,18 @@ class _Checkpoints:
             if 'checkpoint' not in str(error):
                 raise Fault(f'the error does not name the checkpoint: {error}') from error
             if simulation.checkpoint().to_bytes() != self._good:
-                raise Fault('a checkpoint that was refused has changed the run') from error
+                raise Fault('a refused checkpoint has changed the run') from error
             return REFUSED
         if data == self._good:
-            return TAKEN
-        # Another state, as a whole: a run goes on from it, or says why not.
+            return ACCEPTED
+        # A complete other state: the run continues, or raises the reason why not.
         try:
             simulation.advance_to(simulation.time + 1e-5)
         except SimulationError:
             pass
         finally:
             simulation.restore(Checkpoint.from_bytes(self._good))
-        return TAKEN
+        return ACCEPTED
 
     def end(self) -> str:
         same = self._simulation.checkpoint().to_bytes() == self._good
@@ -251,13 +252,13 @@ class _Scenes:
         self._good = [path.read_text(encoding='utf-8') for path in example_scenes().values()]
         self._names = list(BY_NAME)
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         self._path.write_bytes(self._case(chance))
         try:
             given = load_parameter_file(self._path)
             scene = make_parameters(given)
             size = scene['weave.size']
-            if np.prod(np.array(size, float)) <= _MOST_BODIES and not any(scene['weave.box']):
+            if np.prod(np.array(size, float)) <= _MAX_BODIES and not any(scene['weave.box']):
                 ico.Scene.from_parameters(scene)
         except ParameterFileError as error:
             if str(self._path) not in str(error):
@@ -274,23 +275,23 @@ class _Scenes:
         self._path.write_text(dump_parameters(given), encoding='utf-8')
         again = load_parameter_file(self._path)
         if repr(sorted(again.items())) != repr(sorted(given.items())):
-            raise Fault('the parameters are others once they are written and read again')
-        return TAKEN
+            raise Fault('the parameters change when they are written and read again')
+        return ACCEPTED
 
     def _case(self, chance: random.Random) -> bytes:
         text = chance.choice(self._good)
-        deed = chance.randrange(4)
-        if deed == 0:
+        action = chance.randrange(4)
+        if action == 0:
             return damaged(text.encode(), chance)
         lines = text.splitlines()
         for _ in range(chance.choice((1, 1, 3))):
             place = chance.randrange(len(lines))
-            if deed == 1 and ':' in lines[place]:
+            if action == 1 and ':' in lines[place]:
                 name = lines[place].partition(':')[0]
-                lines[place] = f'{name}: {chance.choice(_NUMBERS)}'
-            elif deed == 2:
+                lines[place] = f'{name}: {chance.choice(_TEXTS)}'
+            elif action == 2:
                 name = chance.choice(self._names)
-                lines.append(f'    {name}: {chance.choice(_NUMBERS)}')
+                lines.append(f'    {name}: {chance.choice(_TEXTS)}')
             else:
                 other = chance.randrange(len(lines))
                 lines[place], lines[other] = lines[other], lines[place]
@@ -301,7 +302,7 @@ class _Scenes:
 
 
 class _Arguments:
-    """Command lines of the node, and of those verbs that only look."""
+    """Command lines of the node and of verbs that only read."""
 
     _WORDS = ('--ros-args', '-p', '--params-file', '-r', '--', '__node:=x', '__ns:=/y', ':=', 'a',
               'weave.size:=[2, 2, 2]', 'weave.size:=[2', 'gravity:=down', '/**:a:=1', '-e', '',
@@ -316,7 +317,7 @@ class _Arguments:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         if chance.random() < 0.99:
             words = [self._word(chance) for _ in range(chance.randrange(8))]
             if chance.random() < 0.8:
@@ -325,7 +326,7 @@ class _Arguments:
                 check_ros_arguments(words)
             except (ParameterFileError, ParameterError):
                 return REFUSED
-            return TAKEN
+            return ACCEPTED
         words = [chance.choice(self._VERBS), *(
             chance.choice(self._MORE) for _ in range(chance.randrange(5)))]
         if words[0] in ('statics', 'modes', 'render', 'plot') and 'hanging_slab' in words:
@@ -342,13 +343,13 @@ class _Arguments:
         if status and not said.getvalue().startswith('icofabric') or 'Traceback' in (
                 said.getvalue()):
             raise Fault(f'{words}: {said.getvalue()[:300]!r}')
-        return REFUSED if status else TAKEN
+        return REFUSED if status else ACCEPTED
 
     def _word(self, chance: random.Random) -> str:
         word = chance.choice(self._WORDS)
         if chance.random() < 0.3 and word:
             place = chance.randrange(len(word))
-            word = word[:place] + chance.choice(_NUMBERS) + word[place + chance.randrange(2):]
+            word = word[:place] + chance.choice(_TEXTS) + word[place + chance.randrange(2):]
         return word
 
     def end(self) -> str:
@@ -356,7 +357,7 @@ class _Arguments:
 
 
 class _Bags:
-    """Recorded runs: what verifies as identical holds what was recorded."""
+    """Recorded runs, which must have the recorded messages if they verify as identical."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._bag = folder, _record(folder / 'bag')
@@ -369,14 +370,14 @@ class _Bags:
         self._content = {path: _content(path) for path in (
             self._bag, self._sqlite, self._foreign)}
 
-    def do(self, chance: random.Random) -> str:
+    def run_case(self, chance: random.Random) -> str:
         source = chance.choices(
             (self._bag, self._sqlite, self._foreign), (16, 3, 1))[0]
         path = self._folder / 'case'
         shutil.rmtree(path, ignore_errors=True)
-        deed = chance.random()
-        if deed < 0.4:
-            self._write_again(source, path, chance)
+        action = chance.random()
+        if action < 0.4:
+            self._write_changed(source, path, chance)
         else:
             shutil.copytree(source, path)
             files = sorted(path.iterdir())
@@ -387,14 +388,14 @@ class _Bags:
         try:
             summarise_bag(path)
         except BagError as error:
-            _named(error, path)
+            _require_name(error, path)
         if chance.random() < 0.2:
             whole = self._folder / 'whole'
             shutil.rmtree(whole, ignore_errors=True)
             try:
                 recover_bag(path, whole)
             except BagError as error:
-                _named(error, path, whole)
+                _require_name(error, path, whole)
             else:
                 path = whole
         return self._verify(source, path)
@@ -404,42 +405,42 @@ class _Bags:
             with RecordedRun(path, '/icofabric') as run:
                 result = verify_run(run)
         except BagError as error:
-            _named(error, path)
+            _require_name(error, path)
             return REFUSED
         if result.verdict == 'identical':
             content, lists = _content(path)
             before, lists_before = self._content[source]
-            # What was cut off at the end by a recovery is not there to be compared.
+            # A recovery may cut messages at the end.
             if path.name == 'whole':
                 before = before[:len(content)]
                 lists_before = lists_before & lists
             if (content, lists) != (before, lists_before):
-                raise Fault('it verifies as identical, and holds other messages: ' + next(
+                raise Fault('it verifies as identical, but holds other messages: ' + next(
                     (f'{one[:2]} is {other[:2]}' for one, other in zip(before, content)
                      if one != other),
                     f'{len(content)} of {len(before)}, {lists.total()} of '
                     f'{lists_before.total()} lists of connectors'))
-            return TAKEN
+            return ACCEPTED
         return REFUSED
 
-    def _write_again(self, source: Path, path: Path, chance: random.Random) -> None:
-        """As a tool would that knows nothing of runs: every checksum fits."""
+    def _write_changed(self, source: Path, path: Path, chance: random.Random) -> None:
+        """Write a changed bag with right checksums, as another tool would."""
         with BagReader(source) as reader:
             topics, custom, found = reader.topics, reader.custom, list(reader.messages())
         place, other = chance.randrange(len(found)), chance.randrange(len(found))
         topic, time, data = found[place]
-        deed = chance.randrange(6) if custom else 5
-        if deed == 0:
+        action = chance.randrange(6) if custom else 5
+        if action == 0:
             del found[place]
-        elif deed == 1:
+        elif action == 1:
             found.insert(other, found[place])
-        elif deed == 2:
+        elif action == 2:
             found[place] = topic, max(0, time + chance.randrange(-10**7, 10**7)), data
-        elif deed == 3:
+        elif action == 3:
             found[place], found[other] = (topic, time, found[other][2]), (
                 found[other][0], found[other][1], data)
-        elif deed == 4:
-            custom[chance.choice(sorted(custom))] = chance.choice(_NUMBERS).replace('\0', '')
+        elif action == 4:
+            custom[chance.choice(sorted(custom))] = chance.choice(_TEXTS).replace('\0', '')
         else:
             found[place] = topic, time, damaged(data, chance)
         known = {name: kind.type_name for name, kind in topics.items()}
@@ -451,34 +452,34 @@ class _Bags:
             for name, at, item in found:
                 recorder.write(name, at, item)
             for key, value in custom.items():
-                if deed == 4:
+                if action == 4:
                     recorder.set_custom(key, value)
 
     def end(self) -> str:
         return ''
 
 
-def _named(error: BagError, *paths: Path) -> None:
+def _require_name(error: BagError, *paths: Path) -> None:
     if not any(str(path) in str(error) for path in paths):
         raise Fault(f'the error does not name the bag: {error}') from error
 
 
 def _content(path: Path) -> tuple[list[tuple[str, int, Any]], Counter[tuple[str, int, Any]]]:
     """
-    The messages of the run, in order, and lists of connectors; not the recorder's own.
+    Return the messages of the run in order, and lists of connectors.
 
-    Of those that are not compared as bytes what they say: padding may be any, an input may lead
-    to the same bits with a little other force, and where a checkpoint was saved is a note. Lists
-    of connectors of one time may come in any order.
+    Messages of the recorder and of saved checkpoints are left out. Some messages are compared by
+    values instead of bytes, because padding is arbitrary and slightly different forces may give a
+    bit-identical run. The order of lists of connectors at one time is arbitrary.
     """
     with BagReader(path) as reader:
-        found = [(topic, time, _said(topic, data)) for topic, time, data in reader.messages()
+        found = [(topic, time, _values(topic, data)) for topic, time, data in reader.messages()
                 if topic != '/icofabric/recording' and b'checkpoint_saved' not in data]
     return ([item for item in found if item[0] != '/icofabric/connectors'],
             Counter(item for item in found if item[0] == '/icofabric/connectors'))
 
 
-def _said(topic: str, data: bytes) -> Any:
+def _values(topic: str, data: bytes) -> Any:
     try:
         if topic == '/clock':
             return messages.decode_clock(data)
@@ -497,7 +498,7 @@ def _simulation(**changes: Any) -> ico.Simulation:
 
 
 def _record(path: Path, **changes: Any) -> Path:
-    """A bag of a short run with pushes, steps in a pause, and a checkpoint."""
+    """Record a short run with wrenches and a checkpoint."""
     simulation = _simulation(**changes)
     bag = BagSink(path, simulation, live=False)
     runner = Runner(simulation, [bag])
@@ -513,7 +514,7 @@ def _record(path: Path, **changes: Any) -> Path:
 
 
 class Kind(NamedTuple):
-    """A kind of input, and how many cases of it one run has."""
+    """A kind of input, with its default number of cases."""
 
     subject: Callable[[Path], AbstractContextManager[Subject]]
     cases: int

@@ -1,22 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Feeds damaged and random input to a live `fabric_node`, and judges it by a run without one.
+Feed damaged and random input to a live `fabric_node`, and compare it with a simulation.
 
     .venv/bin/python -m icofabric_validation.robustness.fuzz_node [--bursts 100] \
         [--messages 1000] [--seed 0]
         [--folder DIR]
 
-The node runs in a process of its own, as `ros2 run` starts it. A burst is so many messages on the
-topics of its inputs, raw bytes of which most are damaged, and, meanwhile, calls of its services in
-any order with parameters of any value and type. After each burst the node is paused and reset,
-gets one good wrench, and advances: the states that it publishes must be those of a simulation in
-this process, bit by bit. A burst follows from its number and the seed, but for what the two
-processes do at the same time.
+The node runs in a separate process, as `ros2 run` starts it. A burst has `--messages` messages of
+raw bytes on its input topics, most of them damaged, and calls of its services in random order with
+parameters of any value and type. After each burst the node is paused and reset, receives one valid
+wrench, and advances. The published states must be bit-identical to those of a simulation in this
+process. Number and seed determine a burst, except for the timing of the two processes.
 
-Faults are: an answer that does not come or gives no reason, a parameter that a scene refuses and
-the node takes, or the other way round, another motion, a traceback in the log, a node that ends,
-or memory, threads or files that grow. Exit status 1 where there is one.
+Faults are: a missing answer or reason, a parameter that only one of scene and node refuses,
+another motion, a traceback in the log, a node that ends, and growth of memory, threads or files.
+The exit status is 1 if there is a fault.
 """
 
 import argparse
@@ -42,7 +41,7 @@ from icofabric_validation.robustness.soak_graph import (
     free_domain,
     Graph,
     NODE,
-    Trouble,
+    NodeError,
     wait_for,
 )
 import numpy as np
@@ -53,9 +52,9 @@ SCENE: dict[str, Any] = {
     'drives': {'moved': {'group': 'moved'}}, 'solver': {'method': 'dop8'},
     'initial_random': {'velocity_sigma': 0.1}, 'start_paused': True, 'reset_time': True,
     'real_time_factor': 1.0, 'advance_duration': 0.05, 'publish_rate': 200.0}
-# Values that each service call may try, right ones among them, of parameters that change no term
-# of the scene: a new term would be compiled for a minute.
-_NASTY: tuple[Any, ...] = (
+# Values for parameters, some of them valid. No parameter adds a term to the scene, which would
+# have to be compiled for a minute.
+_EXTREME_VALUES: tuple[Any, ...] = (
     math.nan, math.inf, -1.0, 0.0, 1e308, -1e308, 5e-324, 1.5, 2, 0, -3, 2**62, True, 'off', '',
     'x' * 300, 'é', [1.0, math.nan], [0, 0, 0], [2, 2, 2], [1, 2], ['a'], [True], 800.0)
 _NAMES = (
@@ -65,16 +64,16 @@ _NAMES = (
     'publish_rate', 'marker_rate', 'clock_rate', 'step_count', 'advance_duration',
     'input_horizon', 'reset_time', 'frame_id', 'pull.strength', 'no.such', 'loads.tip.hold',
     'loads.new.group', 'groups.tip', 'initial_random.velocity_sigma')
-# What a change does not do in a run, whatever a scene says, is the node's to refuse.
+# Parameters for which node and scene may differ.
 _CHANGED_BY_NODE = ('frame_id', 'clock_rate', 'groups.tip', 'loads.new.group', 'no.such')
-_MOST_BODIES = 500
+_MAX_BODIES = 500
 _TRIGGERS = ('reset', 'step', 'advance', 'clear_loads', 'save_checkpoint', 'restore_checkpoint')
-_GROWTH = 64.0  # [MB]
-_SHOWN = 20
+_MAX_MEMORY_GROWTH_MB = 64.0
+_MAX_PRINTED_FAULTS = 20
 
 
 class Fuzz:
-    """One node, burst after burst."""
+    """One node that receives bursts of input."""
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.seed, self.done, self.faults = seed, Counter[str](), 0
@@ -102,17 +101,17 @@ class Fuzz:
             snapshot.angular_velocity], axis=1)
 
     def burst(self, number: int, count: int) -> None:
-        """Send so many messages, call services meanwhile, and look whether the node is well."""
+        """Send `count` messages, call services meanwhile, and check the node."""
         chance = random.Random(f'{self.seed} {number}')
         calls = {chance.randrange(count) for _ in range(6)}
-        self._answer('pause', 'SetBool', number, data=False)
+        self._call('pause', 'SetBool', number, data=False)
         for index in range(count):
             topic, type_name, good = chance.choice(self._good)
             if chance.random() < 0.1:
                 good = chance.choice(self._good)[2]
             data = chance.randbytes(chance.randrange(4, 300)) if chance.random() < 0.02 else (
                 damaged(good, chance))
-            # Below the four bytes of its head nothing is a message, which the sender refuses.
+            # The sender refuses messages shorter than the header of four bytes.
             if len(data) >= 4:
                 self.graph.publish(topic, data, type_name)
                 self.done['messages'] += 1
@@ -133,26 +132,26 @@ class Fuzz:
             self.graph.close()
 
     def _disturb(self, chance: random.Random, number: int) -> None:
-        deed = chance.randrange(4)
-        if deed == 0:
-            self._answer(chance.choice(_TRIGGERS), 'Trigger', number)
-        elif deed == 1:
-            self._answer(
+        action = chance.randrange(4)
+        if action == 0:
+            self._call(chance.choice(_TRIGGERS), 'Trigger', number)
+        elif action == 1:
+            self._call(
                 chance.choice(('pause', 'record')), 'SetBool', number, data=chance.random() < 0.5)
         else:
             self._set(chance, number)
 
-    def _answer(self, service: str, kind: str, number: int, **fields: Any) -> Any:
+    def _call(self, service: str, kind: str, number: int, **fields: Any) -> Any:
         answer, _ = self.graph.call(service, kind, **fields)
         self.done['calls'] += 1
         self.done['calls refused'] += not answer.success
         if not answer.success and not answer.message:
-            self._fault(number, f'~/{service} says no and gives no reason')
+            self._fault(number, f'~/{service} refuses without a reason')
         return answer
 
     def _set(self, chance: random.Random, number: int) -> None:
-        """Try a value of any type; where it is taken, take it back."""
-        name, value = chance.choice(_NAMES), chance.choice(_NASTY)
+        """Set a parameter to any value; if the node accepts it, restore the old value."""
+        name, value = chance.choice(_NAMES), chance.choice(_EXTREME_VALUES)
         before = self._parameters.get(name)
         expected = self._is_possible(name, value)
         values: dict[str, Any] = {name.replace('.', '__'): value}
@@ -164,22 +163,22 @@ class Fuzz:
             self._fault(number, f'{name} = {value!r} is refused without its name: {result.reason}')
         if expected is not None and result.successful != expected:
             self._fault(
-                number, f'{name} = {value!r} is {"taken" if result.successful else "refused"} by '
-                f'the node, not by a scene: {result.reason}')
+                number, f'{name} = {value!r} is {"accepted" if result.successful else "refused"} '
+                f'by the node, not by a scene: {result.reason}')
         if result.successful:
             back = before if before is not None else make_parameters(self._parameters)[name]
             restored: dict[str, Any] = {name.replace('.', '__'): back}
             (result,), _ = self.graph.set(**restored)
             if not result.successful:
-                self._fault(number, f'{name} cannot go back to {back!r}: {result.reason}')
+                self._fault(number, f'{name} cannot be restored to {back!r}: {result.reason}')
 
     def _is_possible(self, name: str, value: Any) -> bool | None:
-        """Whether a scene takes the value; None: what the node does is another matter."""
+        """Return True if a scene accepts the value; None: node and scene may differ."""
         if name in _CHANGED_BY_NODE:
             return None
         try:
             parameters = make_parameters({**self._parameters, name: value})
-            if np.prod(np.array(parameters['weave.size'], float)) > _MOST_BODIES:
+            if np.prod(np.array(parameters['weave.size'], float)) > _MAX_BODIES:
                 return None
             run = ico.compile_scene(ico.Scene.from_parameters(parameters))
         except ValueError:
@@ -187,27 +186,27 @@ class Fuzz:
         try:
             run.advance_steps(1)
         except ico.SimulationError:
-            # The node may see that before it takes the value.
+            # The node may find the error before it accepts the value.
             return None
         return True
 
     def _check(self, number: int) -> None:
-        """One good wrench after a reset moves the fabric as it does without a node."""
+        """Compare the motion by one valid wrench after a reset with that of a simulation."""
         graph = self.graph
-        # What was acknowledged before a call acts before it.
+        # Messages that are acknowledged before a call act before it.
         for topic, _, _ in self._good:
             graph.settle(topic)
-        self._answer('pause', 'SetBool', number, data=True)
-        self._answer('record', 'SetBool', number, data=False)
+        self._call('pause', 'SetBool', number, data=True)
+        self._call('record', 'SetBool', number, data=False)
         for service in ('reset', 'clear_loads'):
-            if not (answer := self._answer(service, 'Trigger', number)).success:
+            if not (answer := self._call(service, 'Trigger', number)).success:
                 self._fault(number, f'~/{service} is refused: {answer.message}')
         wrench = messages.WrenchStampedBytes('')
         wrench.force[:] = 0.0, 0.0, 0.02
         self._states.clear()
         graph.publish(f'{NODE}/loads/tip', bytes(wrench.stamped(10_000_000)))
         graph.settle(f'{NODE}/loads/tip')
-        answer = self._answer('advance', 'Trigger', number)
+        answer = self._call('advance', 'Trigger', number)
         if not answer.success:
             self._fault(number, f'~/advance is refused: {answer.message}')
             return
@@ -222,7 +221,7 @@ class Fuzz:
 
     def _fault(self, number: int, text: str) -> None:
         self.faults += 1
-        if self.faults <= _SHOWN:
+        if self.faults <= _MAX_PRINTED_FAULTS:
             print(f'FAULT in burst {number} of seed {self.seed}: {text[:1500]}', flush=True)
 
     @staticmethod
@@ -245,7 +244,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--bursts', type=int, default=100)
     parser.add_argument('--messages', type=int, default=1000, help='in each burst')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--folder', type=Path, help='where the node writes (default: a new one)')
+    parser.add_argument('--folder', type=Path, help='for files of the node (default: temporary)')
     arguments = parser.parse_args(argv)
     print(describe_machine())
     with tempfile.TemporaryDirectory(prefix='icofabric_fuzz_') as temporary:
@@ -255,21 +254,21 @@ def main(argv: list[str] | None = None) -> int:
         for number in range(arguments.bursts):
             try:
                 fuzz.burst(number, arguments.messages)
-            except Trouble as error:
+            except NodeError as error:
                 fuzz._fault(number, str(error))
                 if fuzz.process.process.poll() is not None:
                     break
             if number == arguments.bursts // 4:
-                first = fuzz.process.use()
+                first = fuzz.process.resources()
             if number % 10 == 9:
                 print(f'{number + 1} bursts: {dict(fuzz.done)}, {fuzz.faults} faults', flush=True)
-        last = fuzz.process.use()
+        last = fuzz.process.resources()
         if first is not None and last is not None:
             print(f'memory {first.memory:.0f} to {last.memory:.0f} MB, threads {first.threads} to '
                   f'{last.threads}, files {first.files} to {last.files}')
-            if last.memory > first.memory + _GROWTH or last.threads > first.threads + 2 or (
-                    last.files > first.files + 4):
-                fuzz._fault(-1, 'it grows')
+            if last.memory > first.memory + _MAX_MEMORY_GROWTH_MB or (
+                    last.threads > first.threads + 2 or last.files > first.files + 4):
+                fuzz._fault(-1, 'memory, threads or files grow')
         fuzz.end()
     print(f'{time.monotonic() - began:.0f} s: {dict(fuzz.done)}, {fuzz.faults} faults')
     return int(fuzz.faults > 0)

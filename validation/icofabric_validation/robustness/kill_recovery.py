@@ -1,15 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recordings that are killed (kill -9) at random moments: what `icofabric recover` saves of them.
+Recovery by `icofabric recover` of recordings that are killed (kill -9) at random times.
 
     .venv/bin/python -m icofabric_validation.robustness.kill_recovery [--kills 20] [--seed 1] \
         [--longest 6] [--limit 1]
 
-Each is a process of its own that simulates in real time, driven by wrenches, changes of the scene,
-pauses and checkpoints at random moments. For each the span of wall time that is lost is printed,
-which must be less than the limit, and whether what was recovered verifies. Exit status 1 where
-one of them does not.
+Each recording is a separate process that simulates in real time, with wrenches, parameter changes,
+pauses and checkpoints at random times. The lost wall time, which must be less than the limit, and
+the result of `icofabric verify` are printed. The exit status is 1 if a recording fails.
 """
 
 import argparse
@@ -41,7 +40,7 @@ SLAB = ROOT / 'config' / 'hanging_slab.yaml'
 TINY: dict[str, Any] = {
     'weave.size': [2, 2, 2], 'groups.tip': 'ids 1',
     'loads.tip.group': 'tip'}
-# Scene, and how it is recorded.
+# Scene, and parameters of the recording.
 VARIANTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ('tiny', {}),
     ('slab', {}),
@@ -49,16 +48,16 @@ VARIANTS: tuple[tuple[str, dict[str, Any]], ...] = (
     ('slab', {'record.compression': 'zstd'}),
     ('slab', {'record.split_size': 200_000, 'record.compression': 'zstd'}),
 )
-_STAMPS = 1_000_000
+_MAX_STAMPS = 1_000_000
 
 
 class StampSink:
-    """Notes when each time on /clock was handed over, in a file that outlives the process."""
+    """A sink that writes wall and simulated times of /clock to a file."""
 
     is_bag = False
 
     def __init__(self, path: Path) -> None:
-        self._stamps = np.memmap(path, np.int64, 'w+', shape=(_STAMPS, 2))
+        self._stamps = np.memmap(path, np.int64, 'w+', shape=(_MAX_STAMPS, 2))
         self._count = 0
 
     def wants(self, topic: Any) -> bool:
@@ -76,13 +75,13 @@ class StampSink:
 
 
 def read_stamps(path: Path) -> np.ndarray:
-    """Wall and simulated times [ns] that a killed process has noted."""
-    stamps = np.memmap(path, np.int64, 'r', shape=(_STAMPS, 2))
+    """Return the wall and simulated times [ns] that a killed process has written."""
+    stamps = np.memmap(path, np.int64, 'r', shape=(_MAX_STAMPS, 2))
     return np.array(stamps[:np.count_nonzero(stamps[:, 0])])
 
 
 def drive(runner: Runner, folder: Path, generator: random.Random) -> None:
-    """Do to a run what a client may, until it is killed."""
+    """Send random inputs and requests to a run until the process is killed."""
     number = 0
     while True:
         time.sleep(generator.uniform(0.01, 0.06))
@@ -129,11 +128,11 @@ def record(folder: Path, variant: int, seed: int) -> None:
 
 
 class Outcome(NamedTuple):
-    """What was saved of one recording."""
+    """The recovered part of one recording."""
 
     recorded: float  # simulated time reached [s]
     messages: int
-    lost: float  # wall time from the last message that is saved to the last handed over [s]
+    lost: float  # wall time from the last recovered message to the last sent one [s]
     verdict: str
 
 
@@ -156,7 +155,7 @@ def kill(folder: Path, variant: int, seed: int, life: float) -> Outcome:
 
 
 def judge(folder: Path) -> Outcome:
-    """Recover what was killed, and compare with what had been handed over."""
+    """Recover a recording, and compare with the times that were sent."""
     walls, times = read_stamps(folder / 'stamps').T
     if not len(times):
         return Outcome(0.0, 0, 0.0, 'killed before it began')

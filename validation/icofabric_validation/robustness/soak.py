@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Long and hard runs of the node over Fast DDS: whether it stays what docs/reliability.md promises.
+Long runs of the node over Fast DDS under load, judged by the limits of docs/reliability.md.
 
     .venv/bin/python -m icofabric_validation.robustness.soak [--part all] [--minutes 30]
 
 Parts: soak, verify60, kills, latency, slow-subscriber, dying-subscribers, all.
 
-Each part is a `fabric_node` in a process of its own, driven from this one. The table says what is
-judged, and is written as CSV (--csv). Exit status 1 where one of the limits is not kept.
+Each part has a `fabric_node` in a separate process, driven from this one. The table of results and
+limits is written as CSV (--csv). The exit status is 1 if a limit is exceeded.
 """
 
 import os
@@ -40,14 +40,14 @@ from icofabric_validation.robustness.soak_graph import (  # noqa: E402
     free_domain,
     Graph,
     NODE,
-    Trouble,
+    NodeError,
     Watch,
 )
 from icofabric_validation.robustness.soak_judge import (  # noqa: E402
     check_bag,
     clock_faults,
-    moments_of,
-    pace_of,
+    clock_moments,
+    measure_real_time_factor,
     slope,
     Table,
 )
@@ -57,18 +57,18 @@ LISTENER = 'icofabric_validation.benchmarks.listener'
 CLOCK_RATE = 100.0
 POSES = f'{NODE}/poses', 'geometry_msgs/msg/PoseArray'
 MARKERS = f'{NODE}/connectors', 'visualization_msgs/msg/Marker'
-# Limits: memory [MB in 10 minutes], and what an allocator keeps at first [MB]. Deeds at random
-# load kernels when they need them first, 1 to 2 MB each: a short run does little else.
-MEMORY, MEMORY_FLOOR, MEMORY_FLOOR_SHORT = 5.0, 8.0, 25.0
-DRIFT = 0.01  # of the real-time factor, between the halves of a run
-START, STOP = 1.5, 1.0  # [s]
-GAP = 1.0  # without messages, for healthy subscribers [s]
-_KEPT = 0.95  # of the real-time factor, with a subscriber that is stopped
-TEN_MINUTES = 600.0
+# Limits of memory growth: rate [MB in 10 minutes], and total [MB] of a long and a short run.
+# Random actions load kernels of 1 to 2 MB at first use, which dominates in a short run.
+MAX_MEMORY_RATE_MB, MAX_MEMORY_GROWTH_MB, MAX_SHORT_MEMORY_GROWTH_MB = 5.0, 8.0, 25.0
+MAX_DRIFT_RATIO = 0.01  # of the real-time factor, between the halves of a run
+MAX_START_S, MAX_STOP_S = 1.5, 1.0
+MAX_GAP_S = 1.0  # between messages for healthy subscribers
+_MIN_FACTOR_RATIO = 0.95  # real-time factor with a stopped subscriber over that with a running one
+TEN_MINUTES_S = 600.0
 
 
 class Setting(NamedTuple):
-    """What all parts are given."""
+    """The common arguments of all parts."""
 
     folder: Path
     domain: int
@@ -77,7 +77,7 @@ class Setting(NamedTuple):
 
 
 def soak(setting: Setting) -> None:
-    """Everything that a client may do and should not, for as long as is wanted."""
+    """Run random valid and invalid actions of a client for `--minutes`."""
     arguments, table = setting.arguments, setting.table
     table.begin('soak', f'{arguments.minutes:g} minutes at random, seed {arguments.seed}')
     bag = setting.folder / 'bag'
@@ -97,7 +97,7 @@ def soak(setting: Setting) -> None:
         dropped = driver.finish()
         status, took = process.stop()
         watch.end()
-    _judge_deeds(table, driver, watch)
+    _judge_actions(table, driver, watch)
     _judge_end(table, process, status, took)
     _judge_memory(table, watch, setting.arguments.csv.with_suffix('.memory.csv'))
     _judge_clock(table, watch)
@@ -111,7 +111,7 @@ def soak(setting: Setting) -> None:
 
 
 def verify60(setting: Setting) -> None:
-    """One bag of a run that is driven from outside, simulated again on one and on two threads."""
+    """Record a driven run in one bag, and verify it with one and two threads."""
     arguments, table = setting.arguments, setting.table
     table.begin('verify60', f'{arguments.seconds:g} s of simulated time, seed {arguments.seed}')
     bag = setting.folder / 'bag'
@@ -127,7 +127,7 @@ def verify60(setting: Setting) -> None:
         driver.settle()
         status, took = process.stop()
         watch.end()
-    _judge_deeds(table, driver, watch)
+    _judge_actions(table, driver, watch)
     _judge_end(table, process, status, took)
     for threads in (1, 2):
         check = check_bag(bag, CLOCK_RATE, threads=threads)
@@ -142,7 +142,7 @@ def verify60(setting: Setting) -> None:
 
 
 def kills(setting: Setting) -> None:
-    """See kill_recovery.py."""
+    """Run kill_recovery.py."""
     table = setting.table
     table.begin('kills', 'kill -9 of recordings, see kill_recovery.py')
     command = [sys.executable, '-m', 'icofabric_validation.robustness.kill_recovery', '--kills',
@@ -161,7 +161,7 @@ def _note_time(times: list[float], data: bytes) -> None:
 
 
 def latency(setting: Setting) -> None:
-    """Start, end, parameters beside a large re-weave, services."""
+    """Measure start, end, parameter access during a large re-weave, and services."""
     table, count = setting.table, setting.arguments.starts
     table.begin('latency', f'{count} starts and ends')
     starts: list[float] = []
@@ -187,19 +187,17 @@ def latency(setting: Setting) -> None:
             if 'Traceback' in process.log():
                 table.add(f'start {number}', 'traceback', 'none', False)
     table.add('start to first poses, median', _text(statistics.median(starts)),
-              f'{START:g} s', statistics.median(starts) <= START, wall=True)
+              f'{MAX_START_S:g} s', statistics.median(starts) <= MAX_START_S, wall=True)
     table.add('start to first poses, worst', _text(max(starts)))
     for number, times in ends.items():
-        table.add(f'{number.name} to exit, worst', _text(max(times)), f'{STOP:g} s',
-                  max(times) <= STOP, wall=True)
+        table.add(f'{number.name} to exit, worst', _text(max(times)), f'{MAX_STOP_S:g} s',
+                  max(times) <= MAX_STOP_S, wall=True)
     _large_reweave(setting)
     _services(setting)
 
 
 def _large_reweave(setting: Setting) -> None:
-    """
-    A large fabric is woven, twice, while parameters are read and set; then once more to the end.
-    """
+    """Re-weave a large fabric while parameters are read and set, and stop during another one."""
     table, size = setting.table, list(setting.arguments.large)
     scene = {
         'weave': {'size': [5, 5, 5]}, 'connector': {'stiffness': 1.0},
@@ -219,13 +217,13 @@ def _large_reweave(setting: Setting) -> None:
             first, began = len(watch.events), time.monotonic()
             tick = len(watch.ticks)
             graph.set(weave__size=size)
-            # One by one: round trips while the fabric is built, until it is in place.
+            # Sequential round trips until the fabric is built.
             while not any(event['event'] == 'reweave' for event in watch.events[first:]):
                 gets.append(graph.get('weave.size', 'publish_rate'))
                 sets.append(graph.set(input_horizon=1.0 + len(sets) * 1e-3)[1])
                 time.sleep(0.01)
                 if time.monotonic() - began > 300.0:
-                    raise Trouble(f'no re-weave within 300 s:\n{process.log()[-3000:]}')
+                    raise NodeError(f'no re-weave within 300 s:\n{process.log()[-3000:]}')
             builds.append(time.monotonic() - began)
             walls = [wall for wall, _ in watch.ticks[tick:]]
             gaps.append(max(b - a for a, b in zip(walls, walls[1:])))
@@ -237,10 +235,11 @@ def _large_reweave(setting: Setting) -> None:
         status, took = process.stop()
         watch.end()
     table.add('re-weave of the large fabric', ', '.join(map(_text, builds)))
-    table.add('  get_parameters meanwhile, median, worst', _both(gets))
-    table.add('  set_parameters meanwhile, median, worst', _both(sets))
+    table.add('  get_parameters meanwhile, median, worst', _median_and_worst(gets))
+    table.add('  set_parameters meanwhile, median, worst', _median_and_worst(sets))
     table.add('  longest time between two ticks', _text(max(gaps)))
-    table.add('  SIGINT meanwhile to exit', _text(took), f'{STOP:g} s', took <= STOP, wall=True)
+    table.add('  SIGINT meanwhile to exit', _text(took), f'{MAX_STOP_S:g} s', took <= MAX_STOP_S,
+              wall=True)
     table.add('  exit status', str(status), '0', status == 0)
 
 
@@ -267,11 +266,11 @@ def _services(setting: Setting) -> None:
                 times.setdefault(service, []).append(took)
         process.stop()
     for service, found in times.items():
-        table.add(f'~/{service} to its answer, median, worst', _both(found))
+        table.add(f'~/{service} to its answer, median, worst', _median_and_worst(found))
 
 
 def slow_subscriber(setting: Setting) -> None:
-    """A reliable subscriber that is stopped with SIGSTOP beside a fabric of 10,206 bodies."""
+    """Measure the real-time factor with a reliable subscriber that is stopped by SIGSTOP."""
     table, watched = setting.table, setting.arguments.watched
     table.begin('slow-subscriber', f'10,206 bodies, {watched:g} s each, target real-time factor '
                 f'{setting.arguments.factor:g}')
@@ -308,9 +307,9 @@ def slow_subscriber(setting: Setting) -> None:
         status, took = process.stop()
         watch.end()
     table.add('real-time factor without a subscriber', f'{alone:.3f}')
-    table.add('  with one that takes all', f'{heard:.3f}')
-    least = _KEPT * heard
-    table.add('  with the same one, stopped', f'{stopped:.3f}, then {again:.3f}',
+    table.add('  with a running subscriber', f'{heard:.3f}')
+    least = _MIN_FACTOR_RATIO * heard
+    table.add('  with the same subscriber stopped', f'{stopped:.3f}, then {again:.3f}',
               f'at least {least:.3f} on average',
               stopped + again >= 2.0 * least, wall=True)
     table.add('  messages counted as not taken', f'{displaced:,}', 'some', displaced > 0)
@@ -318,9 +317,7 @@ def slow_subscriber(setting: Setting) -> None:
 
 
 def dying_subscribers(setting: Setting) -> None:
-    """
-    Reliable subscribers that are killed as they read, one after the other, beside a healthy one.
-    """
+    """Kill reliable subscribers one after another, and measure gaps for a healthy one."""
     table, arguments = setting.table, setting.arguments
     table.begin('dying-subscribers', f'1,014 bodies, {arguments.kills} subscribers')
     scene = {
@@ -351,26 +348,26 @@ def dying_subscribers(setting: Setting) -> None:
         gaps = sorted(late - early for early, late in zip(walls, walls[1:]))
         status, took = process.stop()
         watch.end()
-    table.add('longest time between two ticks, heard by the other one', _text(gaps[-1]),
-              f'{GAP:g} s', gaps[-1] <= GAP, wall=True)
+    table.add('longest time between two ticks for the healthy one', _text(gaps[-1]),
+              f'{MAX_GAP_S:g} s', gaps[-1] <= MAX_GAP_S, wall=True)
     table.add('  of 1,000 the longest', _text(gaps[-1 - len(gaps) // 1000]))
     _judge_end(table, process, status, took)
 
 
-def _factor(watch: Watch, wanted: float) -> float:
-    """Simulated over wall time for a while, once what began before is over."""
+def _factor(watch: Watch, duration: float) -> float:
+    """Return simulated over wall time in an interval of `duration` [s], after a pause."""
     time.sleep(2.0)
     first = watch.ticks[-1]
-    time.sleep(wanted)
+    time.sleep(duration)
     last = watch.ticks[-1]
     return (last[1] - first[1]) / 1e9 / (last[0] - first[0])
 
 
-def _judge_deeds(table: Table, driver: Driver, watch: Watch) -> None:
-    deeds = sum(count for name, count in driver.done.items() if ',' not in name)
-    table.add('done', f'{deeds:,} deeds')
+def _judge_actions(table: Table, driver: Driver, watch: Watch) -> None:
+    actions = sum(count for name, count in driver.done.items() if ',' not in name)
+    table.add('done', f'{actions:,} actions')
     table.details([', '.join(f'{name} {count}' for name, count in sorted(driver.done.items()))])
-    table.add('refused, or taken, against expectation', str(len(driver.problems)), '0',
+    table.add('unexpectedly refused or accepted', str(len(driver.problems)), '0',
               not driver.problems)
     table.details(driver.problems)
     errors = sorted({status.message for _, status in watch.reports if status.level == ERROR})
@@ -380,27 +377,27 @@ def _judge_deeds(table: Table, driver: Driver, watch: Watch) -> None:
 
 def _judge_end(table: Table, process: FabricProcess, status: int, took: float) -> None:
     table.add('exit status', str(status), '0', status == 0)
-    table.add('SIGINT to exit', _text(took), f'{STOP:g} s', took <= STOP, wall=True)
+    table.add('SIGINT to exit', _text(took), f'{MAX_STOP_S:g} s', took <= MAX_STOP_S, wall=True)
     log = process.log()
     table.add('tracebacks', str(log.count('Traceback')), '0', 'Traceback' not in log)
     table.add('lines in the log', f'{len(log.splitlines()):,}')
 
 
 def _judge_memory(table: Table, watch: Watch, path: Path) -> None:
-    uses = watch.uses
-    times = [use.wall for use in uses]
-    memory = [use.memory for use in uses]
+    resource_uses = watch.resource_uses
+    times = [use.wall for use in resource_uses]
+    memory = [use.memory for use in resource_uses]
     rise = slope(times, memory)
     half = 0.5 * (times[-1] - times[0])
-    floor = MEMORY_FLOOR if half > 0.5 * TEN_MINUTES else MEMORY_FLOOR_SHORT
-    table.add('memory at first, half way, at last',
-              ' '.join(f'{memory[place]:.0f}' for place in (0, len(uses) // 2, -1)) + ' MB')
-    table.add('  rise over the second half', f'{TEN_MINUTES * rise:+.1f} MB in 10 min',
-              f'{MEMORY:g}, or {floor:g} in all',
-              TEN_MINUTES * rise <= MEMORY or rise * half <= floor)
-    # Threads and files come and go with bags and re-weaves.
-    for name, values in (('threads', [use.threads for use in uses]),
-                         ('open files', [use.files for use in uses])):
+    floor = MAX_MEMORY_GROWTH_MB if half > 0.5 * TEN_MINUTES_S else MAX_SHORT_MEMORY_GROWTH_MB
+    table.add('memory at start, middle, end',
+              ' '.join(f'{memory[place]:.0f}' for place in (0, len(memory) // 2, -1)) + ' MB')
+    table.add('  rise over the second half', f'{TEN_MINUTES_S * rise:+.1f} MB in 10 min',
+              f'{MAX_MEMORY_RATE_MB:g}, or {floor:g} in total',
+              TEN_MINUTES_S * rise <= MAX_MEMORY_RATE_MB or rise * half <= floor)
+    # Numbers of threads and files vary with bags and re-weaves.
+    for name, values in (('threads', [use.threads for use in resource_uses]),
+                         ('open files', [use.files for use in resource_uses])):
         quarter = max(len(values) // 4, 1)
         early, late = (statistics.median(part) for part in
                        (values[quarter:2 * quarter] or values, values[-quarter:]))
@@ -411,24 +408,24 @@ def _judge_memory(table: Table, watch: Watch, path: Path) -> None:
         writer = csv.writer(file)
         writer.writerow(['wall [s]', 'memory [MB]', 'threads', 'files'])
         writer.writerows([f'{use.wall - times[0]:.1f}', f'{use.memory:.1f}', *use[2:]]
-                         for use in uses)
+                         for use in resource_uses)
 
 
 def _judge_clock(table: Table, watch: Watch) -> None:
-    moments = moments_of(
+    moments = clock_moments(
         ((event['event'], event['time'], event) for event in watch.events), watch.ticks[0][1])
     faults = clock_faults([stamp for _, stamp in watch.ticks], moments, CLOCK_RATE)
     table.add('ticks of /clock received', f'{len(watch.ticks):,}')
     table.add('  missing, doubled or off the grid', str(len(faults)), '0', not faults)
     table.details(faults)
-    pace = pace_of(watch.ticks, moments, CLOCK_RATE)
-    table.add('real-time factor, both halves', f'{pace.first:.4f}, {pace.second:.4f}',
-              f'drift {DRIFT:g}', abs(pace.drift) <= DRIFT, wall=True)
-    table.add('longest time between two ticks', _text(pace.longest))
+    speed = measure_real_time_factor(watch.ticks, moments, CLOCK_RATE)
+    table.add('real-time factor, both halves', f'{speed.first:.4f}, {speed.second:.4f}',
+              f'drift {MAX_DRIFT_RATIO:g}', abs(speed.drift) <= MAX_DRIFT_RATIO, wall=True)
+    table.add('longest time between two ticks', _text(speed.longest))
 
 
 def _judge_bags(table: Table, bag: Path, threads: int) -> int:
-    """Wrenches that acted, by the bags."""
+    """Check the bags, and return the number of wrenches that acted."""
     paths = sorted(path for path in bag.parent.glob('bag*') if not path.name.endswith('points'))
     open_ones = [path for path in paths if not (path / 'metadata.yaml').is_file()]
     checks = [check_bag(path, CLOCK_RATE, threads=threads) for path in paths]
@@ -436,7 +433,7 @@ def _judge_bags(table: Table, bag: Path, threads: int) -> int:
               bool(paths) and not open_ones)
     bad = [check for check in checks if check.verdict != 'identical']
     span = sum(check.end - check.begin for check in checks) / 1e9
-    table.add('  verify identical', f'{len(checks) - len(bad)}, {span:.0f} s in all', 'all',
+    table.add('  verify identical', f'{len(checks) - len(bad)}, {span:.0f} s in total', 'all',
               not bad)
     table.details([f'{check.path.name}: {check.verdict}' for check in bad])
     faults = [f'{check.path.name}: {fault}' for check in checks for fault in check.clock]
@@ -449,7 +446,7 @@ def _text(seconds: float) -> str:
     return f'{seconds:.2f} s' if seconds >= 0.1 else f'{1e3 * seconds:.1f} ms'
 
 
-def _both(times: list[float]) -> str:
+def _median_and_worst(times: list[float]) -> str:
     return f'{_text(statistics.median(times))}, {_text(max(times))} of {len(times)}'
 
 
@@ -473,14 +470,14 @@ def main() -> int:
         '--factor', type=float, default=1.0, help='real_time_factor of slow-subscriber')
     parser.add_argument('--threads', type=int, default=0, help='to verify with')
     parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--domain', type=int, help='ROS_DOMAIN_ID (default: one that is not used)')
+    parser.add_argument('--domain', type=int, help='ROS_DOMAIN_ID (default: an unused one)')
     parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'soak' / 'soak.csv')
-    parser.add_argument('--keep', type=Path, help='folder for logs and bags, which are kept')
+    parser.add_argument('--keep', type=Path, help='folder for logs and bags, which are then kept')
     parser.add_argument(
         '--no-wall-limits', action='store_true',
-        help='show figures in wall time without judging them: the machine does other things')
+        help='print wall times without limits, on a machine with other work')
     arguments = parser.parse_args()
-    # As Ctrl-C does: no node stays behind.
+    # As with Ctrl-C, no node remains.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(130))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     print(f'{describe_machine()}, load {os.getloadavg()[0]:.1f}', flush=True)
@@ -490,8 +487,8 @@ def main() -> int:
         for name in PARTS if arguments.part == 'all' else [arguments.part]:
             domain = free_domain() if arguments.domain is None else arguments.domain
             PARTS[name](Setting(folder / name, domain, arguments, table))
-    except Trouble as error:
-        table.add('the node', 'in trouble', '', False)
+    except NodeError as error:
+        table.add('the node', 'failed', '', False)
         print(error, file=sys.stderr)
     finally:
         table.write(arguments.csv)

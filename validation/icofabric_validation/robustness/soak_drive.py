@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""For soak.py: whatever a client may do to the node, and should not, at random moments."""
+"""Random valid and invalid actions of a client, for soak.py."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -28,22 +28,23 @@ SCENE: dict[str, Any] = {
 _WRENCH_TOPIC = f'{NODE}/wrench'
 _FORCE = 0.02  # [N], about the weight of a shell
 _OVERLOADS = (1e2, 1e4, 1e9, 1e300)  # [N]
-_LAST_BODY = 20  # some weaves have fewer
-# Chance after each deed without a bag that the next one is begun.
-_SWITCH_ON = 0.1
-# Messages of a burst may be sent again by the middleware: as many reports are waited for.
-_LATE = 4
+_LAST_BODY = 20  # number of a body; some weaves have fewer
+# Probability after each action without a bag that the next bag is started.
+_RECORD_PROBABILITY = 0.1
+# Number of equal reports to wait for, because the middleware may resend messages of a burst.
+_BURST_REPORTS = 4
 LONGEST_FRAME = 10_000  # characters
-_FILLINGS, _FILLING = 5, 5000
-# Wall time between two deeds [s].
-_REST = (0.01, 0.15)
+# Number of bursts that fill the queues, and messages in each.
+_FILL_BURSTS, _FILL_MESSAGES = 5, 5000
+# Range of the wall time between two actions [s].
+_PAUSE_S = (0.01, 0.15)
 
 
 def wrench(
     frame: str, force: tuple[float, ...] = (0.0, 0.0, 0.0),
     torque: tuple[float, ...] = (0.0, 0.0, 0.0), stamp: int = 0,
 ) -> bytes:
-    """A message."""
+    """Return a serialised wrench."""
     message = WrenchStampedBytes(frame)
     message.force[:], message.torque[:] = force, torque
     return message.stamped(stamp)
@@ -51,56 +52,56 @@ def wrench(
 
 class Driver:
     """
-    Does things at random, and counts.
+    A client that runs random actions and counts them.
 
-    Wrenches are sent only while a bag is open, which has those that acted.
+    Wrenches are sent only while a bag is open, because the bag has the wrenches that acted.
     """
 
     def __init__(self, graph: Graph, watch: Watch, generator: random.Random) -> None:
-        """Begin while a bag is open and time runs."""
+        """Start while a bag is open and the simulation runs."""
         self.graph, self.watch, self.generator = graph, watch, generator
         self.done: Counter[str] = Counter()
         self.sent = 0
-        # Of a burst longer than its queue the middleware keeps the last.
+        # The middleware keeps the last messages of a burst longer than the queue.
         self.burst_count, self.displaced = 0, 0
         self.problems: list[str] = []
         self._recording = True
-        self._deeds: tuple[tuple[float, Callable[[], None]], ...] = (
+        self._actions: tuple[tuple[float, Callable[[], None]], ...] = (
             (40.0, self.push), (6.0, self.push_ahead), (8.0, self.reweave), (6.0, self.retune),
             (5.0, self.pause_and_step), (4.0, self.reset), (4.0, self.save), (3.0, self.restore),
-            (1.5, self.switch_recording), (8.0, self.send_nonsense), (1.0, self.burst),
-            (3.0, self.ask_nonsense), (0.7, self.overload))
+            (1.5, self.switch_recording), (8.0, self.send_invalid), (1.0, self.burst),
+            (3.0, self.set_invalid_parameter), (0.7, self.overload))
 
     def drive(self, until: Callable[[], bool], names: frozenset[str] = frozenset()) -> None:
-        """Go on `until` that is true, with all that can be done or with what is named."""
-        deeds = [(weight, deed) for weight, deed in self._deeds
-                 if not names or deed.__name__ in names]
-        weights, actions = zip(*deeds)
-        # Each once, so that nothing depends on luck; then at random.
-        for deed in self.generator.sample(actions, len(actions)):
+        """Run all actions, or the named ones, until `until` returns True."""
+        weighted = [(weight, action) for weight, action in self._actions
+                    if not names or action.__name__ in names]
+        weights, actions = zip(*weighted)
+        # Each action once, then at random.
+        for action in self.generator.sample(actions, len(actions)):
             if until():
                 return
-            self._do(deed)
+            self._do(action)
         while not until():
             self._do(self.generator.choices(actions, weights)[0])
 
-    def _do(self, deed: Callable[[], None]) -> None:
-        deed()
-        self.done[deed.__name__] += 1
-        if not self._recording and self.generator.random() < _SWITCH_ON:
+    def _do(self, action: Callable[[], None]) -> None:
+        action()
+        self.done[action.__name__] += 1
+        if not self._recording and self.generator.random() < _RECORD_PROBABILITY:
             self.switch_recording()
-        time.sleep(self.generator.uniform(*_REST))
+        time.sleep(self.generator.uniform(*_PAUSE_S))
 
     # Wrenches.
 
     def push(self) -> None:
-        """Up to ten at once, on channels and single bodies."""
+        """Send up to ten wrenches on channels and single bodies."""
         if self._recording:
             for _ in range(self.generator.randint(1, 10)):
                 self._push(0)
 
     def push_ahead(self) -> None:
-        """Some that act later, or whose stamp has passed."""
+        """Send wrenches with future and past stamps."""
         if self._recording:
             for _ in range(5):
                 self._push(self.watch.now + self.generator.randint(-10**8, 3 * 10**8))
@@ -122,8 +123,8 @@ class Driver:
         self.graph.publish(topic, data)
         self.sent += 1
 
-    def nonsense(self) -> tuple[str, bytes]:
-        """A topic, and a message that must be dropped there."""
+    def invalid_message(self) -> tuple[str, bytes]:
+        """Return a topic, and a message that must be dropped."""
         generator, good = self.generator, wrench('icosahedron_0', (0.001, 0.0, 0.0))
         broken = bytearray(good)
         struct.pack_into('<I', broken, 12, generator.choice([0, 2**31, 2**32 - 1]))
@@ -143,39 +144,40 @@ class Driver:
             generator.randbytes(generator.randint(4, 200)),
         ])
 
-    def send_nonsense(self) -> None:
-        """A few that must be dropped."""
+    def send_invalid(self) -> None:
+        """Send messages that must be dropped."""
         for _ in range(self.generator.randint(1, 5)):
-            self._send(*self.nonsense())
+            self._send(*self.invalid_message())
 
     def burst(self) -> None:
-        """Thousands of them at once."""
-        self._burst([self.nonsense() for _ in range(20)], self.generator.randint(2000, 5000))
+        """Send thousands of messages that must be dropped."""
+        messages = [self.invalid_message() for _ in range(20)]
+        self._burst(messages, self.generator.randint(2000, 5000))
 
     def fill_queues(self) -> None:
         """
-        The longest message, until the queues have held it everywhere.
+        Send the longest message until all slots of the queues have had it.
 
-        The middleware keeps for each of the 1,000 places of a queue as much memory as its longest
-        message took: what grows later is something else.
+        The middleware keeps for each of the 1,000 slots of a queue the memory of its longest
+        message, so later growth has another cause.
         """
         longest = wrench('x' * LONGEST_FRAME)
         for topic in (_WRENCH_TOPIC, f'{NODE}/loads/tip'):
-            for _ in range(_FILLINGS):
-                self._burst([(topic, longest)], _FILLING)
+            for _ in range(_FILL_BURSTS):
+                self._burst([(topic, longest)], _FILL_MESSAGES)
 
     def _burst(self, messages: list[tuple[str, bytes]], count: int) -> None:
         before = self.settle()
         for number in range(count):
             self._send(*messages[number % len(messages)])
-        arrived = self.settle(_LATE) - before
+        arrived = self.settle(_BURST_REPORTS) - before
         self.displaced += count - arrived
         self.burst_count += count
         if not 0 < arrived <= count:
             self.problems.append(f'{arrived} of a burst of {count} were dropped')
 
     def overload(self) -> None:
-        """A force that nothing stands: dropped, or the simulation stops, until a reset."""
+        """Send a huge force, which must be dropped or stop the simulation, and reset."""
         if not self._recording:
             return
         first, before = len(self.watch.events), self.settle()
@@ -188,16 +190,16 @@ class Driver:
         self.done['overload, dropped'] += dropped
         self.done['overload, failed'] += failed
         if failed and not any(status.level == ERROR for status in reports):
-            self.problems.append('the simulation has failed, and no report says so')
+            self.problems.append('the simulation has failed without a report')
         self._send(_WRENCH_TOPIC, wrench(f'icosahedron_{body}'))
         self.expect('reset')
 
-    # What is done to the run.
+    # Requests to the run.
 
     def reweave(self) -> None:
-        """Another weave, by one change of several parameters or by several changes."""
+        """Change the weave by one or several changes of parameters."""
         generator = self.generator
-        wanted: dict[str, Any] = {}
+        changes: dict[str, Any] = {}
         for name, value in (
             ('weave__size', [generator.randint(2, 6), *generator.choices(range(2, 5), k=2)]),
             ('weave__variant', generator.randint(0, 3)),
@@ -205,15 +207,15 @@ class Driver:
             ('shell__density', round(generator.uniform(600.0, 2400.0), 1)),
         ):
             if generator.random() < 0.4:
-                wanted[name] = value
-        wanted = wanted or {'weave__variant': generator.randint(0, 3)}
-        results, _ = self.graph.set(atomically=generator.random() < 0.6, **wanted)
+                changes[name] = value
+        changes = changes or {'weave__variant': generator.randint(0, 3)}
+        results, _ = self.graph.set(atomically=generator.random() < 0.6, **changes)
         for result in results:
             if not result.successful:
-                self.problems.append(f'{wanted} was refused: {result.reason}')
+                self.problems.append(f'{changes} was refused: {result.reason}')
 
     def retune(self) -> None:
-        """Live values."""
+        """Change rates and other live parameters."""
         generator = self.generator
         results, _ = self.graph.set(
             publish_rate=generator.choice([30.0, 60.0, 97.0]),
@@ -223,7 +225,7 @@ class Driver:
             self.problems.append(f'rates were refused: {results[0].reason}')
 
     def pause_and_step(self) -> None:
-        """A pause, with steps in it or none, while wrenches come."""
+        """Pause, send wrenches, step up to two times, and resume."""
         self.expect('pause', data=True)
         self.push()
         for _ in range(self.generator.randint(0, 2)):
@@ -232,20 +234,20 @@ class Driver:
         self.expect('pause', data=False)
 
     def reset(self) -> None:
-        """Of the state, and of the time where reset_time says so."""
+        """Reset the state, and the time if reset_time is set."""
         self.expect('reset')
 
     def save(self) -> None:
-        """A checkpoint."""
+        """Save a checkpoint."""
         self.expect('save_checkpoint')
 
     def restore(self) -> None:
-        """The last one, which is refused where another fabric was woven meanwhile."""
+        """Restore the last checkpoint, which is refused if the fabric has changed."""
         answer, _ = self.graph.call('restore_checkpoint')
         self.done['restore, refused'] += not answer.success
 
     def switch_recording(self) -> None:
-        """Off, or on again."""
+        """Start or stop recording."""
         if self._recording:
             self.settle()
             self._recording = False
@@ -254,8 +256,8 @@ class Driver:
             self.expect('record', data=True)
             self._recording = True
 
-    def ask_nonsense(self) -> None:
-        """Changes that must be refused."""
+    def set_invalid_parameter(self) -> None:
+        """Request a change that must be refused."""
         name, value = self.generator.choice([
             ('weave.size', [1000, 1000, 1000]), ('weave.size', [0, 3, 3]),
             ('weave.size', [-2**62, 2**62, 3]), ('shell.density', float('nan')),
@@ -265,21 +267,21 @@ class Driver:
         results, _ = self.graph.set(
             atomically=self.generator.random() < 0.5, **{name.replace('.', '__'): value})
         if any(result.successful for result in results):
-            self.problems.append(f'{name} = {value!r} was taken')
+            self.problems.append(f'{name} = {value!r} was accepted')
 
-    # Between deeds.
+    # Between actions.
 
     def expect(self, service: str, **fields: Any) -> None:
-        """Call a service that must do what is asked for."""
+        """Call a service that must succeed."""
         answer, _ = self.graph.call(service, 'SetBool' if fields else 'Trigger', **fields)
         if not answer.success:
             self.problems.append(f'~/{service} {fields or ""}: {answer.message}')
 
     def settle(self, count: int = 1) -> int:
         """
-        Wait until all that was sent has acted or was dropped; returns how many were dropped.
+        Wait until all messages have acted or were dropped; return the number of dropped ones.
 
-        That is so when `count` reports, one a second, say the same as the one before them.
+        This is the case when `count` reports, one per second, equal the one before.
         """
         for _ in range(2):  # messages that arrive first are handled first
             self.graph.get('step_count')
@@ -293,7 +295,7 @@ class Driver:
             before = dropped
 
     def finish(self) -> int:
-        """Leave time running and a bag open; returns how many wrenches were dropped."""
+        """Leave a bag open; return the number of dropped wrenches."""
         if not self._recording:
             self.switch_recording()
-        return self.settle(_LATE)
+        return self.settle(_BURST_REPORTS)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""For soak.py: a `fabric_node` in a process of its own, and the graph as seen from another one."""
+"""A `fabric_node` in a separate process, and a client of its graph, for soak.py."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,8 +26,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 NODE = '/icofabric'
-# A first start compiles kernels, and the machine may do other things [s].
-PATIENCE = 300.0
+# Time limit of an answer; a first start compiles kernels.
+MAX_WAIT_S = 300.0
 CLOCK, EVENTS = ('/clock', 'rosgraph_msgs/msg/Clock'), (f'{NODE}/events', 'std_msgs/msg/String')
 DIAGNOSTICS = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
@@ -39,17 +39,17 @@ _SERVICES = {
     'set_atomically': ('rcl_interfaces.srv', 'SetParametersAtomically'),
 }
 _KB = 1024
-# Where the middleware's ports begin, how many a domain has, and domains below the ports that
-# Linux hands out.
+# First port of the middleware, ports per domain, and number of domains below the ephemeral ports
+# of Linux.
 _FIRST_PORT, _PORTS, _DOMAINS = 7400, 250, 102
 
 
-class Trouble(RuntimeError):
-    """The node is gone, or does not answer."""
+class NodeError(RuntimeError):
+    """The node has ended or does not answer."""
 
 
-class Use(NamedTuple):
-    """What a process uses at one moment."""
+class ResourceUse(NamedTuple):
+    """Resources of a process at one time."""
 
     wall: float  # [s]
     memory: float  # resident [MB]
@@ -58,12 +58,12 @@ class Use(NamedTuple):
 
 
 class FabricProcess:
-    """The node; all that it says goes to a file."""
+    """A node whose output goes to a file."""
 
     def __init__(
         self, folder: Path, scene: dict[str, Any], domain: int, **parameters: Any
     ) -> None:
-        """Start with the sections of `scene`, and parameters whose dots are written as `__`."""
+        """Start with the sections of `scene`, and parameters with `__` instead of dots."""
         folder.mkdir(parents=True, exist_ok=True)
         self.log_path = folder / 'log'
         path = folder / 'scene.yaml'
@@ -77,42 +77,42 @@ class FabricProcess:
             self.process = subprocess.Popen(
                 command, stdout=log, stderr=subprocess.STDOUT, cwd=ROOT,
                 env=environment(domain),
-                # What runs in the background would hand on that SIGINT is ignored.
+                # A background process would pass on that SIGINT is ignored.
                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
 
     def log(self) -> str:
         return self.log_path.read_text(errors='replace')
 
     def wait_until_ready(self) -> None:
-        self.wait_for(lambda: 'ready: ' in self.log(), 'a node that runs')
+        self.wait_for(lambda: 'ready: ' in self.log(), 'running node')
 
     def wait_for(
-        self, condition: Callable[[], Any], what: str, limit: float = PATIENCE,
+        self, condition: Callable[[], Any], what: str, limit: float = MAX_WAIT_S,
         pause: float = 0.005,
     ) -> Any:
-        """First true value of `condition`."""
+        """Return the first true value of `condition`."""
         deadline = time.monotonic() + limit
         while not (value := condition()):
             if self.process.poll() is not None:
-                raise Trouble(f'the node ended while waiting for {what}:\n{self.log()[-3000:]}')
+                raise NodeError(f'the node ended while waiting for {what}:\n{self.log()[-3000:]}')
             if time.monotonic() > deadline:
-                raise Trouble(f'no {what} within {limit:g} s:\n{self.log()[-3000:]}')
+                raise NodeError(f'no {what} within {limit:g} s:\n{self.log()[-3000:]}')
             time.sleep(pause)
         return value
 
-    def use(self) -> Use | None:
-        """What it uses now; None once it has ended."""
+    def resources(self) -> ResourceUse | None:
+        """Return the current resources, or None after the end."""
         folder = Path('/proc') / str(self.process.pid)
         with suppress(OSError, KeyError):
             lines = (folder / 'status').read_text(encoding='utf-8').splitlines()
-            said = dict(line.split(':', 1) for line in lines)
-            return Use(
-                time.monotonic(), int(said['VmRSS'].split()[0]) / _KB, int(said['Threads']),
+            status = dict(line.split(':', 1) for line in lines)
+            return ResourceUse(
+                time.monotonic(), int(status['VmRSS'].split()[0]) / _KB, int(status['Threads']),
                 len(list((folder / 'fd').iterdir())))
         return None
 
     def stop(self, number: int = signal.SIGINT) -> tuple[int, float]:
-        """Exit status after a signal, and the wall time until then [s]."""
+        """Send a signal; return the exit status and the wall time until the end [s]."""
         began = time.monotonic()
         self.process.send_signal(number)
         try:
@@ -133,10 +133,10 @@ class FabricProcess:
 
 
 class Graph:
-    """This process in the graph of the node: raw messages, parameters and services."""
+    """A client in the graph of the node, with raw messages, parameters and services."""
 
     def __init__(self, domain: int) -> None:
-        """Join; what arrives is handled in a thread of its own."""
+        """Join the domain; a separate thread handles messages."""
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
         self.node = rclpy.create_node('soak', context=self._context, enable_rosout=False)
@@ -151,7 +151,7 @@ class Graph:
     def listen(
         self, topic: tuple[str, str], take: Callable[[bytes], Any], *, depth: int = 100
     ) -> Any:
-        """Subscribe to a topic (name, type) as bytes; returns the subscription."""
+        """Subscribe to a topic (name, type) as bytes; return the subscription."""
         name, type_name = topic
         quality = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
         return self.node.create_subscription(
@@ -159,11 +159,11 @@ class Graph:
 
     def forget(self, subscription: Any) -> None:
         """End a subscription."""
-        # By the thread that spins: one destroyed while that thread waits on it ends the spinning.
+        # In the spinning thread, which ends if a subscription is destroyed while it waits.
         self._executor.create_task(self.node.destroy_subscription, subscription)
 
     def publish(self, topic: str, data: bytes, type_name: str = WRENCH) -> None:
-        """Send bytes as they are, once the node listens."""
+        """Publish raw bytes after the node has subscribed."""
         if topic not in self._publishers:
             publisher = self.node.create_publisher(message_class(type_name), topic, 1000)
             wait_for(publisher.get_subscription_count, f'a subscriber of {topic}')
@@ -171,12 +171,12 @@ class Graph:
         self._publishers[topic].publish(data)
 
     def settle(self, topic: str) -> None:
-        """Wait until the node has acknowledged what was sent to a topic."""
-        if not self._publishers[topic].wait_for_all_acked(Duration(seconds=PATIENCE)):
-            raise Trouble(f'messages on {topic} are not acknowledged within {PATIENCE:g} s')
+        """Wait until the node has acknowledged all messages of a topic."""
+        if not self._publishers[topic].wait_for_all_acked(Duration(seconds=MAX_WAIT_S)):
+            raise NodeError(f'messages on {topic} are not acknowledged within {MAX_WAIT_S:g} s')
 
     def call(self, service: str, kind: str = 'Trigger', **fields: Any) -> tuple[Any, float]:
-        """Response of a service of the node, and the time it took [s]."""
+        """Call a service of the node; return the response and the time [s]."""
         name = f'{NODE}/{service}'
         if name not in self._clients:
             module, word = _SERVICES[kind]
@@ -188,25 +188,23 @@ class Graph:
         done = threading.Event()
         future = client.call_async(client.srv_type.Request(**fields))
         future.add_done_callback(lambda _: done.set())
-        if not done.wait(PATIENCE):
-            raise Trouble(f'no answer of {name} within {PATIENCE:g} s')
+        if not done.wait(MAX_WAIT_S):
+            raise NodeError(f'no answer of {name} within {MAX_WAIT_S:g} s')
         return future.result(), time.perf_counter() - began
 
     def set(self, *, atomically: bool = True, **values: Any) -> tuple[list[Any], float]:
-        """
-        Results of setting parameters, whose dots are written as `__`, and the time it took [s].
-        """
-        wanted = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+        """Set parameters with `__` instead of dots; return the results and the time [s]."""
+        messages = [Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
                   for name, value in values.items()]
         if atomically:
             answer, took = self.call(
-                'set_parameters_atomically', 'set_atomically', parameters=wanted)
+                'set_parameters_atomically', 'set_atomically', parameters=messages)
             return [answer.result], took
-        answer, took = self.call('set_parameters', 'set', parameters=wanted)
+        answer, took = self.call('set_parameters', 'set', parameters=messages)
         return list(answer.results), took
 
     def get(self, *names: str) -> float:
-        """Time that it took to get parameters [s]."""
+        """Get parameters, and return the time [s]."""
         return self.call('get_parameters', 'get', names=list(names))[1]
 
     def close(self) -> None:
@@ -229,20 +227,20 @@ class Graph:
 
 
 class Watch:
-    """What the node says: every tick of its clock, its events and diagnostics, what it uses."""
+    """Recorded clock, events, diagnostics and resources of a node."""
 
     def __init__(self, graph: Graph, process: FabricProcess) -> None:
-        """Listen from now on."""
+        """Start to record."""
         self.process = process
         self.ticks: list[tuple[float, int]] = []  # wall time [s], stamp [ns]
         self.events: list[dict[str, Any]] = []
         self.reports: list[tuple[float, Any]] = []
-        self.uses: list[Use] = []
+        self.resource_uses: list[ResourceUse] = []
         self._ending = threading.Event()
         graph.listen(CLOCK, self._take_clock, depth=5000)
         graph.listen(EVENTS, self._take_event, depth=1000)
         graph.listen(DIAGNOSTICS, self._take_report)
-        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread = threading.Thread(target=self._poll_resources, daemon=True)
         self._thread.start()
         process.wait_for(lambda: self.ticks and self.reports, 'a tick of the clock')
 
@@ -253,17 +251,17 @@ class Watch:
 
     @property
     def figures(self) -> dict[str, str]:
-        """Latest figures of the diagnostics."""
+        """Latest values of the diagnostics."""
         return dict(self.reports[-1][1].values)
 
     def next_reports(self, count: int = 1) -> list[Any]:
-        """The next so many reports."""
+        """Return the next `count` reports."""
         first = len(self.reports)
         self.process.wait_for(lambda: len(self.reports) >= first + count, 'diagnostics')
         return [report for _, report in self.reports[first:first + count]]
 
     def next_event(self, name: str, first: int) -> dict[str, Any]:
-        """The first event of that name after the first `first` ones."""
+        """Return the first event with a name after the first `first` events."""
         def found() -> Any:
             return next(
                 ([event] for event in self.events[first:] if event['event'] == name), None)
@@ -283,15 +281,15 @@ class Watch:
     def _take_report(self, data: bytes) -> None:
         self.reports.append((time.monotonic(), decode_diagnostic_array(data)[1][0]))
 
-    def _look(self) -> None:
+    def _poll_resources(self) -> None:
         while not self._ending.wait(0.5):
-            use = self.process.use()
-            if use is not None:
-                self.uses.append(use)
+            resources = self.process.resources()
+            if resources is not None:
+                self.resource_uses.append(resources)
 
 
 def free_domain() -> int:
-    """ROS_DOMAIN_ID that no process on this machine uses: another fabric would be heard too."""
+    """Return a ROS_DOMAIN_ID that no process on this machine uses."""
     used = set()
     for name in ('udp', 'udp6'):
         with suppress(OSError):
@@ -307,12 +305,12 @@ def environment(domain: int) -> dict[str, str]:
     return {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
 
 
-def wait_for(condition: Callable[[], Any], what: str, limit: float = PATIENCE) -> None:
+def wait_for(condition: Callable[[], Any], what: str, limit: float = MAX_WAIT_S) -> None:
     """Wait until `condition` is true."""
     deadline = time.monotonic() + limit
     while not condition():
         if time.monotonic() > deadline:
-            raise Trouble(f'no {what} within {limit:g} s')
+            raise NodeError(f'no {what} within {limit:g} s')
         time.sleep(0.002)
 
 

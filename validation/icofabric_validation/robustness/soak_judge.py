@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""For soak.py: what is judged, without ROS: ticks of the clock, memory, bags; and the table."""
+"""Checks of soak.py without ROS: clock, memory, bags; and the table of results."""
 
 from collections.abc import Collection, Iterable, Sequence
 import csv
@@ -17,15 +17,15 @@ NANOSECONDS = 1e9
 
 
 class Moments(NamedTuple):
-    """Simulated times [ns] at which the clock may do more than tick."""
+    """Simulated times [ns] at which the clock may publish off its grid."""
 
-    shown: set[int]  # the state is shown, and repeated while time stands still
-    stepped: set[int]  # reached by steps, which tick at their end only
-    jumped: set[int]  # time has jumped there
+    shown: set[int]  # published states, which are repeated while the simulation is paused
+    stepped: set[int]  # ends of steps, which publish the clock only at their end
+    jumped: set[int]  # targets of time jumps
 
 
-def moments_of(events: Iterable[tuple[str, float, dict[str, Any]]], begin: int) -> Moments:
-    """From the events (name, time [s], facts) of a run that begins at `begin` [ns]."""
+def clock_moments(events: Iterable[tuple[str, float, dict[str, Any]]], begin: int) -> Moments:
+    """Collect moments from events (name, time [s], facts) of a run that starts at `begin` [ns]."""
     shown, stepped, jumped = {begin}, set(), {begin}
     for name, time, facts in events:
         at = round(time * NANOSECONDS)
@@ -40,7 +40,7 @@ def moments_of(events: Iterable[tuple[str, float, dict[str, Any]]], begin: int) 
 
 
 def clock_faults(stamps: Sequence[int], moments: Moments, rate: float) -> list[str]:
-    """Ticks that are off the grid, missing, or there twice, in words."""
+    """Return sentences on ticks that are off the grid, missing or doubled."""
     schedule, faults = Schedule(rate), []
     previous: int | None = None
     for stamp in stamps:
@@ -58,36 +58,38 @@ def clock_faults(stamps: Sequence[int], moments: Moments, rate: float) -> list[s
     return faults
 
 
-class Pace(NamedTuple):
-    """Simulated over wall time while time ran undisturbed."""
+class RealTimeFactor(NamedTuple):
+    """Simulated over wall time in both halves of a run, without disturbed intervals."""
 
-    first: float  # half
+    first: float  # half of the run
     second: float
     longest: float  # wall time between two ticks [s]
 
     @property
     def drift(self) -> float:
-        """How much faster it has become."""
+        """Increase of the factor from the first to the second half."""
         return self.second - self.first
 
 
-def pace_of(ticks: Sequence[tuple[float, int]], moments: Moments, rate: float) -> Pace:
-    """From ticks (wall time [s], stamp [ns]) that follow each other on the grid."""
+def measure_real_time_factor(
+    ticks: Sequence[tuple[float, int]], moments: Moments, rate: float
+) -> RealTimeFactor:
+    """Measure the factor from ticks (wall time [s], stamp [ns]) that are adjacent on the grid."""
     schedule, spans = Schedule(rate), []
     for (wall, stamp), (later, after) in zip(ticks, ticks[1:]):
         if schedule.after(stamp) == after and not {stamp, after} & moments.shown:
             spans.append((wall, later - wall, (after - stamp) / NANOSECONDS))
     if len(spans) < 4:
-        return Pace(0.0, 0.0, 0.0)
+        return RealTimeFactor(0.0, 0.0, 0.0)
     table = np.array(spans)
     half = table[:, 0] < 0.5 * (table[0, 0] + table[-1, 0])
     first, second = (part[:, 2].sum() / max(part[:, 1].sum(), 1e-9)
                      for part in (table[half], table[~half]))
-    return Pace(first, second, float(table[:, 1].max()))
+    return RealTimeFactor(first, second, float(table[:, 1].max()))
 
 
 def slope(times: Sequence[float], values: Sequence[float]) -> float:
-    """Rise for each second over the second half, by least squares."""
+    """Return the slope [1/s] over the second half, by least squares."""
     half = np.array(times) > 0.5 * (times[0] + times[-1])
     if half.sum() < 3:
         return 0.0
@@ -95,29 +97,29 @@ def slope(times: Sequence[float], values: Sequence[float]) -> float:
 
 
 class BagCheck(NamedTuple):
-    """What is in a bag, and whether it is right."""
+    """The contents of a bag, and the results of its checks."""
 
     path: Path
     begin: int  # [ns]
     end: int
     inputs: int
-    counts: dict[str, int]  # of what was done again and compared
+    counts: dict[str, int]  # of repeated and compared messages
     verdict: str
-    clock: list[str]  # its faults
+    clock: list[str]  # faults of the clock
 
     @property
     def is_good(self) -> bool:
-        """Whether it verifies, with every tick of the clock."""
+        """True if the bag verifies as identical and has every tick of the clock."""
         return self.verdict == 'identical' and not self.clock
 
 
 def check_bag(path: Path, rate: float, *, threads: int = 0) -> BagCheck:
-    """Read a bag, look at its clock and simulate it again."""
+    """Read a bag, check its clock and verify the run."""
     try:
         with RecordedRun(path) as run:
             stamps = [
                 time for name, time, _ in run.messages() if name == '/clock']
-            moments = moments_of(_facts(run.events()), run.start)
+            moments = clock_moments(_facts(run.events()), run.start)
             faults = clock_faults(stamps, moments, rate)
             inputs = len(run.inputs())
             done = verify_run(run, threads=threads)
@@ -135,7 +137,7 @@ def _facts(events: Iterable[RecordedEvent]) -> Iterable[tuple[str, float, dict[s
 
 
 class Row(NamedTuple):
-    """A figure; `good` is None where nothing is judged by it."""
+    """One result; `good` is None without a limit."""
 
     part: str
     name: str
@@ -145,16 +147,16 @@ class Row(NamedTuple):
 
 
 class Table:
-    """Figures, printed as they come, then written as CSV."""
+    """Results that are printed immediately and written as CSV."""
 
     def __init__(self, *, wall_limits: bool = True) -> None:
-        """Without `wall_limits` figures in wall time are shown and not judged."""
+        """Create a table; without `wall_limits` wall times have no limits."""
         self.part = ''
         self.rows: list[Row] = []
         self._wall_limits = wall_limits
 
     def begin(self, part: str, text: str) -> None:
-        """Head a part."""
+        """Start a part."""
         self.part = part
         print(f'{part}: {text}', flush=True)
 
@@ -162,7 +164,7 @@ class Table:
         self, name: str, value: str, limit: str = '', good: bool | None = None, *,
         wall: bool = False,
     ) -> None:
-        """A figure with its limit; `wall` where that is one on wall time."""
+        """Add a result with its limit; `wall` marks limits of wall time."""
         if wall and not self._wall_limits:
             good = None
         self.rows.append(Row(self.part, name, value, limit, good))
@@ -170,18 +172,18 @@ class Table:
         print(f'  {name:44s}  {value:>26s}  {limit:>22s}  {word}'.rstrip(), flush=True)
 
     def details(self, lines: Collection[str]) -> None:
-        """What is behind a figure, the first few."""
+        """Print the first lines of details of a result."""
         for line in list(lines)[:5]:
             print(f'      {line}')
 
     @property
     def is_good(self) -> bool:
-        """Whether something was judged and nothing is bad."""
+        """True if at least one result has a limit and no limit is exceeded."""
         judged = [row.good for row in self.rows if row.good is not None]
         return bool(judged) and all(judged)
 
     def write(self, path: Path) -> None:
-        """As CSV."""
+        """Write the results as CSV."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)

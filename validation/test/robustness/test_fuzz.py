@@ -29,7 +29,7 @@ def test_every_case_is_refused_or_right(kind, tmp_path):
         [row] = csv.DictReader(file)
     assert int(row['cases']) == CASES[kind] * FACTOR and row['faults'] == '0'
     # Both ends are reached.
-    assert int(row['refused']) > 0 and int(row['taken']) > 0
+    assert int(row['refused']) > 0 and int(row['accepted']) > 0
 
 
 @pytest.mark.parametrize('kept', [10, 11, 15])
@@ -52,7 +52,7 @@ def test_a_recovered_start_of_a_bag_is_what_was_recorded(kept, tmp_path):
                 with pytest.raises(fuzz_kinds.Fault, match='holds other messages'):
                     subject._verify(source, path)
             else:
-                assert subject._verify(source, path) == fuzz_kinds.TAKEN
+                assert subject._verify(source, path) == fuzz_kinds.ACCEPTED
             shutil.rmtree(path)
 
 

@@ -8,16 +8,16 @@ import sys
 
 from icofabric_validation.robustness.soak_judge import (
     clock_faults,
+    clock_moments,
+    measure_real_time_factor,
     Moments,
-    moments_of,
-    pace_of,
     slope,
 )
 import pytest
 from ros_helpers import domain
 
 TICK = 10**7  # ns
-NOTHING: Moments = moments_of([], 0)
+NOTHING: Moments = clock_moments([], 0)
 
 
 def soak(folder, *arguments):
@@ -82,7 +82,7 @@ def test_faults_of_a_clock_are_found(stamps, words):
 
 def test_what_a_clock_may_do():
     """Repeat a pause, jump over steps, go back at a reset and to a checkpoint."""
-    moments = moments_of([
+    moments = clock_moments([
         ('pause', 0.015, {}), ('step', 0.055, {'count': 4}), ('reset', 0.07, {'time_reset': True}),
         ('checkpoint_restored', 0.01, {'of': 0.0333}), ('reset', 0.04, {'time_reset': False}),
     ], 0)
@@ -90,20 +90,20 @@ def test_what_a_clock_may_do():
               33_300_000, 4 * TICK, 4 * TICK, 5 * TICK]
     assert clock_faults(stamps, moments, 100.0) == []
     assert len(clock_faults(stamps, NOTHING, 100.0)) > 3
-    assert clock_faults([4 * TICK, 0, TICK], moments_of(
+    assert clock_faults([4 * TICK, 0, TICK], clock_moments(
         [('reset', 0.04, {'time_reset': False})], 4 * TICK), 100.0)
 
 
 def test_pace_of_ticks():
     """As fast as wanted at first, then half as fast; the pause in between does not count."""
-    moments = moments_of([('pause', 1.005, {})], 0)
+    moments = clock_moments([('pause', 1.005, {})], 0)
     ticks = [(0.01 * k, k * TICK) for k in range(101)]
     ticks.append((1.005, 1_005_000_000))
     ticks += [(100.0 + 0.02 * k, (k + 101) * TICK) for k in range(100)]
-    pace = pace_of(ticks, moments, 100.0)
-    assert pace.first == pytest.approx(1.0, rel=1e-6)
-    assert pace.second == pytest.approx(0.5, rel=1e-6)
-    assert pace.longest == pytest.approx(0.02) and pace.drift == pytest.approx(-0.5)
+    speed = measure_real_time_factor(ticks, moments, 100.0)
+    assert speed.first == pytest.approx(1.0, rel=1e-6)
+    assert speed.second == pytest.approx(0.5, rel=1e-6)
+    assert speed.longest == pytest.approx(0.02) and speed.drift == pytest.approx(-0.5)
 
 
 def test_slope_is_that_of_the_second_half():

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a node ever stands still: started cold, pushed, re-woven, stopped at random moments.
+Longest silences of a node that is started, pushed, re-woven and stopped at random times.
 
-    .venv/bin/python -m icofabric_validation.robustness.standing_still [--stops 50] [--minutes 10]
+    .venv/bin/python -m icofabric_validation.robustness.responsiveness [--stops 50] [--minutes 10]
 
-Each start is a `fabric_node` of `dropped_slab` in a process of its own, the first one with an
-empty cache of compiled kernels; it is driven from this process until SIGINT ends it, some of them
-before it is ready. The table has the longest silence of the clock and of the diagnostics, the
-longest answer of services, and the longest SIGINT. Exit status 1 where a limit is not kept.
+Each start is a `fabric_node` of `dropped_slab` in a separate process, the first one with an empty
+kernel cache. This process drives the node until SIGINT, sometimes before the node is ready. The
+table has the longest silence of the clock and of the diagnostics, the longest answer of services,
+and the longest time from SIGINT to the end. The exit status is 1 if a limit is exceeded.
 """
 
 import os
@@ -38,20 +38,20 @@ from icofabric_validation.robustness.soak_graph import (  # noqa: E402
     free_domain,
     Graph,
     NODE,
-    Trouble,
+    NodeError,
 )
 from icofabric_validation.robustness.soak_judge import Table  # noqa: E402
 from icofabric_validation.source_tree import ROOT  # noqa: E402
 
 SCENE = 'dropped_slab'
-# What is wanted [s]: of the clock, of diagnostics once a second, of an answer, of the end.
-CLOCK_GAP, REPORT_GAP, ANSWER, END = 0.7, 1.6, 0.5, 1.0
-LARGEST_PUSH = 1.2  # [N], about the weight of the slab
-# Of the starts, those that are stopped before they are ready.
-EARLY = 0.2
-# The first start compiles, and is given so long [s].
-FIRST = 150.0
-# Re-weaves: with the same kernels, and with others.
+# Limits of silences of the clock and diagnostics (one per second), of answers, and of the end.
+MAX_CLOCK_GAP_S, MAX_REPORT_GAP_S, MAX_ANSWER_S, MAX_END_S = 0.7, 1.6, 0.5, 1.0
+MAX_FORCE_N = 1.2  # about the weight of the slab
+# Fraction of starts that are stopped before they are ready.
+EARLY_STOP_RATIO = 0.2
+# Duration of the first start, which compiles kernels.
+FIRST_START_S = 150.0
+# Re-weaves with the same kernels and with others.
 CHANGES: tuple[dict[str, Any], ...] = (
     {'connector__stiffness': 1500.0},
     {'weave__size': [5, 4, 2]},
@@ -65,7 +65,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 class Longest:
-    """The longest of some times [s], and what was going on."""
+    """The longest of several times [s], with the action at that time."""
 
     def __init__(self) -> None:
         self.seconds, self.what, self.count = 0.0, '', 0
@@ -84,7 +84,7 @@ class Longest:
 
 
 class Silence:
-    """The longest times between two messages of a topic, which a live node repeats."""
+    """The longest times between two messages of a periodic topic."""
 
     def __init__(self, longest: Longest, doing: Callable[[], str]) -> None:
         self._longest, self._doing, self.last = longest, doing, 0.0
@@ -97,7 +97,7 @@ class Silence:
 
 
 class Trial:
-    """All starts, and what was seen of them."""
+    """All starts, and their results."""
 
     def __init__(self, folder: Path, domain: int, seed: int) -> None:
         self._folder, self._domain, self._random = folder, domain, random.Random(seed)
@@ -105,12 +105,12 @@ class Trial:
         self.clock, self.reports, self.answers, self.ends, self.early_ends = (
             Longest() for _ in range(5))
         self.first_poses, self.tracebacks, self.statuses = Longest(), 0, set[int]()
-        self.compiling = 0  # reports that said so
+        self.compiling = 0  # number of reports of compiling
 
     def run(self, number: int, seconds: float) -> None:
-        """One start, of so many seconds."""
+        """Run one start for `seconds` [s]."""
         chance = self._random
-        early = number > 0 and chance.random() < EARLY
+        early = number > 0 and chance.random() < EARLY_STOP_RATIO
         with FabricProcess(
             self._folder / str(number), self._scene, self._domain
         ) as process, Graph(self._domain) as graph:
@@ -127,10 +127,10 @@ class Trial:
     def _live(
         self, graph: Graph, process: FabricProcess, doing: list[str], end: float
     ) -> None:
-        chance, said = self._random, ['']
+        chance, compiling_text = self._random, ['']
 
         def what() -> str:
-            return f'{doing[-1]}; {said[0]}'
+            return f'{doing[-1]}; {compiling_text[0]}'
 
         clock, reports = Silence(self.clock, what), Silence(self.reports, what)
 
@@ -142,7 +142,7 @@ class Trial:
             status = decode_diagnostic_array(data)[1][0]
             compiling = dict(status.values)['compiling']
             self.compiling += compiling != 'no'
-            said[0] = f'compiling: {compiling}'
+            compiling_text[0] = f'compiling: {compiling}'
             reports.heard()
 
         process.wait_until_ready()
@@ -152,28 +152,28 @@ class Trial:
         process.wait_for(lambda: clock.last, 'a tick of the clock')
         self.first_poses.note(clock.last - ready, doing[-1])
         while time.monotonic() < end:
-            deed = chance.choice(('push', 'push', 'pause', 'change', 'get', 'wait', 'reset'))
-            self._do(deed, graph, doing)
+            action = chance.choice(('push', 'push', 'pause', 'change', 'get', 'wait', 'reset'))
+            self._do(action, graph, doing)
             time.sleep(chance.uniform(0.0, 0.5))
 
-    def _do(self, deed: str, graph: Graph, doing: list[str]) -> None:
+    def _do(self, action: str, graph: Graph, doing: list[str]) -> None:
         chance = self._random
-        doing.append(f'{doing[0]}, {deed}')
-        if deed == 'push':
+        doing.append(f'{doing[0]}, {action}')
+        if action == 'push':
             force = [chance.gauss(0.0, 1.0) for _ in range(3)]
-            size = chance.uniform(0.0, LARGEST_PUSH) / sum(part**2 for part in force)**0.5
+            size = chance.uniform(0.0, MAX_FORCE_N) / sum(part**2 for part in force)**0.5
             graph.publish(f'{NODE}/loads/push', wrench('', tuple(size * part for part in force)))
-        elif deed == 'pause':
+        elif action == 'pause':
             for paused in (True, False):
                 self.answers.note(graph.call('pause', 'SetBool', data=paused)[1], doing[-1])
-        elif deed == 'reset':
+        elif action == 'reset':
             self.answers.note(graph.call('reset')[1], doing[-1])
-        elif deed == 'change':
+        elif action == 'change':
             change = chance.choice(CHANGES)
             doing[-1] += f' {change}'
-            # It is answered within a second where it has to be built first, by design.
+            # Not measured: changes with a new build may take up to a second.
             graph.set(**change)
-        elif deed == 'get':
+        elif action == 'get':
             self.answers.note(graph.get('connector.stiffness'), doing[-1])
         else:
             time.sleep(chance.uniform(0.0, 1.0))
@@ -184,13 +184,13 @@ class Trial:
             *(one.seconds for one in longest))
 
     def judge(self, table: Table) -> None:
-        """Write what was seen into the table."""
-        table.add('reports that said "compiling"', f'{self.compiling:,}')
-        self.clock.add_to(table, 'longest silence of the clock', CLOCK_GAP)
-        self.reports.add_to(table, 'longest silence of the diagnostics', REPORT_GAP)
-        self.answers.add_to(table, 'longest answer of a service', ANSWER)
-        self.ends.add_to(table, 'longest SIGINT while it runs', END)
-        self.early_ends.add_to(table, 'longest SIGINT before it is ready', END)
+        """Add the results to the table."""
+        table.add('reports of compiling', f'{self.compiling:,}')
+        self.clock.add_to(table, 'longest silence of the clock', MAX_CLOCK_GAP_S)
+        self.reports.add_to(table, 'longest silence of the diagnostics', MAX_REPORT_GAP_S)
+        self.answers.add_to(table, 'longest answer of a service', MAX_ANSWER_S)
+        self.ends.add_to(table, 'longest time from SIGINT to the end, running', MAX_END_S)
+        self.early_ends.add_to(table, 'longest time from SIGINT to the end, not ready', MAX_END_S)
         table.add('tracebacks', str(self.tracebacks), '0', not self.tracebacks)
         table.add(
             'exit statuses', ', '.join(map(str, sorted(self.statuses))), '0, 130',
@@ -198,15 +198,16 @@ class Trial:
 
 
 def main() -> int:
-    """Start and stop; returns the exit status."""
+    """Start and stop nodes; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--stops', type=int, default=50)
-    parser.add_argument('--minutes', type=float, default=10.0, help='wall time of all')
-    parser.add_argument('--first', type=float, default=FIRST, help='of the first start [s]')
+    parser.add_argument('--minutes', type=float, default=10.0, help='wall time of all starts')
+    parser.add_argument(
+        '--first', type=float, default=FIRST_START_S, help='of the first start [s]')
     parser.add_argument('--cache', type=Path, help='folder of compiled kernels (default: empty)')
     parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'soak' / 'standing_still.csv')
-    parser.add_argument('--no-wall-limits', action='store_true', help='judge no wall times')
+    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'soak' / 'responsiveness.csv')
+    parser.add_argument('--no-wall-limits', action='store_true', help='print wall times only')
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(130))
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -221,7 +222,7 @@ def main() -> int:
         for number in range(arguments.stops):
             trial.run(number, arguments.first if number == 0 else each)
             print(f'  start {number}: so far {trial}', flush=True)
-    except Trouble as error:
+    except NodeError as error:
         table.add('the node', 'in trouble', '', False)
         print(error, file=sys.stderr)
     except (KeyboardInterrupt, SystemExit):

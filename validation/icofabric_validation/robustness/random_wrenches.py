@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Real-time factors of the example scenes under random pushes: wanted and reached.
+Target and reached real-time factors of the example scenes under random wrenches.
 
-    .venv/bin/python -m icofabric_validation.robustness.random_pushes [SCENE ...] [--pushes 30] \
+    .venv/bin/python -m icofabric_validation.robustness.random_wrenches [SCENE ...] [--pushes 30] \
         [--tolerance 1e-4]
 
-Each push is a steady force of a random size, up to the weight of the slab, and direction, for a
-tenth of a second, shared out over the bodies of a load channel, or of the whole fabric where the
-scene has none. Poses are read 60 times a second of simulated time, as a node does. Factors are by
-processor time of one thread, so that what else runs on the machine counts little. The table is
-written as CSV (--csv).
+Each push is a steady force of random direction and size, up to the weight of the slab, for a tenth
+of a second. It is distributed over the bodies of a load channel, or of the whole fabric if the
+scene has none. Poses are read 60 times in a second of simulated time, as a node does. Factors are
+for processor time of one thread, so that other programs have little effect. The table is written
+as CSV (--csv).
 """
 
 import argparse
@@ -32,31 +32,31 @@ from icofabric_sim.running.step_limit_reason import StepLimit
 from icofabric_validation.benchmarks.machine import describe_machine
 from icofabric_validation.source_tree import ROOT
 
-STANDARD_GRAVITY = 9.81  # [m/s^2]: a scene without gravity has a weight too
-PUSH = 0.1  # [s]
-RATE = 60.0  # [Hz] of poses
+STANDARD_GRAVITY = 9.81  # [m/s^2]; also for scenes without gravity
+PUSH_DURATION_S = 0.1
+POSE_RATE_HZ = 60.0
 CHANNEL = 'pushes'
-# Of one scene: a slower one is given up, with what it has reached [s of processor time].
-PATIENCE = 90.0
+# Limit of the processor time [s] of one scene; a slower scene is stopped.
+MAX_PROCESSOR_TIME_S = 90.0
 
 
 class Row(NamedTuple):
-    """One scene."""
+    """The results of one scene."""
 
     scene: str
     bodies: int
-    push: float  # the largest [N]
-    pushes: int  # that were done
-    wanted: float
+    push: float  # largest force [N]
+    pushes: int  # number of completed pushes
+    target: float  # real-time factor
     median: float  # of the factors reached in each push
     worst: float
-    fastest: str  # what limited the step in the worst one
-    helps: str
-    end: str  # why it ended before; '': it did not
+    limit: str  # cause of the step length in the worst push
+    remedy: str
+    end: str  # reason of an early end; '': none
 
 
 def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = None) -> Row:
-    """Push one scene, with another `tolerance` [1/s] than its own where one is given."""
+    """Push one scene, optionally with another `tolerance` [1/s]."""
     chance = random.Random(seed)
     scene = ico.load_scene(name).with_changes({'solver.threads': 1})
     if tolerance is not None:
@@ -70,12 +70,12 @@ def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = 
     shares = 1.0 if scene.loads[channel].total else float(len(scene.loads[channel].bodies))
     simulation, outputs = ico.compile_scene(scene), Outputs(scene)
     simulation.warm_up()
-    # All kernels are there before the first push, those of the first contact too.
+    # Load all kernels, with those of contacts, before the first push.
     kernels = simulation.prepare_contacts()
     if kernels is not None:
         kernels.wait()
-    limit, factors, worst, end, largest = StepLimit(), [], '', '', 0.0
-    helps, spent, begin = '', 0.0, simulation.time
+    step_limit, factors, worst, end, largest = StepLimit(), [], '', '', 0.0
+    remedy, spent, begin = '', 0.0, simulation.time
     for number in range(pushes):
         direction = [chance.gauss(0.0, 1.0) for _ in range(3)]
         size = chance.uniform(0.0, weight)
@@ -84,26 +84,26 @@ def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = 
         began = time.process_time()
         try:
             simulation.apply_wrench(channel, [size / length * part for part in direction])
-            for k in range(1, round(PUSH * RATE) + 1):
-                simulation.advance_to(begin + number * PUSH + k / RATE)
+            for k in range(1, round(PUSH_DURATION_S * POSE_RATE_HZ) + 1):
+                simulation.advance_to(begin + number * PUSH_DURATION_S + k / POSE_RATE_HZ)
                 outputs.poses(simulation.snapshot(), k)
         except ico.SimulationError as error:
             end = str(error)
             break
         took = time.process_time() - began
         spent += took
-        factors.append(PUSH / took)
+        factors.append(PUSH_DURATION_S / took)
         if factors[-1] == min(factors):
-            worst = limit.describe(simulation, round(simulation.time * 1e9))
-            helps = remedies(_status(simulation, worst))
-        if spent > PATIENCE:
-            end = f'given up after {PATIENCE:g} s of processor time'
+            worst = step_limit.describe(simulation, round(simulation.time * 1e9))
+            remedy = remedies(_status(simulation, worst))
+        if spent > MAX_PROCESSOR_TIME_S:
+            end = f'stopped after {MAX_PROCESSOR_TIME_S:g} s of processor time'
             break
-    wanted = scene.parameters['real_time_factor']
+    target = scene.parameters['real_time_factor']
     factors = factors or [0.0]
     return Row(
-        name, scene.body_count, largest, len(factors), wanted, statistics.median(factors),
-        min(factors), worst, helps if min(factors) < wanted else '', end)
+        name, scene.body_count, largest, len(factors), target, statistics.median(factors),
+        min(factors), worst, remedy if min(factors) < target else '', end)
 
 
 def _status(simulation: ico.Simulation, limited_by: str) -> Status:
@@ -113,13 +113,13 @@ def _status(simulation: ico.Simulation, limited_by: str) -> Status:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Push the scenes; returns the exit status."""
+    """Push the scenes; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('scenes', nargs='*', metavar='SCENE', help='default: all example scenes')
     parser.add_argument('--pushes', type=int, default=30)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--tolerance', type=float, help="[1/s] (default: the scene's)")
-    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'random_pushes.csv')
+    parser.add_argument('--csv', type=Path, default=ROOT / 'runs' / 'random_wrenches.csv')
     options = parser.parse_args(arguments)
     print(describe_machine(), flush=True)
     options.csv.parent.mkdir(parents=True, exist_ok=True)
@@ -131,9 +131,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             writer.writerow(row)
             file.flush()
             print(
-                f'| `{row.scene}` | {row.bodies} | {row.push:.2g} N | {row.wanted:g} | '
-                f'{row.median:.2g} | {row.worst:.2g} | {row.pushes} | {row.helps} |', flush=True)
-            print(f'    {row.fastest}', *([f'ended: {row.end}'] if row.end else []), flush=True)
+                f'| `{row.scene}` | {row.bodies} | {row.push:.2g} N | {row.target:g} | '
+                f'{row.median:.2g} | {row.worst:.2g} | {row.pushes} | {row.remedy} |', flush=True)
+            print(f'    {row.limit}', *([f'ended: {row.end}'] if row.end else []), flush=True)
     print(f'written to {options.csv}')
     return 0
 
