@@ -40,8 +40,8 @@ def test_breaches_in_code_become_fewer(counts):
     found = Counter(place.rule for place in code)
     assert {rule: found[rule] for rule, most in CEILINGS.items() if found[rule] > most} == {}
     package = ROOT / 'icofabric_sim'
-    assert not [str(place) for place in code if place.path.is_relative_to(package)
-                and place.path.relative_to(package).parts[0] in ROOMS]
+    assert not [str(place) for place in code if not place.path.is_relative_to(package)
+                or place.path.relative_to(package).parts[0] in ROOMS]
 
 
 @pytest.mark.parametrize('rule, text', [

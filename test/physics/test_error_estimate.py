@@ -30,9 +30,9 @@ def test_estimate_is_within_three_times_of_what_was_added(method):
     for seed, given in ((0, 0.0), (3, 0.0), (1, 0.7), (3, 0.5)):
         changes, periods, _ = draw_scene('free', seed)
         judged = judge(changes, method, given, min(periods, 60.0))
-        assert judged.tells and not judged.ended
+        assert judged.is_measurable and not judged.ended
         assert 1.0 / 3.0 < judged.ratio < 3.0
-        assert not judged.falls
+        assert not judged.decreases
 
 
 @pytest.mark.parametrize('method, seed', [
@@ -40,7 +40,7 @@ def test_estimate_is_within_three_times_of_what_was_added(method):
 def test_estimate_counts_what_contacts_add(method, seed):
     changes, periods, _ = draw_scene('contact', seed)
     judged = judge(changes, method, 0.0, periods)
-    assert judged.tells and not judged.ended and not judged.falls
+    assert judged.is_measurable and not judged.ended and not judged.decreases
     # Shells meet and part in a few windows, in which most is added.
     windows = np.sort(np.diff(judged.added))
     assert windows[-4:].sum() > 0.6 * judged.added[-1]
@@ -81,7 +81,7 @@ def test_estimate_of_a_motion_that_dies(given):
     # With steps of one length nearly all is added in the first tenth of the run.
     first = judged.added[len(judged.added) // 10]
     assert (first > 0.9 * judged.added[-1]) == (given > 0.0)
-    assert judged.tells and not judged.falls
+    assert judged.is_measurable and not judged.decreases
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 
@@ -125,7 +125,7 @@ def test_estimate_of_steps_whose_two_error_estimates_mislead(kind, seed):
     # Beyond oscillation they say 20, 29 and 12 times what was added, of hidden kinks a tenth.
     changes, periods, _ = draw_scene(kind, seed)
     judged = judge(changes, 'dop8', 0.0, min(periods, 25.0))
-    assert judged.tells and not judged.ended and not judged.falls
+    assert judged.is_measurable and not judged.ended and not judged.decreases
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 
@@ -133,7 +133,7 @@ def test_estimate_of_steps_whose_two_error_estimates_mislead(kind, seed):
 def test_decay_that_is_slow_beside_steps_costs_no_evaluations_for_the_estimate(given):
     changes, _, _ = draw_scene('damped', 8)
     judged = judge(changes, 'dop8', given, 25.0)
-    assert judged.tells and not judged.ended and not judged.falls
+    assert judged.is_measurable and not judged.ended and not judged.decreases
     assert 1.0 / 3.0 < judged.ratio < 3.0
     for damping, is_measured in ((1.0, False), (30.0, True)):
         run = ico.compile_scene(ico.Scene.from_parameters(changes | {
@@ -151,7 +151,7 @@ def test_estimate_counts_forces_that_jump_where_bands_change_to_another_geodesic
     # The two error estimates, and probes, said 1/31 and 1/40 of what was added.
     changes, periods, _ = draw_scene('wrapped', seed)
     judged = judge(changes, 'dop8', given, min(periods, 8.0))
-    assert judged.tells and not judged.ended and not judged.falls
+    assert judged.is_measurable and not judged.ended and not judged.decreases
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 
@@ -166,7 +166,7 @@ def test_estimate_counts_forces_that_jump_where_bands_change_to_another_geodesic
 def test_estimate_of_errors_that_vary_or_take_each_other_back(kind, seed, method, given):
     changes, periods, _ = draw_scene(kind, seed)
     judged = judge(changes, method, given, min(periods, 12.0))
-    assert judged.tells and not judged.ended and not judged.falls
+    assert judged.is_measurable and not judged.ended and not judged.decreases
     assert 1.0 / 3.0 < judged.ratio < 3.0
 
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Measures the package beside the tools that people would otherwise take; see `icofabric benchmark`.
+Benchmarks of the package and of other tools; see `icofabric benchmark`.
 
-What a scene is stands in `scenes`, what is true in `reference`, each tool in `peers`, each
-measurement in a module of its own, and how figures are shown in `report`.
+`scenes` has the scenes, `reference` their reference motion, `peers` the other tools, `report` the
+tables. Every other module is one measurement.
 """

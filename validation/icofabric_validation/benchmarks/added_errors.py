@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors that a method adds along a run, measured from outside, beside the run's own estimate.
+Errors that a method adds during a run, compared with the error estimate of the run.
 
-The run is cut into windows of one shortest period. From the state at the beginning of each a far
-tighter run goes to its end; how far apart the two are there is what the method added, growth
-apart, and the windows are summed.
+The run is cut into windows of one shortest period. From the state at the start of each window a
+run of much smaller tolerance advances to the end of the window. The distance of the two runs there
+is the error added in the window, without its growth.
 """
 
 import math
@@ -15,53 +15,56 @@ import icofabric_sim as ico
 from icofabric_sim.simulation.reports.divergence import distance_between
 import numpy as np
 
-# Tolerance of the reference: this part of the run's own, between these for each radian of the
-# fastest motion; below, rounding rules.
-_FINER, _LEAST, _MOST = 1e-2, 2e-13, 1e-11
-# Where bands jump errors are far larger, and steps that find each jump closely take minutes.
-_MOST_AT_JUMPS = 1e-9
-# Windows in which the error is measured, at most; spread evenly over longer runs.
-_WINDOWS = 150
-# Steps for a tight tolerance, or across kinks, may take hours: such a run is followed for as many
-# shortest periods as so many evaluations of the forces last, but for so many at least.
-_MOST_EVALUATIONS, _FEWEST = 100_000, 3.0
+# Tolerance of the reference: this fraction of that of the run, within limits for each radian of
+# the fastest motion. Round-off dominates below the lower limit.
+_REFERENCE_TOLERANCE_RATIO = 1e-2
+_MIN_TOLERANCE_PER_RADIAN, _MAX_TOLERANCE_PER_RADIAN = 2e-13, 1e-11
+# Upper limit for wrapped connectors whose lengths jump: errors are larger, and steps that locate
+# each jump take minutes.
+_MAX_TOLERANCE_AT_JUMPS_PER_RADIAN = 1e-9
+# Largest number of measured windows, which are spread evenly over longer runs.
+_MAX_WINDOWS = 150
+# Largest number of evaluations of the forces, which limits the number of shortest periods, and the
+# smallest number of periods: small tolerances and kinks would take hours.
+_MAX_EVALUATIONS, _MIN_PERIODS = 100_000, 3.0
 KINDS = ('free', 'loaded', 'damped', 'kinked', 'contact', 'wrapped')
 
 
-class Judged(NamedTuple):
-    """What was found in one run: at moments along it, the estimate and what was added by then."""
+class RunErrors(NamedTuple):
+    """The results of one run: times, error estimates and added errors."""
 
     kind: str
     seed: int
     method: str
-    given: float  # step in parts of the stability limit; 0: chosen
+    given: float  # step over the stability limit; 0: adaptive steps
     periods: float  # shortest periods of the run
     times: np.ndarray  # [s]
     added: np.ndarray
     estimate: np.ndarray
-    ended: str  # why the run ended early; '': it did not
+    ended: str  # reason of an early end; '': none
 
     @property
     def ratio(self) -> float:
-        """Estimate over what was added, at the end."""
+        """Final estimate over the final added error."""
         return float(self.estimate[-1] / self.added[-1])
 
     @property
-    def falls(self) -> bool:
-        """Whether the estimate was ever less than at an earlier time."""
+    def decreases(self) -> bool:
+        """True if the estimate ever decreased."""
         return bool((np.diff(self.estimate) < 0.0).any())
 
     @property
-    def tells(self) -> bool:
-        """Whether errors stand out above the rounding, and above those of the reference."""
+    def is_measurable(self) -> bool:
+        """True if errors exceed round-off and errors of the reference."""
         return len(self.times) > 2 and float(self.added[-1]) > 1e-10 * self.periods
 
 
 def draw_scene(kind: str, seed: int) -> tuple[dict[str, object], float, np.random.Generator]:
     """
-    Parameters of a random fabric, and how many shortest periods it is followed.
+    Return parameters of a random fabric, its number of shortest periods, and the generator.
 
-    Bodies of any size and stiffness, from gentle to wild; all scenes of a kind share kernels.
+    Bodies have any size and stiffness, and motions are gentle to wild. All scenes of a kind share
+    kernels.
     """
     generator = np.random.default_rng([KINDS.index(kind), seed])
     uniform = generator.uniform
@@ -112,20 +115,20 @@ def draw_scene(kind: str, seed: int) -> tuple[dict[str, object], float, np.rando
 def judge(
     changes: dict[str, object], method: str, given: float, periods: float, *, kind: str = '',
     seed: int = 0, looks: bool = True
-) -> Judged:
+) -> RunErrors:
     """
-    Follow one run from step end to step end, and measure what is added in each window.
+    Follow one run from step end to step end, and measure the error added in each window.
 
-    `given`: length of the steps in parts of the stability limit, 0: chosen. `looks`: whether the
-    estimate is read at every window; else at the end only. Runs of many steps are followed for
-    fewer periods; a TimeoutError on the way ends one, once a few windows are measured, and so do
-    shells that pass through each other where connectors lie around them: no length is right then,
-    and the motion jumps. Raises ValueError where a given step is refused.
+    `given` is the step over the stability limit, or 0 for adaptive steps. With `looks` the
+    estimate is read in every window, otherwise only at the end. Runs of many steps have fewer
+    periods. A TimeoutError ends a run after a few windows. So do shells that pass through each
+    other under wrapped connectors, because no length is then right and the motion jumps. Raises
+    ValueError if a given step is refused.
     """
     changes = changes | {'solver.method': method, 'solver.step': 0.0}
     if given > 0.0:
         if changes.get('connector.obstruction') == 'wrap':
-            # Some methods take given steps only; a tenth of a radian is one for all.
+            # Some methods need given steps; a tenth of a radian suits all methods.
             run = ico.compile_scene(ico.Scene.from_parameters(changes | {'solver.method': 'dop8'}))
             changes['solver.step'] = 0.1 / run.status.largest_frequency
         run = ico.compile_scene(ico.Scene.from_parameters(changes))
@@ -136,13 +139,14 @@ def judge(
     period = 2.0 * math.pi / rate
     reference = ico.compile_scene(ico.Scene.from_parameters(changes | {
         'solver.method': 'dop8', 'solver.step': 0.0, 'solver.tolerance': min(
-            max(_FINER * run.scene.parameters['solver.tolerance'], _LEAST * rate),
-            (_MOST_AT_JUMPS if bands else _MOST) * rate)}))
-    steps = _MOST_EVALUATIONS / ico.METHODS[run.status.method_name].stages
-    periods = min(periods, max(steps * run.status.step / period, _FEWEST))
+            max(_REFERENCE_TOLERANCE_RATIO * run.scene.parameters['solver.tolerance'],
+                _MIN_TOLERANCE_PER_RADIAN * rate),
+            (_MAX_TOLERANCE_AT_JUMPS_PER_RADIAN if bands else _MAX_TOLERANCE_PER_RADIAN) * rate)}))
+    steps = _MAX_EVALUATIONS / ico.METHODS[run.status.method_name].stages
+    periods = min(periods, max(steps * run.status.step / period, _MIN_PERIODS))
     half_edge, end = run.scene.geometry.half_edge, periods * period
-    # Windows without a measurement in between, so that there are not too many.
-    gap = max(periods / _WINDOWS - 1.0, 0.0) * period
+    # Intervals without a measurement limit the number of windows.
+    gap = max(periods / _MAX_WINDOWS - 1.0, 0.0) * period
     times, added, estimate, ended = [0.0], [0.0], [0.0], ''
     error = 0.0
     try:
@@ -159,7 +163,7 @@ def judge(
             reference.advance_to(run.time)
             here, there = run.snapshot(), reference.snapshot()
             if bands and (here.lost.any() or there.lost.any() or run.status.obstruction):
-                ended = 'a connector finds no way around shells that pass through each other'
+                ended = 'a connector has no path over shells that pass through each other'
                 break
             error = distance_between(here, there, half_edge)
             times.append(run.time)
@@ -169,15 +173,15 @@ def judge(
     except ico.SimulationError as reason:
         ended = str(reason)
         if looks and given > 0.0 and estimate[1:]:
-            # What the last stretch of steps added is measured at the check that ended the run.
+            # The check that ended the run has measured the last interval.
             estimate[-1] = max(estimate[-1], run.error_estimate)
     except TimeoutError as reason:
-        if len(times) <= _FEWEST - 1:
+        if len(times) <= _MIN_PERIODS - 1:
             raise
         ended = str(reason)
     if not looks:
         estimate = [0.0] * (len(times) - 1) + [run.error_estimate]
     size = min(len(times), len(estimate))
-    return Judged(
+    return RunErrors(
         kind, seed, method, given, periods, np.array(times[:size]), np.array(added[:size]),
         np.array(estimate[:size]), ended)

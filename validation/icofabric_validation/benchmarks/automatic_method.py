@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What it costs that `auto` chooses method and step: S1 and random smooth fabrics.
+Cost of the choice of method and step by `auto`, for S1 and random smooth fabrics.
 
-Each fabric moves freely for 500 radians of its fastest vibration. Every method runs with steps
-that are given, from the limit of stability down, `dop8` and `auto` with tolerances; all in turn in
-every round. For an error at the end (positions over a, angles) the time of each is interpolated
-between its runs; printed is that of `auto` over the fastest of the others, as median over rounds.
-Where connectors may collapse (`WILD` in method_selection.py) `auto` takes `dop8` for safety; these
-fabrics are drawn too, and counted apart. A target is left out where errors grow so much that the
-reference is no more certain than a fifth of it.
+Each fabric moves freely for 500 radians of its fastest vibration. Every method runs with given
+steps from the stability limit down, and `dop8` and `auto` with tolerances; all alternate in every
+round. For an error at the end (positions over a, angles) the time of each method is interpolated
+between its runs. The result is the median over rounds of the time of `auto` over that of the
+fastest other method.
+
+If connectors may collapse (`WILD` in method_selection.py), `auto` takes `dop8` for safety; these
+fabrics are counted separately. A target is left out if the uncertainty of the reference exceeds a
+fifth of the target.
 
     .venv/bin/python -m icofabric_validation.benchmarks.automatic_method [--scenes 20] [--rounds 5]
     .venv/bin/python -m icofabric_validation.benchmarks.automatic_method --scenes 0 --parts
@@ -37,17 +39,19 @@ import numpy as np
 
 _TARGETS = (1e-3, 1e-6, 1e-9)
 _RADIANS = 500.0
-# Given steps, in parts of the limit of stability: down by the fourth root of 2.
-_PARTS, _SHORTER, _MOST_STEPS = 0.95, 2.0**-0.25, 40_000
-# What is allowed in a second, times the duration: by decades, as users give it.
+# Largest given step over the stability limit, ratio of successive steps, and largest number of
+# steps.
+_MAX_STEP_RATIO, _STEP_RATIO, _MAX_STEPS = 0.95, 2.0**-0.25, 40_000
+# Decades of tolerances times the duration.
 _DECADES = range(0, 13)
-_ROUGHEST, _FINEST = 0.3, 2e-10
-# Runs shorter than this [s] are repeated within a round.
-_BLOCK, _REPEATS = 0.02, 5
+# Largest and smallest errors of interest.
+_MAX_ERROR, _MIN_ERROR = 0.3, 2e-10
+# Runs shorter than this time [s] are repeated within a round, up to this number of times.
+_MIN_BLOCK_S, _MAX_REPEATS = 0.02, 5
 
 
 class Fabric(NamedTuple):
-    """A scene, how long it moves [s], where it ends, and how certain that is."""
+    """A scene with its duration [s], final state and uncertainty."""
 
     name: str
     changes: dict[str, Any]
@@ -59,7 +63,7 @@ class Fabric(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One setting of one contestant, and its error and times [s] in the rounds."""
+    """One setting of a method, with its error and times [s] in the rounds."""
 
     setting: float
     error: float
@@ -67,7 +71,7 @@ class Run(NamedTuple):
 
 
 def make(fabric: dict[str, Any], **solver: Any) -> ico.Simulation:
-    """Compile it for one thread."""
+    """Compile a fabric for one thread."""
     simulation = ico.compile_scene(ico.Scene.from_parameters(fabric | {
         f'solver.{name}': value for name, value in solver.items()}))
     simulation.warm_up()
@@ -75,7 +79,7 @@ def make(fabric: dict[str, Any], **solver: Any) -> ico.Simulation:
 
 
 def prepare(name: str, changes: dict[str, Any], duration: float) -> Fabric:
-    """Find where it ends, by two methods."""
+    """Find the final state by two methods."""
     run = make(changes, tolerance=1e-6)
     rate = run.status.largest_frequency
     duration = duration or _RADIANS / rate
@@ -93,16 +97,16 @@ def prepare(name: str, changes: dict[str, Any], duration: float) -> Fabric:
 
 
 def contestants(fabric: Fabric) -> dict[str, list[tuple[float, dict[str, Any]]]]:
-    """Return settings from rough to fine, and what they are for the solver, by name."""
+    """Return settings from coarse to fine, with parameters of the solver, by name."""
     found: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     for name, method in METHODS.items():
         if method.symplectic:
-            first = math.ceil(fabric.duration * fabric.rate / (_PARTS * method.stability))
-            growth = _SHORTER ** (1 if method.order > 2 else 4)
+            first = math.ceil(fabric.duration * fabric.rate / (_MAX_STEP_RATIO * method.stability))
+            growth = _STEP_RATIO ** (1 if method.order > 2 else 4)
             counts = dict.fromkeys(math.ceil(first * growth**-k) for k in range(48))
             found[name] = [
                 (count, {'method': name, 'step': fabric.duration / count})
-                for count in counts if count <= _MOST_STEPS]
+                for count in counts if count <= _MAX_STEPS]
     for name in ('dop8', 'auto'):
         found[name] = [
             (10.0**-k, {'method': name, 'tolerance': 10.0**-k * fabric.rate / _RADIANS})
@@ -111,9 +115,9 @@ def contestants(fabric: Fabric) -> dict[str, list[tuple[float, dict[str, Any]]]]
 
 
 def run_once(fabric: Fabric, solver: dict[str, Any]) -> tuple[float, ico.Simulation]:
-    """Time [s] of the steps alone, compiling and the first step's choice left out."""
+    """Return the time [s] of the steps, without compiling and the choice of the first step."""
     times: list[float] = []
-    while not times or (sum(times) < _BLOCK and len(times) < _REPEATS):
+    while not times or (sum(times) < _MIN_BLOCK_S and len(times) < _MAX_REPEATS):
         simulation = make(fabric.changes, **solver)
         began = process_time()
         if 'step' in solver:
@@ -126,7 +130,7 @@ def run_once(fabric: Fabric, solver: dict[str, Any]) -> tuple[float, ico.Simulat
 
 def trace(fabric: Fabric, settings: list[tuple[float, dict[str, Any]]]) -> list[
         tuple[Run, dict[str, Any]]]:
-    """Run from rough to fine until it is better than needed."""
+    """Run from coarse to fine until the error is small enough."""
     found = []
     for setting, solver in settings:
         try:
@@ -135,19 +139,19 @@ def trace(fabric: Fabric, settings: list[tuple[float, dict[str, Any]]]) -> list[
             continue
         error = distance_between(
             simulation.snapshot(), fabric.end, simulation.scene.geometry.half_edge)
-        if error < _ROUGHEST:
+        if error < _MAX_ERROR:
             found.append((Run(setting, error, []), solver))
-        if error < _FINEST:
+        if error < _MIN_ERROR:
             break
     return found
 
 
 def time_at(runs: list[Run], target: float, time_of: Callable[[Run], float]) -> float:
     """
-    Time [s] at which the error is the target; infinite where no run is that good.
+    Return the time [s] for a target error, or infinity if no run reaches it.
 
-    Interpolated between the roughest run that is good enough and the one before, on logarithmic
-    scales, unless a finer run takes less.
+    The time is interpolated on logarithmic scales between the coarsest run below the target and
+    the run before, unless a finer run takes less.
     """
     good = [k for k, run in enumerate(runs) if run.error <= target]
     if not good:
@@ -162,7 +166,7 @@ def time_at(runs: list[Run], target: float, time_of: Callable[[Run], float]) -> 
 
 
 def measure(fabric: Fabric, rounds: int, *, verbose: bool) -> dict[float, float]:
-    """Time of auto over the fastest other contestant at each target, by median over rounds."""
+    """Return the time of `auto` over the fastest other method at each target, by median."""
     curves = {name: trace(fabric, settings) for name, settings in contestants(fabric).items()}
     tasks = [pair for curve in curves.values() for pair in curve]
     for turn in range(rounds):
@@ -201,7 +205,7 @@ def measure(fabric: Fabric, rounds: int, *, verbose: bool) -> dict[float, float]
 
 
 def show_parts(fabric: Fabric) -> None:
-    """Print where the time of runs by tolerance goes [ms], each the least of nine."""
+    """Print the distribution of times of runs by tolerance [ms], the least of nine."""
     watched = {
         'steps and health checks': (MethodCalls, 'timed'),
         'measurements': (AccuracyProbe, 'measured'),

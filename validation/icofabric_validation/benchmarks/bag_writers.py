@@ -34,7 +34,7 @@ Write = Callable[[int, bytes], object]
 
 
 def ours(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], object]]:
-    """Functions that write, flush and close."""
+    """Return functions that write, flush and close a bag of this package."""
     bag = BagFile(folder, 'mcap')
     bag.add_topic(TopicEntry(
         TOPIC, KIND, definition(KIND), [quality_of_service(latched=False, depth=10)]))
@@ -42,7 +42,7 @@ def ours(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], object
 
 
 def of_rosbags(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], object]]:
-    """The same; it has no flush."""
+    """Return functions that write, flush and close a bag of rosbags, which has no flush."""
     bag = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     bag.open()
     connection = bag.add_connection(TOPIC, KIND, typestore=typestore())
@@ -50,7 +50,7 @@ def of_rosbags(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], 
 
 
 def of_mcap(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], object]]:
-    """The same, of the mcap package; it knows nothing of rosbag2."""
+    """Return functions that write, flush and close a file of the mcap package."""
     folder.mkdir()
     file = (folder / 'bag.mcap').open('wb', buffering=0)
     bag = PackageWriter(io.BufferedWriter(file))
@@ -66,7 +66,7 @@ def of_mcap(folder: Path) -> tuple[Write, Callable[[], object], Callable[[], obj
 
 
 def poses(bodies: int) -> PoseArrayBytes:
-    """Poses in bytes, of bodies anywhere."""
+    """Return serialised poses of bodies at random positions."""
     message = PoseArrayBytes(frame_id='world', body_count=bodies)
     message.values[:] = np.random.default_rng(1).standard_normal((bodies, 7))
     return message
@@ -74,7 +74,7 @@ def poses(bodies: int) -> PoseArrayBytes:
 
 def measure(make: Callable[[Path], tuple[Write, Callable[[], object], Callable[[], object]]],
             large: bytes, small: bytes) -> tuple[int, float]:
-    """Bytes in the file before the end, of the small scene; seconds for a large message."""
+    """Return bytes on disk before the end for the small scene, and seconds of a large message."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / 'small'
         write, flush, close = make(folder)
@@ -93,7 +93,7 @@ def measure(make: Callable[[Path], tuple[Write, Callable[[], object], Callable[[
 
 
 def main() -> None:
-    """Measure, print."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--rounds', type=int, default=5)
     given = parser.parse_args()
@@ -106,7 +106,7 @@ def main() -> None:
         seconds = statistics.median(time_ for _, time_ in measured)
         print(f'{make.__name__:12} {measured[0][0]:8,} B there of {600 * len(small):,}, '
               f'{seconds * 1e3:.2f} ms for {len(large):,} B')
-    # The same message from an array, by rosbags' own types.
+    # The same message from an array, by types of rosbags.
     store = typestore()
     pose, point = store.types['geometry_msgs/msg/Pose'], store.types['geometry_msgs/msg/Point']
     turn, header = store.types['geometry_msgs/msg/Quaternion'], store.types['std_msgs/msg/Header']

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The leapfrog of the package without its surroundings, and the one for springs alone."""
+"""The leapfrog of the package without health checks, and a leapfrog for springs alone."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from icofabric_validation.benchmarks.instructions import loop_instructions
 from icofabric_validation.benchmarks.step_speed import STEP
 import numpy as np
 
-# Takes so many steps from this state, with this room.
+# Takes a number of steps from a state, with work arrays.
 Kernel = Callable[[State, Work, int], None]
 _NEVER = 2**62
 
@@ -30,14 +30,14 @@ class Instructions(NamedTuple):
     leanest: int | None
 
     def difference(self) -> float | None:
-        """How many more the package has, in parts of the springs-only kernel's."""
+        """Relative excess of instructions over the springs-only kernel."""
         if self.package is None or self.springs_only is None:
             return None
         return self.package / self.springs_only - 1.0
 
 
 def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[Instructions]:
-    """Instructions in the loops of the two flows, ours and those of the other kernel."""
+    """Count instructions in the loops of the two flows, of the package and of `other`."""
     model, (state, work) = packed.model, fresh(packed, scene)
     slot, last = model.blocks.slot, len(model.blocks.slot)
     masses = model.inverse_mass, model.inverse_inertia
@@ -64,7 +64,7 @@ def count_instructions(packed: PackedScene, scene: Scene, other: Any) -> list[In
 
 
 def fresh(packed: PackedScene, scene: Scene) -> tuple[State, Work]:
-    """The initial state with the accelerations in it."""
+    """Return the initial state with its accelerations."""
     state, work = packed.layout.pack(scene.initial), packed.layout.room(packed.model.links)
     last = len(packed.model.blocks.slot)
     flows.place_all(packed.model, state, work, 0, last)
@@ -73,7 +73,7 @@ def fresh(packed: PackedScene, scene: Scene) -> tuple[State, Work]:
 
 
 def require_same_motion(bare: Simulation, kernels: list[Kernel]) -> None:
-    """The kernels must lead to the same state but for rounding, or their times mean nothing."""
+    """Raise RuntimeError unless the kernels give the same state up to round-off."""
     ends = []
     for run in kernels:
         state, work = fresh(bare.packed, bare.scene)
@@ -85,14 +85,14 @@ def require_same_motion(bare: Simulation, kernels: list[Kernel]) -> None:
 
 
 def package_kernel(packed: PackedScene) -> Kernel:
-    """The package's own, without health checks."""
+    """Return the kernel of the package without health checks."""
     ledger = np.zeros(monitor.LEDGER_COUNT)
     ledger[monitor.OBSTRUCTED_LIMIT] = np.inf
     team = ThreadTeam(1, packed).team(0)
     advance, loads = METHODS['leapfrog'].advance, pack_loads((), packed.layout)
 
     def run(state: State, work: Work, count: int) -> None:
-        # Nothing is saved without health checks.
+        # Without health checks nothing is saved.
         status, done, _ = advance(
             packed.model, loads, state, state, work, team, 0.0, 0, STEP, count, 0, _NEVER, None,
             ledger)
@@ -101,7 +101,7 @@ def package_kernel(packed: PackedScene) -> Kernel:
 
 
 def springs_kernel(packed: PackedScene, other: Any) -> Kernel:
-    """The other one: kick, drift, kick."""
+    """Return the springs-only kernel: kick, drift, kick."""
     model = packed.model
 
     def run(state: State, work: Work, count: int) -> None:
@@ -112,7 +112,7 @@ def springs_kernel(packed: PackedScene, other: Any) -> Kernel:
 
 
 def leanest_kernel(packed: PackedScene, other: Any) -> Kernel:
-    """The other one with one kick for each step."""
+    """Return the springs-only kernel with one kick per step."""
     model = packed.model
 
     def run(state: State, work: Work, count: int) -> None:

@@ -19,19 +19,18 @@ from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_validation.benchmarks.machine import describe_machine
 import numpy as np
 
-A, BESIDE = 0.01, 0.004
+# Half edge, and gap between the outermost bodies and the walls [m].
+A, GAP = 0.01, 0.004
 
 
 def box(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
-    """
-    Bodies at woven places that do not touch, with random velocities and spins, within six walls.
-    """
+    """Return a scene of separate bodies with random velocities and spins between six walls."""
     flat: dict[str, Any] = {
         'weave.size': list(size), 'weave.connected': False, 'weave.connector_length': 0.03,
         'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 20.0,
         'initial_random.seed': 2, 'solver.energy_limit': 1.0, **changes}
     place = ico.Scene.from_parameters(flat).position
-    room = circumscribed_radius(A) + BESIDE
+    room = circumscribed_radius(A) + GAP
     for axis, name in enumerate('xyz'):
         for side, word in ((1.0, 'low'), (-1.0, 'high')):
             edge = place[:, axis].min() if side > 0.0 else -place[:, axis].max()
@@ -41,7 +40,7 @@ def box(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
 
 
 def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:
-    """Pairs that touch where the forces were evaluated last; a wall is a negative number."""
+    """Return pairs in contact at the last evaluation of forces; walls are negative numbers."""
     contacts = simulation._driver.trajectory.model.contacts
     if contacts is None:
         return set()
@@ -49,13 +48,13 @@ def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:
 
 
 def main() -> None:
-    """Run until there were as many collisions as asked for."""
+    """Run until the requested number of collisions."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(20, 10, 10), help='weave.size')
     parser.add_argument('--collisions', type=int, default=10_000)
     parser.add_argument('--tolerance', type=float, default=1e-6, help='solver.tolerance')
-    parser.add_argument('--stiffness', type=float, default=0.0, help='[N/m]; 0: the own')
-    parser.add_argument('--seconds', type=float, default=1e9, help='of wall time at most')
+    parser.add_argument('--stiffness', type=float, default=0.0, help='[N/m]; 0: automatic')
+    parser.add_argument('--seconds', type=float, default=1e9, help='limit of wall time')
     given = parser.parse_args()
     scene = box(tuple(given.size), **{
         'contact.stiffness': given.stiffness, 'solver.tolerance': given.tolerance})

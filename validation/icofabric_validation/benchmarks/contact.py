@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Time of contact for each pair of shells, beside a general collision library: coal, FCL's successor.
+Time of contact per pair of shells, compared with the collision library coal, successor of FCL.
 
-The library is called from Python, pair by pair, with all objects made before; what such a call
-costs by itself shows with shells that are far apart. Times are those of the processor for this
-thread: on a shared machine they vary less.
+The library is called from Python for each pair, with all objects made before. Shells that are far
+apart show the cost of such a call. Times are processor times of one thread, which vary less on a
+shared machine.
 """
 
 from collections.abc import Callable
@@ -22,12 +22,13 @@ from icofabric_validation.benchmarks.timing import in_rounds, Spread
 import numpy as np
 
 LIBRARY = 'coal'
-KEPT, APART, PUSH = 'axis kept from before', 'whether they touch', 'force, torques and energy'
+STORED_AXIS, APART = 'axis kept from before', 'whether they touch'
+FORCE = 'force, torques and energy'
 COLLIDE, DISTANCE = 'coal: collide', 'coal: distance or depth'
-# Deeper than the library's own accuracy, over a.
-_DEEP = 1e-5
-# Pairs that the library gets in one go.
-_SAMPLE = 5_000
+# Overlap above the accuracy of the library, over a.
+_MIN_OVERLAP_RATIO = 1e-5
+# Number of pairs for the library.
+_LIBRARY_PAIRS = 5_000
 
 
 class ContactTime(NamedTuple):
@@ -38,27 +39,27 @@ class ContactTime(NamedTuple):
     times: list[float]  # [s] of the processor for each pair
 
     def per_pair(self) -> Spread:
-        """Time for each pair [ns]."""
+        """Time per pair [ns]."""
         return Spread.of([1e9 * value for value in self.times])
 
 
 class Contact(NamedTuple):
-    """All families."""
+    """The results of all families."""
 
     rows: list[ContactTime]
-    touching: dict[str, float]  # share of pairs that touch, by family
-    missed: int  # pairs that only the library sees touch
+    touching: dict[str, float]  # fraction of pairs in contact, by family
+    missed: int  # pairs in contact only according to the library
     compared: int
-    missing: str  # what to do where the library is not there
+    missing: str  # remedy if the library is missing; '': installed
     pair_count: int  # of each family
     rounds: int
 
     def row(self, family: str, what: str) -> ContactTime | None:
-        """The row of a family."""
+        """Return the row of a family."""
         return next((row for row in self.rows if (row.family, row.what) == (family, what)), None)
 
     def ratio(self, family: str, ours: str, theirs: str) -> Spread | None:
-        """The library's time over ours, round by round."""
+        """Return the time of the library over ours, round by round."""
         own, other = self.row(family, ours), self.row(family, theirs)
         if own is None or other is None:
             return None
@@ -84,11 +85,11 @@ def measure(
     for pairs in families(count):
         own = _Own(pairs)
         touching[pairs.label] = float(own.touching.mean())
-        tasks += [(pairs.label, KEPT, own.keep), (pairs.label, APART, own.decide),
-                  (pairs.label, PUSH, own.push)]
+        tasks += [(pairs.label, STORED_AXIS, own.keep), (pairs.label, APART, own.decide),
+                  (pairs.label, FORCE, own.push)]
         if coal is not None:
-            say(f'{LIBRARY} looks at the same pairs')
-            other = _Library(coal, pairs, min(count, _SAMPLE))
+            say(f'{LIBRARY} tests the same pairs')
+            other = _Library(coal, pairs, min(count, _LIBRARY_PAIRS))
             missed += int((other.depths() & ~own.touching[:other.count]).sum())
             compared += other.count
             tasks += [(pairs.label, COLLIDE, other.collide),
@@ -101,7 +102,7 @@ def measure(
 
 
 class _Own:
-    """Our kernels on one family."""
+    """The kernels of the package on one family."""
 
     def __init__(self, pairs: Pairs) -> None:
         count = len(pairs.xa)
@@ -113,7 +114,7 @@ class _Own:
         self._axis = np.ascontiguousarray(self._out[:, 12:15])
         self.decide()
         self.keep()
-        # Less than the rounding of a depth apart, or deeper.
+        # Pairs that are apart must not be in contact.
         assert not (self._apart & self.touching).any()
 
     def keep(self) -> float:
@@ -140,7 +141,7 @@ class _Library:
             points.append(vertex)
         for face in FACES:
             triangles.append(coal.Triangle(*map(int, face)))
-        # Kept: the searches only point to it.
+        # A reference is kept, because the searches only point to the shell.
         self._shell = shell = coal.Convex(points, triangles)
         self.count = count
         self._first = [coal.Transform3s(*pose) for pose in zip(pairs.ra[:count], pairs.xa)]
@@ -151,14 +152,14 @@ class _Library:
         self._distance = coal.DistanceRequest(), coal.DistanceResult()
 
     def depths(self) -> np.ndarray:
-        """Which pairs overlap by more than its accuracy."""
+        """Return a mask of pairs that overlap by more than the accuracy of the library."""
         request, result = self._distance
         found = np.zeros(self.count)
         for k, (one, two) in enumerate(zip(self._first, self._second)):
             result.clear()
             found[k] = self._measure(one, two, request, result)
-        # Searches that fail give numbers beyond all lengths.
-        return (found < -_DEEP * HALF_EDGE) & (found > -4.0 * HALF_EDGE)
+        # Failed searches give absurdly large depths.
+        return (found < -_MIN_OVERLAP_RATIO * HALF_EDGE) & (found > -4.0 * HALF_EDGE)
 
     def collide(self) -> float:
         return self._timed(self._collide, *self._collision)

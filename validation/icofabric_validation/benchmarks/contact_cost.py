@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What `contact.mode: auto` costs beside `never` while nothing touches, and how many pairs it tests.
+Cost of `contact.mode: auto` over `never` without contacts, and the number of tested pairs.
 
 Example scenes to t = 1 s, and a slab within a degree of the least connector angle, whose bounding
 spheres overlap, that moves gently. Times of the processor, both in turn in every round.
@@ -22,15 +22,15 @@ from icofabric_validation.benchmarks.machine import describe_machine
 import numpy as np
 
 NAMES = ('free_slab', 'pressed_slab', 'hanging_slab', 'bias_column', 'woven_ball')
-# Of shells of this project's shape: below it neighbours would overlap as woven [rad].
-LEAST_ANGLE = np.arccos(np.sqrt(0.6) ** -1 / np.sqrt(2.0)) - np.pi / 4.0
+# Smallest connector angle [rad], below which neighbours overlap as woven.
+MIN_ANGLE = np.arccos(np.sqrt(0.6) ** -1 / np.sqrt(2.0)) - np.pi / 4.0
 GENTLE: dict[str, Any] = {
-    'weave.size': [5, 5, 5], 'weave.connector_angle': LEAST_ANGLE + np.radians(1.0),
+    'weave.size': [5, 5, 5], 'weave.connector_angle': MIN_ANGLE + np.radians(1.0),
     'initial_random.velocity_sigma': 0.001, 'initial_random.spin_sigma': 0.1}
 
 
 def measure(flat: dict[str, Any], until: float, rounds: int) -> tuple[list[float], Any]:
-    """Time with `auto` over that with `never`, round by round; and the simulation with `auto`."""
+    """Return the times with `auto` over those with `never`, and the simulation with `auto`."""
     runs = {mode: ico.compile_scene(ico.Scene.from_parameters({**flat, 'contact.mode': mode}))
             for mode in ('never', 'auto')}
     for simulation in runs.values():
@@ -55,7 +55,7 @@ def main() -> None:
     logging.disable(logging.WARNING)
     print(describe_machine())
     scenes = [(name, load_parameter_file(example_scenes()[name]), 1.0) for name in NAMES]
-    # Later shells come so close that they may touch.
+    # Later shells come close to contact.
     scenes.append(('within 1 degree of the least angle', GENTLE, 0.06))
     for name, flat, until in scenes:
         ratios, simulation = measure(dict(flat), until, given.rounds)

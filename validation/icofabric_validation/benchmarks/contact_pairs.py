@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Families of pairs of shells for `icofabric benchmark contact`, at known distances from first touch.
-"""
+"""Families of pairs of shells for `icofabric benchmark contact`, at known distances."""
 
 import math
 from typing import NamedTuple
@@ -18,7 +16,7 @@ HALF_EDGE = 0.01
 
 
 class Pairs(NamedTuple):
-    """Pairs of one kind."""
+    """Pairs of one family."""
 
     label: str
     xa: np.ndarray  # centres [m], (n, 3)
@@ -28,7 +26,7 @@ class Pairs(NamedTuple):
 
 
 def families(count: int, seed: int = 1) -> list[Pairs]:
-    """All kinds, `count` pairs each."""
+    """Return all families, with `count` pairs each."""
     rng = np.random.default_rng(seed)
     a = HALF_EDGE
     inner = inscribed_radius(1.0)
@@ -71,7 +69,7 @@ def _rotations(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _half_turns(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rotations by pi about axes across the normals: so that faces point the other way."""
+    """Return rotations by pi about axes across the normals, which reverse the faces."""
     across = _unit(np.cross(normals, rng.normal(size=normals.shape)))
     return 2.0 * across[:, :, None] * across[:, None, :] - np.eye(3)
 
@@ -87,9 +85,7 @@ def _at(
 
 
 def _first_touch(ra: np.ndarray, rb: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """
-    Distance [m] of the centres at which they begin to touch: where the line leaves its facet.
-    """
+    """Return the centre distances [m] of first contact, where the line leaves its facet."""
     count = len(ra)
     touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
     inside = HALF_EDGE * math.sqrt(2.0)

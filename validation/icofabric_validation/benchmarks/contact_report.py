@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of `contact` as tables and as a CSV file."""
+"""Tables and CSV file of `contact`."""
 
 import csv
 from pathlib import Path
@@ -10,19 +10,19 @@ from icofabric_validation.benchmarks.contact import (
     COLLIDE,
     Contact,
     DISTANCE,
-    KEPT,
+    FORCE,
     LIBRARY,
-    PUSH,
+    STORED_AXIS,
 )
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.report import table
 
-# Ours, and what of the library does the same or less.
-COMPARED = ((KEPT, COLLIDE), (APART, COLLIDE), (APART, DISTANCE), (PUSH, DISTANCE))
+# Pairs of a test of the package and the closest test of the library.
+COMPARED = ((STORED_AXIS, COLLIDE), (APART, COLLIDE), (APART, DISTANCE), (FORCE, DISTANCE))
 
 
 def lines(result: Contact) -> list[str]:
-    """Tables for a terminal."""
+    """Return tables for a terminal."""
     times = [['pairs, and how many touch', 'what is found', 'ns for each pair, median (range)']]
     ratios = [['the library over ours', '', 'median (range)']]
     for family, share in result.touching.items():
@@ -49,7 +49,7 @@ def lines(result: Contact) -> list[str]:
 
 
 def write(result: Contact, folder: Path) -> list[Path]:
-    """Write the figures into `folder`; returns their paths."""
+    """Write the results into `folder`; return their paths."""
     path = folder / 'contact.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)

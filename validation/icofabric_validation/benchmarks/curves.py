@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work against precision of one solver: its error and its time from rough to fine settings."""
+"""Work against precision of one solver: error and time from coarse to fine settings."""
 
 from dataclasses import dataclass, field
 import math
@@ -12,12 +12,13 @@ from icofabric_validation.benchmarks.scenes import motion_error, PlainScene
 from icofabric_validation.benchmarks.solver import Solver, StepSolver, ToleranceSolver, Unusable
 from icofabric_validation.benchmarks.timing import timed
 
-# Above this the motion is another one; below it errors do not matter, or are the reference's.
-_ROUGHEST, _FINEST = 0.3, 3e-11
-# Where an error below this falls no further it is rounding.
-_ROUNDING = 1e-6
-# Steps that may be refused at the rough end before a solver is given up.
-_REFUSALS = 12
+# Largest and smallest errors of interest: larger ones are another motion, smaller ones may be
+# errors of the reference.
+_MAX_ERROR, _MIN_ERROR = 0.3, 3e-11
+# An error below this that does not decrease further is round-off.
+_ROUND_OFF_ERROR = 1e-6
+# Largest number of refused steps at the coarse end.
+_MAX_REFUSALS = 12
 
 
 @dataclass
@@ -36,14 +37,14 @@ class Point:
 
 @dataclass
 class Curve:
-    """A solver and its points, from rough to fine."""
+    """A solver and its points, from coarse to fine."""
 
     solver: Solver
     points: list[Point]
     remark: str = ''
 
     def needed(self, targets: tuple[float, ...]) -> list[Point]:
-        """Points that the times at the errors `targets` are computed from."""
+        """Return the points that determine the times at the errors `targets`."""
         chosen: list[Point] = []
         for target in targets:
             for k in self._around(target):
@@ -53,11 +54,11 @@ class Curve:
 
     def time_at(self, target: float, turn: int | None = None) -> tuple[float, bool]:
         """
-        Time [s] for the error `target`, from the medians or those of round `turn`.
+        Return the time [s] for the error `target`, from the medians or from round `turn`.
 
-        Interpolated on logarithmic scales, unless a run that is better than asked for takes less.
-        Where the finest is not good enough the curve goes on with the order of the solver, and the
-        second value is True; infinite where the order says nothing.
+        The time is interpolated on logarithmic scales, unless a finer run takes less. If the
+        finest point is too coarse, the curve is extrapolated with the order of the solver and the
+        second value is True; without an order the time is infinite.
         """
         def spent(point: Point) -> float:
             return point.time if turn is None else point.times[turn % len(point.times)]
@@ -77,14 +78,14 @@ class Curve:
 
     def observed_order(self) -> float:
         """
-        Slope of the error over the step, between rounding and the loss of the motion.
+        Slope of the error over the step, between round-off and the loss of the motion.
 
-        NaN where there are fewer than three such points, or no fixed steps.
+        NaN with fewer than three such points, or without given steps.
         """
         if not isinstance(self.solver, StepSolver):
             return math.nan
-        clean = [point for point in self.points if 10.0 * _FINEST < point.error < 2e-2]
-        # The finest points show best how the error goes to zero.
+        clean = [point for point in self.points if 10.0 * _MIN_ERROR < point.error < 2e-2]
+        # The finest points show the order best.
         clean = clean[-4:]
         if len(clean) < 3:
             return math.nan
@@ -96,8 +97,8 @@ class Curve:
         good = [k for k, point in enumerate(self.points) if point.error <= target]
         if not good:
             return [len(self.points) - 1] if self.points else []
-        # A finer run may take less: close to the limit of stability health checks cost more.
-        # The medians decide for all rounds.
+        # A finer run may take less: health checks cost more near the stability limit.
+        # The medians select the point for all rounds.
         best = min(good, key=lambda k: self.points[k].time)
         if good[0] == 0:
             return [best]
@@ -109,13 +110,13 @@ class Curve:
 def _between(
     before: Point, last: Point, target: float, time_before: float, time_last: float
 ) -> float:
-    """Time at the error `target` between two points, on logarithmic scales."""
+    """Interpolate the time at the error `target` on logarithmic scales."""
     part = math.log(before.error / target) / math.log(before.error / last.error)
     return float(time_before ** (1.0 - part) * time_last**part)
 
 
 def run_once(solver: Solver, setting: float, duration: float) -> float:
-    """Time [s] of a run over `duration` [s]."""
+    """Return the time [s] of a run over `duration` [s]."""
     if isinstance(solver, StepSolver):
         steps, count = solver, round(setting)
         return timed(lambda: steps.start(duration / count), lambda: steps.advance(count))
@@ -129,10 +130,11 @@ def trace(
     growth: float | None = None
 ) -> Curve:
     """
-    Run `solver` from rough to fine until it is better than needed, or a run takes too long [s].
+    Run `solver` from coarse to fine until the error is small or a run takes too long [s].
 
-    The times are those of single runs, for a plot; rounds replace those that matter. Each takes
-    `growth` times as many steps as the one before, by default what suits the order of the method.
+    Times are those of single runs, for a plot; rounds replace the times of important points. Each
+    run takes `growth` times as many steps as the one before; the default suits the order of the
+    method.
     """
     curve = Curve(solver, [])
     refused = 0
@@ -140,7 +142,7 @@ def trace(
     for setting in _settings(solver, reference.duration, growth):
         try:
             if not warm:
-                # What is compiled or allocated at the first use is not to be timed.
+                # Compilation and allocation of the first use are not timed.
                 run_once(solver, setting, reference.duration)
                 warm = True
             started = time.perf_counter()
@@ -150,18 +152,18 @@ def trace(
         except Unusable as problem:
             refused += 1
             curve.remark = str(problem)
-            if refused > _REFUSALS or curve.points:
+            if refused > _MAX_REFUSALS or curve.points:
                 break
             continue
-        if error > _ROUGHEST:
+        if error > _MAX_ERROR:
             continue
         curve.points.append(Point(setting, error, [spent]))
-        if error < max(_FINEST, 5.0 * reference.uncertainty):
+        if error < max(_MIN_ERROR, 5.0 * reference.uncertainty):
             break
-        # Where stability sets the step, several tolerances give one error.
-        stuck = len(curve.points) > 1 and 0.7 * curve.points[-2].error < error < _ROUNDING
+        # If stability limits the step, several tolerances give the same error.
+        stuck = len(curve.points) > 1 and 0.7 * curve.points[-2].error < error < _ROUND_OFF_ERROR
         if stuck and isinstance(solver, StepSolver) and growth is None:
-            curve.remark = 'the error falls no further: rounding'
+            curve.remark = 'the error falls no further: round-off'
             curve.points.pop()
             break
         if max(spent, wall / 9.0) * (growth or _growth(solver)) > longest_run:

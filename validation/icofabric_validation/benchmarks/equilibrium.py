@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Equilibria beside SciPy's general minimisers and a damped run: time, and the force that is left.
+Equilibria compared with minimisers of SciPy and a damped run: time and residual force.
 
-With `--growth`: our solver alone, for slabs of 63 to 49,726 bodies, each in a process of its own.
+With `--growth`: the solver of this package alone, for slabs of 63 to 49,726 bodies, each in a
+separate process.
 
-All start from the woven state and get the same energy and forces. SciPy's are given the gradient
-in positions and rotation vectors since the start; a damped run has drag of twice the lowest
-frequency.
+All solvers start from the woven state with the same energy and forces. Those of SciPy get the
+gradient in positions and rotation vectors since the start. The damped run has drag of twice the
+lowest frequency.
 
     .venv/bin/python -m icofabric_validation.benchmarks.equilibrium
     .venv/bin/python -m icofabric_validation.benchmarks.equilibrium --growth
@@ -29,7 +30,7 @@ from scipy.optimize import minimize
 
 
 class Row(NamedTuple):
-    """What a solver reached."""
+    """The result of one solver."""
 
     name: str
     seconds: float
@@ -39,7 +40,7 @@ class Row(NamedTuple):
 
 
 def cantilever(size: list[int]) -> ico.Scene:
-    """A slab with bending stiffness, held at one side, under its weight."""
+    """Return a slab with bending stiffness that is held at one side, under its weight."""
     return ico.Scene.from_parameters({
         'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'wall': 'x_min'},
         'supports': {'wall': {'group': 'wall'}}, 'contact': {'mode': 'never'},
@@ -47,16 +48,16 @@ def cantilever(size: list[int]) -> ico.Scene:
 
 
 def hanging(size: list[int]) -> ico.Scene:
-    """A slab of point springs under its ceiling: it folds far before it rests."""
+    """Return a slab of point springs under its ceiling, which folds far before equilibrium."""
     return ico.Scene.from_parameters({
         'weave': {'size': size}, 'gravity': [0.0, 0.0, -9.81], 'groups': {'top': 'z_max'},
         'supports': {'top': {'group': 'top'}}, 'contact': {'mode': 'never'}})
 
 
 def measure_growth(text: str, kind: str) -> str:
-    """One row for a slab of that size: what it took, and the memory beyond that of the scene."""
+    """Return a row for a slab of a size, with times and memory without the scene."""
     make = KINDS[kind]
-    # Kernels are compiled or loaded first.
+    # Compile or load kernels first.
     ico.solve_equilibrium(make([3, 3, 3]))
     scene = make([int(part) for part in text.split('x')])
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -70,16 +71,14 @@ def measure_growth(text: str, kind: str) -> str:
 
 
 def residual(here: Configuration) -> float:
-    """
-    The largest force, or torque over a, left on free bodies over the largest force that acts.
-    """
+    """Return the largest residual force, or torque over a, over the largest acting force."""
     left = np.abs(np.where(here.fabric.free, here.force, 0.0))
     left[:, 3:] /= here.fabric.half_edge
     return float(left.max() / here.force_scale)
 
 
 def own(scene: ico.Scene) -> Row:
-    """Our solver."""
+    """Solve with this package."""
     began = time.perf_counter()
     result = ico.solve_equilibrium(scene)
     return Row('solve_equilibrium', time.perf_counter() - began, result.product_count,
@@ -87,29 +86,27 @@ def own(scene: ico.Scene) -> Row:
 
 
 def energy_of(scene: ico.Scene, snapshot: ico.Snapshot) -> float:
-    """Potential energy [J]."""
+    """Return the potential energy [J]."""
     return Configuration(
         StaticFabric(scene), snapshot.position.copy(), snapshot.orientation.copy()).energy
 
 
 class Chart:
-    """
-    Energy and gradient in displacements and rotation vectors since the start, scaled by masses.
-    """
+    """Energy and gradient in displacements and rotation vectors, scaled by mass."""
 
     def __init__(self, scene: ico.Scene) -> None:
-        """Begin at the woven state."""
+        """Start at the woven state."""
         self.fabric = StaticFabric(scene)
         self.scale = np.where(self.fabric.free, 1.0 / self.fabric.root, 0.0)
         self.unit = self.fabric.start.force_scale * self.fabric.half_edge
         self.calls = 0
 
     def at(self, vector: np.ndarray) -> Configuration:
-        """The configuration of a vector."""
+        """Return the configuration of a vector."""
         return self.fabric.start.moved(self.scale * vector.reshape(self.scale.shape))
 
     def energy_and_gradient(self, vector: np.ndarray) -> tuple[float, np.ndarray]:
-        """In units of the weight of a body times a."""
+        """Return energy and gradient in units of the weight of a body times a."""
         self.calls += 1
         here, motion = self.at(vector), self.scale * vector.reshape(self.scale.shape)
         slope = -here.force
@@ -126,7 +123,7 @@ class Chart:
 
 
 def general(scene: ico.Scene, method: str, options: dict[str, Any]) -> Row:
-    """A minimiser of SciPy's."""
+    """Minimise with a method of SciPy."""
     chart = Chart(scene)
     began = time.perf_counter()
     found = minimize(
@@ -138,7 +135,7 @@ def general(scene: ico.Scene, method: str, options: dict[str, Any]) -> Row:
 
 
 def damped(scene: ico.Scene) -> Row:
-    """A run with drag until less than 1e-8 of the forces is left, or for 20 periods."""
+    """Run with drag until less than 1e-8 of the forces remains, or for 20 periods."""
     rate = 2.0 * float(ico.solve_modes(scene, count=1).frequencies[0])
     drag = {'drag.linear': rate * scene.shell.mass, 'drag.angular': rate * scene.shell.inertia,
             'solver.tolerance': 1e-8, 'contact.mode': 'never'}
@@ -186,7 +183,7 @@ def main() -> None:
         damped]
     for size in arguments.sizes or ['5x3x3', '9x5x5', '13x7x7']:
         scene = cantilever([int(part) for part in size.split('x')])
-        # Kernels of both kinds are compiled or loaded first.
+        # Compile or load kernels of both kinds first.
         own(scene)
         damped(cantilever([3, 2, 2]))
         print(f'\n{size}: {scene.body_count:,} bodies')

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps on a GPU beside those of the processor: body-steps a second, and how far the motions differ.
+Steps on a GPU and on the processor: body-steps per second, and the difference of the motions.
 
-Where no GPU is found the same kernels are measured on the processor, and say so. What the kernel
-of a plain fabric becomes for a GPU is counted in any case.
+Without a GPU the same kernels are measured on the processor, and the output says so. Properties of
+kernels compiled for a GPU are counted in any case.
 """
 
 from collections.abc import Callable
@@ -16,54 +16,54 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_validation.benchmarks.scenes import scene_parameters
 from icofabric_validation.benchmarks.step_speed import STEP
-from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK, timed
+from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK_S, timed
 import numpy as np
 
 Size = tuple[int, int, int]
-# 4,631, 49,726, 100,920, 1,000,188, 9,965,880 and 99,961,946 bodies, about.
+# About 4,631, 49,726, 100,920, 1,000,188, 9,965,880 and 99,961,946 bodies.
 SIZES: tuple[Size, ...] = (
     (21, 21, 21), (46, 46, 47), (58, 58, 60), (126, 126, 126), (271, 271, 271), (585, 585, 584))
 # Steps after which motions are compared, and steps of a timed run: two health checks.
 _COMPARED, _TIMED = 64, 128
-# Kernels that are compiled: of a plain fabric, and one with nearly all that a device computes.
+# Compiled kernels: of a plain fabric, and of one with nearly all terms of a device.
 PLAIN = 'springs'
 ALL = 'springs with own laws, moments, supports, loads'
-# Of slopes, for the embedded pair.
+# Rates for the embedded pair.
 DAMPED = 'damped springs, by dop8'
-# Of pairs, for all scenes.
+# Candidate pairs, for all scenes.
 TOUCHING = 'shells that may touch'
 
 
 class DeviceSize(NamedTuple):
-    """Figures of one number of bodies; lists hold body-steps a second, one for each round."""
+    """Results of one number of bodies; lists have body-steps per second by round."""
 
     size: Size
     body_count: int
-    processor: list[float]  # the loops of Numba, with as many threads as pay
+    processor: list[float]  # loops of Numba, with the best number of threads
     run: list[float]  # a run on the device, health checks included
     kernel: list[float]  # its kernel alone
     error: float  # after _COMPARED steps, position over a, between device and processor
-    bytes_each: float  # that a step reads and writes for each body
+    bytes_each: float  # that a step reads and writes per body
 
     def gain(self) -> Spread:
-        """The device over the processor, round by round."""
+        """Rate of the device over that of the processor, round by round."""
         return Spread.of([one / other for one, other in zip(self.run, self.processor)])
 
     def bandwidth(self) -> float:
-        """Bytes a second that the kernel reads and writes."""
+        """Bytes per second that the kernel reads and writes."""
         return Spread.of(self.kernel).median * self.bytes_each
 
 
 class Gpu(NamedTuple):
-    """All sizes, and what kernels become when they are compiled for a GPU."""
+    """Results of all sizes, and properties of kernels compiled for a GPU."""
 
     device: str
     is_gpu: bool
     rows: list[DeviceSize]
     compiled: dict[str, Any]  # CompiledKernel by the terms
-    bytes_held: int  # for each body on the device, at the largest size
+    bytes_held: int  # per body on the device, at the largest size
     rounds: int
-    missing: str  # why there are no figures; '': there are
+    missing: str  # reason for missing results; '': none
 
 
 def measure(
@@ -72,7 +72,7 @@ def measure(
     progress: Callable[[int, int], None] = lambda done, total: None,
     sizes: tuple[Size, ...] = SIZES, kernels: tuple[str, ...] = (PLAIN, ALL, DAMPED, TOUCHING)
 ) -> Gpu:
-    """Compare the motions, then time steps in rounds; `choice`: of solver.device, or auto."""
+    """Compare the motions, then time steps in rounds; `choice` is solver.device, or auto."""
     try:
         device, found = _device(choice)
     except ParameterError as problem:
@@ -134,5 +134,5 @@ def _start(size: Size, device: str) -> Simulation:
 
 
 def _rate(count: int, run: Callable[[], object]) -> float:
-    """Body-steps a second."""
-    return count * _TIMED / timed(lambda: None, run, block=STEPS_BLOCK)
+    """Return body-steps per second."""
+    return count * _TIMED / timed(lambda: None, run, block=STEPS_BLOCK_S)

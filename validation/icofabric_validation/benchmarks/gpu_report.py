@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of `gpu` as tables and as a CSV file."""
+"""Tables and CSV file of `gpu`."""
 
 import csv
 from pathlib import Path
@@ -12,7 +12,7 @@ from icofabric_validation.benchmarks.timing import Spread
 
 
 def lines(result: Gpu) -> list[str]:
-    """Tables for a terminal."""
+    """Return tables for a terminal."""
     if result.missing:
         return [f'Steps on a GPU: not measured; {result.missing}']
     times = [[
@@ -45,7 +45,7 @@ def lines(result: Gpu) -> list[str]:
 
 
 def write(result: Gpu, folder: Path) -> list[Path]:
-    """Write the figures into `folder`; returns their paths."""
+    """Write the results into `folder`; return their paths."""
     path = folder / 'gpu.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)

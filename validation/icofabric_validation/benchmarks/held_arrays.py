@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which arrays a compiled scene holds."""
+"""Arrays of a compiled scene."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def arrays_of(simulation: Simulation) -> dict[str, int]:
-    """Bytes of every array that a compiled scene holds beside the scene itself, by name."""
+    """Return the bytes of every array of a compiled scene, without the scene itself, by name."""
     found: dict[str, int] = {}
     seen = {id(simulation.scene)}
     for name, array in _walk('', simulation, seen):

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Error against time of implicit steps and of `dop8` where connectors are damped beyond the critical.
+Error against time of implicit steps and of `dop8` with overdamped connectors.
 
-Every run does the same motion, alternately; errors are those beside `dop8` at 1e-10. A ready
-scene may take the place of the plain fabric, such as one whose shells touch.
+All runs have the same motion and alternate. The reference is `dop8` at 1e-10. An example scene,
+such as one with contacts, may replace the plain fabric.
 
     .venv/bin/python -m icofabric_validation.benchmarks.implicit_steps [--damping 380 3800] \
         [--tolerance 1e-4 1e-6]
@@ -23,7 +23,7 @@ METHODS = ('dop8', 'sdirk4')
 
 
 def plain(size: int) -> ico.Scene:
-    """A fabric whose shells do not touch, in random motion."""
+    """Return a fabric without contacts in random motion."""
     return ico.Scene.from_parameters({
         **FABRIC, 'weave': {**FABRIC['weave'], 'size': [size, size, size]},
         'connector': {'stiffness': 500.0}})
@@ -31,7 +31,7 @@ def plain(size: int) -> ico.Scene:
 
 def run(scene: ico.Scene, damping: float, method: str, tolerance: float, duration: float) -> tuple[
         ico.Simulation, float]:
-    """Return a run to `duration` [s], and the seconds of the processor that its steps took."""
+    """Return a run to `duration` [s], and the processor time [s] of its steps."""
     simulation = ico.compile_scene(scene.with_changes({
         'connector.damping': damping, 'solver.method': method, 'solver.tolerance': tolerance,
         'solver.threads': 1}))
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument('--size', type=int, default=5, help='shells along each axis of the grid')
     parser.add_argument('--scene', help='an example scene instead of the plain fabric')
     parser.add_argument('--damping', type=float, nargs='+', default=[38.0, 380.0, 3800.0],
-                        help='of each connector [N s/m]; the critical one is about 4')
+                        help='of each connector [N s/m]; critical damping is about 4')
     parser.add_argument('--tolerance', type=float, nargs='+', default=[1e-2, 1e-4, 1e-6, 1e-8])
     parser.add_argument('--duration', type=float, default=0.02, help='[s]')
     parser.add_argument('--rounds', type=int, default=3)

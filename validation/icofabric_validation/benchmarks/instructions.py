@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Counts the machine instructions that a compiled function spends in its loops."""
+"""Counts of machine instructions in the loops of a compiled function."""
 
 from collections.abc import Callable
 import re
@@ -16,18 +16,16 @@ _JUMP = re.compile(r'\s+j[a-z]+\s+(\.L[\w.$]+)')
 
 
 def recompiled(function: Callable[..., Any]) -> Any:
-    """
-    The same function as the package compiles it, without the disk cache, which keeps no listing.
-    """
+    """Recompile a function without the disk cache, which keeps no listing."""
     plain = getattr(function, 'py_func', function)
     return numba.njit(nogil=True, error_model='numpy')(plain)
 
 
 def loop_instructions(function: Callable[..., Any], *arguments: Any) -> int | None:
     """
-    Instructions within the loops of `function`, called with `arguments`; what it calls is inlined.
+    Count the instructions in the loops of `function`, called with `arguments`.
 
-    None where the machine's listing is not understood, or nothing is compiled.
+    Called functions are inlined. None if the listing is not understood, or nothing is compiled.
     """
     kernel = recompiled(function)
     kernel(*arguments)
@@ -64,9 +62,9 @@ def _plain_name(symbol: str) -> str:
 
 def count_in_loops(listing: str) -> int | None:
     """
-    Instructions between the first and the last line of each loop of the first function listed.
+    Count the instructions between the first and the last line of each loop of the first function.
 
-    A loop is what a jump backwards encloses; loops that overlap count as one.
+    A loop is the range of a jump backwards; overlapping loops count as one.
     """
     instructions, places, loops = 0, {}, []
     started = False

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The true motion of a fabric whose connectors have two stiffnesses (eq 2).
+The reference motion of a fabric whose connectors have two stiffnesses (eq 2).
 
-The extrapolation of reference.py, order 16, with every connector on the side of its natural length
-where the step began, so that forces are smooth. A step in which one changes sides is taken again
-so that it ends there, to rounding; then that one gets its other stiffness.
+The extrapolation of reference.py, of order 16, keeps every connector on its side of the natural
+length within a step, so that forces are smooth. A step in which a connector changes sides is
+repeated so that it ends at the change, to round-off. Then the connector gets its other stiffness.
 """
 
 from icofabric_validation.benchmarks.reference import (
@@ -22,19 +22,19 @@ from icofabric_validation.benchmarks.reference import (
 from icofabric_validation.benchmarks.scenes import motion_error, PlainScene
 import numpy as np
 
-# A length this close to its natural one, beside it, is there.
-_THERE = 1e-13
-# Steps are this part of those of the smooth reference: no side is changed twice within one.
-_PART = 0.5
-_NEWTON = 12
+# Largest strain of a connector that counts as being at its natural length.
+_ZERO_STRAIN = 1e-13
+# Steps over those of the smooth reference, so that no side changes twice within a step.
+_STEP_RATIO = 0.5
+_MAX_NEWTON_STEPS = 12
 
 
 def kinked_reference(
     scene: PlainScene, duration: float, *, displacement: float = 1e-7
 ) -> Reference:
-    """Return the true motion of `scene` at `duration` [s]; growth of one displacement."""
+    """Return the reference motion of `scene` at `duration` [s]; growth of one displacement."""
     start = start_of(scene)
-    count = int(np.ceil(duration * scene.frequency_bound / (_PART * COURANT)))
+    count = int(np.ceil(duration * scene.frequency_bound / (_STEP_RATIO * COURANT)))
     end, _ = follow(scene, start, duration, count)
     finer, crossings = follow(scene, start, duration, (3 * count + 1) // 2)
     uncertainty = motion_error(motion_of(end), motion_of(finer), scene.half_edge)
@@ -48,12 +48,10 @@ def kinked_reference(
 def follow(
     scene: PlainScene, start: np.ndarray, duration: float, count: int
 ) -> tuple[np.ndarray, int]:
-    """
-    State (n, 18) at `duration` [s] by at least `count` steps, and how often sides were changed.
-    """
+    """Return the state (n, 18) at `duration` [s] by at least `count` steps, and side changes."""
     springs, y = springs_of(scene), start.copy()
     excess, rate = _strains(springs, y)
-    longer = np.where(np.abs(excess) > _THERE * scene.natural_length, excess, rate) > 0.0
+    longer = np.where(np.abs(excess) > _ZERO_STRAIN * scene.natural_length, excess, rate) > 0.0
     time, crossings, longest = 0.0, 0, duration / count
     while time < duration:
         sides = springs._replace(
@@ -63,7 +61,7 @@ def follow(
         part, y = _first_crossing(sides, y, sign, h)
         time = duration if part == 1.0 and h == duration - time else time + part * h
         excess, rate = _strains(springs, y)
-        over = (sign * excess < _THERE * scene.natural_length) & (sign * rate < 0.0)
+        over = (sign * excess < _ZERO_STRAIN * scene.natural_length) & (sign * rate < 0.0)
         longer ^= over
         crossings += int(over.sum())
     return y, crossings
@@ -72,10 +70,8 @@ def follow(
 def _first_crossing(
     springs: Springs, y: np.ndarray, sign: np.ndarray, h: float
 ) -> tuple[float, np.ndarray]:
-    """
-    Part of a step of `h` [s] after which the first connector changes sides, or 1; the state then.
-    """
-    close = _THERE * springs.natural_length
+    """Return the fraction of a step `h` [s] until the first side change, or 1, and the state."""
+    close = _ZERO_STRAIN * springs.natural_length
     start, start_rate = (sign * values for values in _strains(springs, y))
     end = extrapolate(springs, y, h, 1, COLUMNS)
     now, rate = (sign * values for values in _strains(springs, end))
@@ -86,13 +82,13 @@ def _first_crossing(
         there = _cubic(x, start[turned], h * start_rate[turned], now[turned], h * rate[turned])
         if not (there < -close).any():
             return 1.0, end
-        # There and back again: up to where it turns.
+        # Two crossings in a step: up to the turning point.
         middle = float(x[there < -close].min())
         part, end = _first_crossing(springs, y, sign, middle * h)
         return middle * part, end
     x = _roots(start[late], h * start_rate[late], now[late], h * rate[late])
     first, part = late[np.argmin(x)], float(x.min())
-    for _ in range(_NEWTON):
+    for _ in range(_MAX_NEWTON_STEPS):
         part = min(max(part, 1e-14), 1.0)
         end = extrapolate(springs, y, part * h, 1, COLUMNS)
         now, rate = (sign * values for values in _strains(springs, end))
@@ -108,7 +104,7 @@ def _first_crossing(
 def _roots(
     low: np.ndarray, rise: np.ndarray, high: np.ndarray, slope: np.ndarray
 ) -> np.ndarray:
-    """Where cubics from `low` >= 0 down to `high` < 0 are 0, in parts of the way, by bisection."""
+    """Return the zeros in 0 to 1 of cubics from `low` >= 0 to `high` < 0, by bisection."""
     left, right = np.zeros_like(low), np.ones_like(low)
     for _ in range(50):
         x = 0.5 * (left + right)
@@ -120,7 +116,7 @@ def _roots(
 def _cubic(
     x: np.ndarray, low: np.ndarray, rise: np.ndarray, high: np.ndarray, slope: np.ndarray
 ) -> np.ndarray:
-    """From `low` with the slope `rise` at 0 to `high` with `slope` at 1."""
+    """Return cubics from `low` with slope `rise` at 0 to `high` with `slope` at 1."""
     y = 1.0 - x
     return np.asarray(
         low * y * y * (1.0 + 2.0 * x) + high * x * x * (1.0 + 2.0 * y)
@@ -128,9 +124,7 @@ def _cubic(
 
 
 def _strains(springs: Springs, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """
-    How much longer connectors are than their natural length [m], and the rates of that [m/s].
-    """
+    """Return extensions of connectors [m] and their rates [m/s]."""
     ends, speeds = [], []
     for body, axis, arm in (
             (springs.first, springs.first_axis, springs.first_arm),

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors and times of steps of one length on S1, smooth and with kinked connectors, in one run.
+Errors and times of given steps on S1, with one and with two connector stiffnesses.
 
-S1 is the fabric of `icofabric benchmark work-precision`; kinked it pushes with 100 N/m and pulls
-with 500. Prints for each method the error after the duration for steps of so many radians of the
-fastest vibration, beside `dop8` at its tightest, and the processor time for each simulated second
-that an error of 1e-6 and 1e-9 takes, kinked over smooth; `--long` adds the energy over long runs.
+S1 is the fabric of `icofabric benchmark work-precision`. The kinked connectors have 100 N/m in
+compression and 500 N/m in extension. For each method the errors of steps from 0.05 to 1.7 radians
+of the fastest vibration are printed, compared with `dop8` at its smallest tolerance. Then follow
+the processor times per simulated second for errors of 1e-6 and 1e-9, kinked over smooth. `--long`
+adds the energy over long runs.
 
     .venv/bin/python -m icofabric_validation.benchmarks.kinked_steps [--duration 0.1] \
         [--long 100000]
@@ -27,12 +28,12 @@ _RADIANS = (1.7, 1.2, 0.8, 0.6, 0.4, 0.3, 0.2, 0.14, 0.1, 0.07, 0.05)
 _PLAIN = (0.1, 0.05, 0.025, 0.0125, 0.006, 0.003)
 _TARGETS = (1e-6, 1e-9)
 _REPEATS = 3
-# Tolerance of the reference [1/s]: rounding allows no less.
-_REFERENCE = 3e-11
+# Tolerance of the reference [1/s], limited by round-off.
+_REFERENCE_TOLERANCE = 3e-11
 
 
 def make(changes: dict[str, object]) -> ico.Scene:
-    """S1 with these changes, one thread."""
+    """Return S1 with changes, for one thread."""
     scene = ico.Scene.from_parameters(
         {**FABRIC, 'weave': {**FABRIC['weave'], 'size': list(SIZES['S1'])}})
     return scene.with_changes({'solver.threads': 1, 'solver.energy_limit': 1e9, **changes})
@@ -42,7 +43,7 @@ def measure(
     changes: dict[str, object], method: str, duration: float, rate: float, radians: float,
     target: ico.Snapshot, half_edge: float
 ) -> tuple[float, float]:
-    """Error at the end, and the least processor time [s] of a simulated second."""
+    """Return the final error, and the least processor time [s] per simulated second."""
     count = max(1, round(duration * rate / radians))
     best, error = np.inf, np.inf
     for _ in range(_REPEATS):
@@ -56,7 +57,7 @@ def measure(
 
 
 def time_at(target: float, errors: list[float], times: list[float]) -> float:
-    """Time at an error, between the two steps around it; NaN where none is so accurate."""
+    """Interpolate the time at an error; NaN if no step is so accurate."""
     for k in range(1, len(errors)):
         if errors[k] <= target < errors[k - 1]:
             part = np.log(errors[k - 1] / target) / np.log(errors[k - 1] / errors[k])
@@ -65,7 +66,7 @@ def time_at(target: float, errors: list[float], times: list[float]) -> float:
 
 
 def keep_energy(changes: dict[str, object], rate: float, count: int, cost: float) -> None:
-    """Energy of long runs by srkn4, and by the leapfrog with steps of the same cost."""
+    """Print the energy of long runs by srkn4, and by leapfrog with steps of equal cost."""
     for method, radians in (('srkn4', 1.0), ('leapfrog', 1.0 / cost)):
         run = ico.compile_scene(make(changes | {
             'solver.method': method, 'solver.step': radians / rate}))
@@ -94,7 +95,7 @@ def main() -> int:
     for name, push in (('smooth', 500.0), ('kinked', 100.0)):
         changes: dict[str, object] = {'connector.stiffness_compression': push}
         exact = ico.compile_scene(make(changes | {
-            'solver.method': 'dop8', 'solver.tolerance': _REFERENCE}))
+            'solver.method': 'dop8', 'solver.tolerance': _REFERENCE_TOLERANCE}))
         rate, half_edge = exact.status.largest_frequency, exact.scene.geometry.half_edge
         exact.advance_to(arguments.duration)
         target = exact.snapshot()

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A raw subscriber in a process of its own; reports what it received, with checksums of messages.
+A raw subscriber in a separate process, which reports received messages with checksums.
 
 Started by live_delivery.py with the arguments TOPIC TYPE [TOPIC TYPE ...].
 
-Each line on its standard input is answered with one of JSON: `clock` with the simulated time
-[ns], `listen` once it has subscribed to topics that are all published, `end` with what was
-received, once nothing more comes.
+Each line on standard input gets one line of JSON: `clock` the simulated time [ns], `listen` an
+answer after subscribing to topics that are all published, `end` the received messages after the
+last one has arrived.
 """
 
 from collections.abc import Callable
@@ -29,12 +29,12 @@ _DECODERS = {
     'visualization_msgs/msg/Marker': decode_marker_points,
 }
 _QUALITY = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
-# How long the topics must have been silent before the end [s].
-_SILENCE = 1.0
+# Time without messages before the end.
+_SILENCE_S = 1.0
 
 
 class Listener:
-    """Subscriptions, and what came."""
+    """Subscriptions and received messages."""
 
     def __init__(self, node: Any, topics: list[tuple[str, str]]) -> None:
         """Listen to /clock, and to the (name, type) pairs on request."""
@@ -46,7 +46,7 @@ class Listener:
             raw=True)
 
     def answer(self, word: str) -> Any:
-        """Do what a line says, and return what to answer."""
+        """Execute a request, and return the answer."""
         if word == 'clock':
             before = self._clock
             while self._clock == before:
@@ -60,7 +60,7 @@ class Listener:
                 while not self._node.count_publishers(name):
                     time.sleep(0.01)
             return 'ready'
-        while time.monotonic() - self._last < _SILENCE:
+        while time.monotonic() - self._last < _SILENCE_S:
             time.sleep(0.05)
         return self._received
 

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Cost of listeners for the node, and whether they receive every message, bit by bit.
+Cost of subscribers for the node, and bitwise checks of received messages.
 
-A `fabric_node` runs in a process of its own, then a raw subscriber in another one listens to it.
-What that received is compared with the messages of a simulation in this process.
+A `fabric_node` runs in a separate process, and a raw subscriber in another one. The received
+messages are compared with those of a simulation in this process.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ _TICK = os.sysconf('SC_CLK_TCK')
 
 
 class Case(NamedTuple):
-    """A fabric, and how often its messages come."""
+    """A fabric and the rates of its messages."""
 
     size: tuple[int, int, int]
     step: float  # [s]
@@ -39,43 +39,43 @@ class Case(NamedTuple):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Scene of the node; it runs until it is stopped."""
+        """Return the scene of the node, which runs until it is stopped."""
         return {
             'weave': {'size': list(self.size)},
             'connector': {'stiffness': self.stiffness},
             'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
             'contact': {'mode': 'never'},
-            # One thread: where others compute two wait for each other, which costs time too.
+            # One thread, because two threads wait for each other under other load.
             'solver': {'method': 'leapfrog', 'step': self.step, 'threads': 1},
             'publish_rate': self.publish_rate,
             'marker_rate': self.marker_rate,
         }
 
 
-# 10,206 and 100,920 bodies, soft enough for steps with which one core holds the pace.
+# 10,206 and 100,920 bodies, soft enough for real time on one core.
 CASES = (
     Case((27, 27, 28), 1e-3, 20.0, 60.0, 10.0),
     Case((58, 58, 60), 5e-3, 1.0, 10.0, 1.0),
 )
-# How long a node is watched, each time [s].
-_WATCHED = 10.0
+# Duration of each measurement.
+_WATCHED_S = 10.0
 
 
 class Watched(NamedTuple):
-    """What was seen of a node for a while."""
+    """Times of a node in an interval."""
 
     wall: float  # [s]
     cpu: float  # [s] of all its threads
     simulated: float  # [s]
 
     def text(self) -> str:
-        """Both rates."""
+        """Return both rates as text."""
         return (f'{self.cpu / self.wall:.2f} CPU seconds per second at '
                 f'{self.simulated / self.wall:.2f} times real time')
 
 
 class Result(NamedTuple):
-    """Figures of a case."""
+    """The results of a case."""
 
     bodies: int
     alone: Watched
@@ -87,13 +87,13 @@ class Result(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """CPU seconds for each second of simulated time that the listener has cost the node."""
+        """CPU time of the node per simulated second that the subscriber causes."""
         alone, heard = (watched.cpu / watched.simulated for watched in (self.alone, self.heard))
         return heard - alone
 
 
 class _Listener:
-    """The subscriber, see listener.py."""
+    """The subscriber of listener.py."""
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         self._names = [topic.name.replace('~', '/icofabric') for topic in topics]
@@ -108,7 +108,7 @@ class _Listener:
         return json.loads(self._process.stdout.readline())
 
     def end(self) -> list[list[list[int]]]:
-        """What came, topic by topic: stamp, marker, size, checksum."""
+        """Return received messages by topic: stamp, marker, size, checksum."""
         received = self.ask('end')
         self._process.wait(60)
         return [received[name] for name in self._names]
@@ -120,9 +120,7 @@ class _Listener:
 
 
 def measure(case: Case) -> Result:
-    """
-    Watch the node while a subscriber listens to its clock only, then while it listens to all.
-    """
+    """Measure the node with a subscriber of the clock only, then with one of all topics."""
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='icofabric_benchmark_'))
         scene = Path(folder) / 'scene.yaml'
@@ -130,9 +128,9 @@ def measure(case: Case) -> Result:
         node = stack.enter_context(_node(scene, Path(folder) / 'log'))
         listener = _Listener((POSES, CONNECTORS))
         stack.callback(listener.kill)
-        alone = _watch(node, listener, _WATCHED)
+        alone = _watch(node, listener, _WATCHED_S)
         listener.ask('listen')
-        heard = _watch(node, listener, _WATCHED)
+        heard = _watch(node, listener, _WATCHED_S)
         node.send_signal(signal.SIGINT)
         node.wait(60)
         poses, markers = listener.end()
@@ -142,13 +140,11 @@ def measure(case: Case) -> Result:
 def _judge(
     case: Case, alone: Watched, heard: Watched, poses: list[list[int]], markers: list[list[int]]
 ) -> Result:
-    """
-    Simulate up to the last message and compare all that the listener may have received whole.
-    """
+    """Simulate up to the last message, and compare all messages that may be complete."""
     scene = ico.Scene.from_parameters(case.parameters)
     simulation, outputs = ico.compile_scene(scene), Outputs(scene)
     schedules = Schedule(case.publish_rate), Schedule(case.marker_rate)
-    # Of the first and the last output a listener that comes and goes may have a part.
+    # The first and last output of a subscriber may be incomplete.
     now, last = markers[0][0], min(poses[-1][0], markers[-1][0] - 1)
     kept = [{(stamp, number): (size, checksum) for stamp, number, size, checksum in messages}
             for messages in (poses, markers)]
@@ -173,14 +169,12 @@ def _judge(
 
 
 def _is_same(data: bytes, size: int, checksum: int) -> bool:
-    """
-    Whether a message of `size` bytes was `data`; the middleware may fill up the last four bytes.
-    """
+    """Return True if a message equals `data`; the middleware may pad the last four bytes."""
     return 0 <= size - len(data) < 4 and zlib.crc32(data.ljust(size, b'\0')) == checksum
 
 
 def report(case: Case, result: Result) -> list[str]:
-    """Lines for a terminal."""
+    """Return lines for a terminal."""
     counts = ' and '.join(
         f'{result.received[name]} of {result.expected[name]} messages of {name}'
         for name in result.expected)
@@ -213,8 +207,8 @@ def _node(scene: Path, log: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _watch(node: 'subprocess.Popen[bytes]', listener: _Listener, wanted: float) -> Watched:
-    listener.ask('clock')  # it is there
-    time.sleep(1.0)  # and whatever began before is over
+    listener.ask('clock')  # wait for the subscriber
+    time.sleep(1.0)  # let earlier work end
 
     def look() -> Watched:
         return Watched(
@@ -226,6 +220,6 @@ def _watch(node: 'subprocess.Popen[bytes]', listener: _Listener, wanted: float) 
 
 
 def _cpu_seconds(process: int) -> float:
-    """Of all threads, in user and in kernel mode."""
+    """Return the CPU time [s] of all threads, in user and kernel mode."""
     fields = Path(f'/proc/{process}/stat').read_text(encoding='utf-8').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICK

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Describe the machine that figures were measured on: printed above every table."""
+"""Description of the machine, which is printed above every table."""
 
 from collections.abc import Iterable
 from importlib import import_module, metadata
@@ -10,7 +10,7 @@ import platform
 import sys
 from typing import Any
 
-# What a thread count is called by the libraries that the tools are built on.
+# Environment variables for the number of threads of libraries.
 THREAD_VARIABLES = (
     'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'BLIS_NUM_THREADS',
     'NUMBA_NUM_THREADS')
@@ -19,13 +19,13 @@ _WIDTHS = (('avx512f', 'AVX-512'), ('avx2', 'AVX2'), ('avx', 'AVX'), ('sse2', 'S
 
 
 def use_one_thread() -> None:
-    """Have all libraries that are loaded from now on compute with one thread."""
+    """Limit all libraries that are imported later to one thread."""
     for name in THREAD_VARIABLES:
         os.environ[name] = '1'
 
 
 def processor() -> tuple[str, str]:
-    """Name of the processor, and the width of its vectors."""
+    """Return the name of the processor, and the width of its vectors."""
     name, flags = platform.machine() or 'unknown processor', set()
     try:
         text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
@@ -41,7 +41,7 @@ def processor() -> tuple[str, str]:
 
 
 def versions(distributions: Iterable[str]) -> str:
-    """Names and versions of what is installed of these."""
+    """Return names and versions of the installed distributions among `distributions`."""
     found = []
     for name in distributions:
         try:
@@ -73,7 +73,7 @@ def describe_machine() -> str:
 
 
 def import_mujoco() -> Any:
-    """Return the module; end with a line that says how to get it where it is missing."""
+    """Import MuJoCo; exit with the install command if it is missing."""
     try:
         return import_module('mujoco')
     except ImportError:

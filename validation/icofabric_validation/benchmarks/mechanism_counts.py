@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Counts of mechanisms of every slab up to 6 x 6 x 6, in five ways, all variants and several angles.
+Counts of mechanisms of all slabs up to 6 x 6 x 6 by five methods, for all variants and angles.
 
-A dense singular value decomposition of a compatibility matrix that is put together here, from
-nothing but the places of the attachment points; that of the package; all eigenvalues of the
-Hessian; and the pivots of an elimination of it, and of A^T A, A the compatibility matrix, as they
-are used for large fabrics. Wide gaps between the values that count as zero and all others show
-that no threshold decides.
+The methods are: singular values of a dense compatibility matrix that is assembled here only from
+the attachment points; singular values of the matrix of the package; all eigenvalues of the
+Hessian; and pivots of the elimination, used for large fabrics, of the Hessian and of A^T A with
+the compatibility matrix A. Wide gaps between the values that count as zero and all others show
+that the threshold does not matter.
 
     .venv/bin/python -m icofabric_validation.benchmarks.mechanism_counts
 """
@@ -34,35 +34,36 @@ from icofabric_sim.statics.spectrum import (
 from icofabric_validation.benchmarks.machine import machine_lines
 import numpy as np
 
-# From the least connector angle, -0.3649 rad (eq 54), where shells lie face to face, to nearly 45
+# From the smallest connector angle, -0.3649 rad (eq 54), with shells face to face, to nearly 45
 # degrees: the dense half of the domain, level connectors, and the open half.
 ANGLES = (MINIMUM_ANGLE, -0.25, -0.13, 0.0, 0.13, 0.3, 0.5, 0.66, 0.78)
-_ZERO = 1e-9
+# Largest singular value of a mechanism over the largest of all.
+_MAX_ZERO_RATIO = 1e-9
 
 
 class Found(NamedTuple):
-    """Motions without energy of one slab."""
+    """Mechanisms of one slab."""
 
     freedoms: int
     connectors: int
-    rank: int  # by singular values of a matrix of our own here
-    by_matrix: int  # motions without energy, by singular values of the package's matrix
+    rank: int  # by singular values of the matrix assembled here
+    by_matrix: int  # by singular values of the matrix of the package
     by_eigenvalues: Curvature
     by_pivots: Curvature
-    by_elimination: int  # of the geometry alone
-    smallest: float  # singular value that counts, over the largest
-    largest: float  # that does not, over the largest
+    by_elimination: int  # only from the geometry
+    smallest: float  # nonzero singular value over the largest
+    largest: float  # singular value of a mechanism over the largest
 
     @property
     def agree(self) -> bool:
-        """Whether all ways count the same."""
+        """True if all methods give the same count."""
         wanted = self.freedoms - self.rank
         return self.by_matrix == self.by_elimination == wanted and (
             self.by_eigenvalues == self.by_pivots == Curvature(wanted, 0))
 
 
 def plain_matrix(scene: ico.Scene) -> np.ndarray:
-    """Changes of the connectors' lengths by displacements over a and turns of bodies, (c, 6 n)."""
+    """Return changes of connector lengths by displacements over a and rotations, (c, 6 n)."""
     count = scene.body_count
     matrix = np.zeros((scene.connector_count, 6 * count))
     if not scene.connector_count:
@@ -86,12 +87,12 @@ def plain_matrix(scene: ico.Scene) -> np.ndarray:
 
 @one_thread()
 def count(scene: ico.Scene) -> Found:
-    """Count in all ways."""
+    """Count by all methods."""
     values = np.zeros(0)
     if scene.connector_count:
         values = np.linalg.svd(plain_matrix(scene), compute_uv=False)
         values = values / values[0]
-    rank = int(np.count_nonzero(values > _ZERO))
+    rank = int(np.count_nonzero(values > _MAX_ZERO_RATIO))
     here = StaticFabric(scene, contact=False).start
     matrix = scaled_hessian(here)
     pivots = Curvature(matrix.shape[0], 0)
@@ -108,14 +109,14 @@ def count(scene: ico.Scene) -> Found:
 
 
 def slabs(largest: int) -> Iterator[tuple[list[int], int, float]]:
-    """All sizes with all variants and angles."""
+    """Yield all sizes with all variants and angles."""
     for size in product(range(1, largest + 1), repeat=3):
         for variant, angle in product(range(4), ANGLES):
             yield list(size), variant, angle
 
 
 def main() -> int:
-    """Count and print; 1 where two ways differ."""
+    """Count and print; return 1 if two methods differ."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--largest', type=int, default=6, help='of all sizes (%(default)d)')
     arguments = parser.parse_args()

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-One fabric on several ranks of MPI: time a step, halo, memory and bits, for each number of ranks.
+One fabric on several MPI ranks: time per step, halo, memory and bit identity by number of ranks.
 
     .venv/bin/python -m icofabric_validation.benchmarks.mpi_scaling --size 41 --steps 192 \
         --ranks 1 2
@@ -16,18 +16,17 @@ One fabric on several ranks of MPI: time a step, halo, memory and bits, for each
     .venv/bin/python -m icofabric_validation.benchmarks.mpi_scaling --size 585 --ranks 100 --build
     .venv/bin/python -m icofabric_validation.benchmarks.mpi_scaling --model
 
-Strong: a slab of size^3 grid positions, shared by more and more ranks; weak: so many layers for
-each rank. The first steps are not counted; the accuracy is measured only where steps are chosen
+Strong scaling: a slab of size^3 grid positions on more and more ranks. Weak scaling: as many
+layers for each rank. The first steps are not counted. Errors are measured only for adaptive steps
 (`--step 0`). The slab is free, or its connectors are `damped`, or the faces of its shells are
-`pressed` on each other, with friction.
-At health checks each rank adds up its own bodies and keeps their state (`check`), and the first
-one waits for the sums of all; where shells touch, and where the accuracy is measured, it gathers
-the state and judges it while the others wait, and gives it back (`gather`). Both in parts of the
-time of the first. Memory of the first rank is what it had at most by the end of the steps, and
-after the state was shown. `--build` runs nothing: it makes what the first of so many ranks holds
-of all bodies, a slab at rest, and the windows of the first, a middle and the last one, one by one;
-it prints how long that takes, and how much memory. `--model` prints what the terms that were
-measured make of more ranks; it runs nothing.
+`pressed` on each other, with friction. At health checks each rank sums over its bodies and saves
+their state (`check`), and the first rank waits for all sums. With contacts, and when errors are
+measured, the first rank gathers the state, checks it and returns it, while the others wait
+(`gather`). Both are fractions of the time of the first rank. Memory of the first rank is its peak
+until the end of the steps, and after output of the state. `--build` runs no steps: it builds the
+data of the first rank for many ranks, a slab at rest, and the windows of the first, a middle and
+the last rank, one by one; it prints times and memory. `--model` prints times for more ranks,
+modelled with measured terms; it runs no steps.
 """
 
 import argparse
@@ -60,23 +59,22 @@ from icofabric_sim.simulation.stepping.thread_team import teams_of
 import numpy as np
 
 MPIEXEC = Path(sys.executable).parent / 'mpiexec'
-# Terms of the model: seconds for a body and evaluation, for a body at a health check, where it is,
-# and for a group of blocks whose sums the first rank adds up; seconds for a message and bytes a
-# second between two processes of one machine; evaluations between health checks, messages of the
-# first rank to and from each other one in that time, and bytes of halo for a body of a border
-# layer.
+# Terms of the model: seconds per body and evaluation, per body at a health check on its rank, and
+# per group of blocks whose sums the first rank adds up; seconds per message and bytes per second
+# between two processes of one machine; evaluations between health checks, messages of the first
+# rank to and from each other rank in that interval, and bytes of halo per body of a border layer.
 EVALUATION, CHECK, GROUP, LATENCY, BANDWIDTH, EVERY, TALK, POSE = (
     20e-9, 100e-9, 20e-9, 5e-6, 5e9, 64, 4, 56)
 
 
 class Clock:
-    """Time that some functions take."""
+    """Accumulated times of some functions."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
     def of(self, owner: Any, name: str) -> None:
-        """Have a function of a module or class timed from now on."""
+        """Time all later calls of a function of a module or class."""
         function = getattr(owner, name)
 
         def timed(*arguments: Any, **words: Any) -> Any:
@@ -92,7 +90,8 @@ class Clock:
 SCENES: dict[str, dict[str, Any]] = {
     'free': {'contact.mode': 'never'},
     'damped': {'contact.mode': 'never', 'connector.damping': 0.02},
-    # At the least angle, with natural lengths a thirtieth below: faces press each other at once.
+    # At the smallest angle, with natural lengths a thirtieth shorter: faces are in contact at
+    # once.
     'pressed': {
         'weave.connector_angle': -0.3648, 'connector.natural_length': 0.0243,
         'contact.friction': 0.3, 'contact.stiffness': 2e4},
@@ -100,7 +99,7 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 def scene_of(arguments: argparse.Namespace, layers: int) -> ico.Scene:
-    """A slab in free motion."""
+    """Return a slab in free motion."""
     return ico.Scene.from_parameters({
         'weave.size': [arguments.size, arguments.size, layers], **SCENES[arguments.scene],
         'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 1},
@@ -108,7 +107,7 @@ def scene_of(arguments: argparse.Namespace, layers: int) -> ico.Scene:
 
 
 def take_part(arguments: argparse.Namespace) -> None:
-    """What each process does: print what it found as one line of JSON."""
+    """Run one rank, and print its results as one line of JSON."""
     steps = arguments.steps
     before = peak()
     found: dict[str, object] = {}
@@ -146,12 +145,12 @@ def take_part(arguments: argparse.Namespace) -> None:
 
 
 def peak() -> int:
-    """The most bytes that this process has had."""
+    """Return the peak memory of this process [B]."""
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def measure(arguments: argparse.Namespace, count: int, layers: int) -> list[dict[str, Any]]:
-    """Start so many ranks; what they found, by rank."""
+    """Start `count` ranks, and return their results by rank."""
     words = [
         f'--{name}={getattr(arguments, name)}'
         for name in ('size', 'steps', 'warm', 'step', 'method', 'scene')]
@@ -186,7 +185,7 @@ def report(arguments: argparse.Namespace) -> None:
 
 
 def build(arguments: argparse.Namespace) -> None:
-    """Make what the first of many ranks holds, and windows of some, without any of the others."""
+    """Build the data of the first rank for many ranks, and windows of some ranks, one by one."""
     (count,), bodies = arguments.ranks, 1
     share_among(count)
 
@@ -195,7 +194,7 @@ def build(arguments: argparse.Namespace) -> None:
             'weave.size': [size] * 3, **SCENES[arguments.scene], 'gravity': [0.0, 0.0, -9.81],
             'solver': {'method': arguments.method}})
 
-    # What is imported and compiled by then is not counted.
+    # Earlier imports and compilation are not counted.
     size = 5
     pack_scene(make())
     size, (before, _), began = arguments.size, memory(), time.perf_counter()
@@ -226,12 +225,12 @@ def build(arguments: argparse.Namespace) -> None:
             pass
         need = bytes_of(window.slot_count, kinked=False)
         note(f'rank {rank}: window and start of {own:,}')
-        print(f'{"":40} it needs {need / own:.0f} B a body of its own, '
-              f'{8 * len(part.halo) / own:.3f} of which it hears')
+        print(f'{"":40} it needs {need / own:.0f} B for each local body, '
+              f'{8 * len(part.halo) / own:.3f} of which it receives')
 
 
 def memory() -> tuple[int, int]:
-    """Bytes that this process has, and has had at most."""
+    """Return current and peak memory of this process [B]."""
     fields = dict(
         line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines())
     now, most = (1024 * int(fields[name].split()[0]) for name in ('VmRSS', 'VmHWM'))
@@ -239,7 +238,7 @@ def memory() -> tuple[int, int]:
 
 
 def model() -> None:
-    """Print the time of an evaluation that the terms above make, for cubes of layers."""
+    """Print modelled times of an evaluation for cubes of layers."""
     print(f'{"bodies":>14} {"ranks":>6} {"ms":>10} {"speed":>7} {"efficiency":>10}   of it in % '
           'own bodies, health checks, halo')
     for bodies in (10**6, 10**7, 10**8, 10**9):
@@ -247,10 +246,10 @@ def model() -> None:
         for ranks in (2, 4, 16, 64, 256, 1000):
             own = bodies * EVALUATION / ranks
             groups = bodies / (LANES * group_size(bodies // LANES))
-            # What each does of its own; what the first one does for all.
+            # Work of each rank, and work of the first rank for all.
             checks = (
                 bodies * CHECK / ranks + groups * GROUP + ranks * TALK * LATENCY) / EVERY
-            # A layer of a cube on either side; it travels while inner bodies are computed.
+            # A layer of a cube on each side, sent while inner bodies are computed.
             layer = (2.0 * bodies) ** (2.0 / 3.0) / 2.0
             travel = 2.0 * (LATENCY + POSE * layer / BANDWIDTH)
             halo = max(travel - own, 0.0) + 2.0 * LATENCY
@@ -261,19 +260,19 @@ def model() -> None:
 
 
 def main() -> None:
-    """Measure, or model."""
+    """Measure or model."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, default=41, help='grid positions along x and y')
     parser.add_argument('--steps', type=int, default=192)
     parser.add_argument('--warm', type=int, default=64, help='steps that are not counted')
-    parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]; 0: chosen')
+    parser.add_argument('--step', type=float, default=1e-4, help='solver.step [s]; 0: adaptive')
     parser.add_argument('--ranks', type=int, nargs='+', default=[1, 2])
     parser.add_argument('--method', default='leapfrog', choices=sorted(ico.METHODS))
     parser.add_argument('--scene', default='free', choices=SCENES)
     parser.add_argument('--weak', action='store_true', help='as many layers for each rank')
     parser.add_argument(
-        '--build', action='store_true', help='what one of so many ranks makes; run nothing')
-    parser.add_argument('--model', action='store_true', help='print the model, run nothing')
+        '--build', action='store_true', help='build the data of the first rank; run no steps')
+    parser.add_argument('--model', action='store_true', help='print the model; run no steps')
     parser.add_argument('--take-part', type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.model:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The forces of springs in vectorised NumPy, beside a whole leapfrog step of the package.
+Forces of springs in vectorised NumPy, compared with a leapfrog step of the package.
 
-A slab of 4,631 bodies and 25,200 connectors, one thread, processor time, both in turn in every
+A slab of 4,631 bodies and 25,200 connectors, one thread, processor time, alternating in every
 round. The forces of both are compared first.
 
     .venv/bin/python -m icofabric_validation.benchmarks.numpy_forces [--rounds 9]
@@ -23,10 +23,10 @@ STEP, STEPS = 1e-4, 200
 
 
 class Springs:
-    """Connectors as arrays, component by component, and one evaluation of all that they do."""
+    """Connectors as arrays, component by component, with one evaluation of their forces."""
 
     def __init__(self, scene: ico.Scene) -> None:
-        """Take the connectors of `scene`."""
+        """Copy the connectors of `scene`."""
         self.first, self.second = np.array(scene.connectors.bodies).T.copy()
         self.ends = np.concatenate((self.first, self.second))
         self.points = np.array(scene.connectors.points_body).transpose(1, 2, 0).copy()  # (2, 3, c)
@@ -35,7 +35,7 @@ class Springs:
         self.count = scene.body_count
 
     def act(self, position: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces and torques (3, n) on all bodies at `position` (3, n), `axes` (3, 3, n)."""
+        """Return forces and torques (3, n) at `position` (3, n) and `axes` (3, 3, n)."""
         arms = [self._turn(self.points[0], axes.take(self.first, axis=2)),
                 self._turn(self.points[1], axes.take(self.second, axis=2))]
         along = position.take(self.second, axis=1) - position.take(self.first, axis=1)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Slabs of orthogonal and of turned (bias) fabric pulled, pushed and sheared, up to contact.
+Slabs of orthogonal and bias fabric in tension, compression and shear, up to contact.
 
-With point springs, with bending stiffness, and with connectors that break: stress against strain
-as CSV and as a picture, and the modulus of the periodic fabric in the same direction beside them.
+Stress against strain as CSV and picture, for point springs, bending stiffness and breakable
+connectors, with the modulus of the periodic fabric in the same direction for comparison.
 
     .venv/bin/python -m icofabric_validation.benchmarks.orthogonal_and_bias
 """
@@ -37,7 +37,7 @@ FABRICS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def make_slab(kind: str, connector: dict[str, Any], size: list[int], contact: bool) -> ico.Scene:
-    """A slab that fills the same box, whatever its weave."""
+    """Return a slab that fills the same box for every weave."""
     return ico.Scene.from_parameters({
         'weave': {'kind': kind, 'size': size, 'connector_angle': ANGLE},
         'connector': {'stiffness': 500.0, **connector},
@@ -90,7 +90,7 @@ def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
 
 
 def draw(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
-    """Draw stress against strain, a panel for each kind of motion."""
+    """Draw stress against strain, one panel for each load case."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 4.2), layout='constrained')

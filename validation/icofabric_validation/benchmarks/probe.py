@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What only a process of its own can measure: first calls, and peaks of memory.
+Measurements that need a fresh process: first calls, and peaks of memory.
 
-`run` starts this module in a process of its own, which prints its figures as JSON.
+`run` starts this module in a separate process, which prints its results as JSON.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 Size = tuple[int, int, int]
-_SMALL: Size = (5, 5, 5)
+_WARM_UP_SIZE: Size = (5, 5, 5)
 # Simulated time [s] of a recorded run, and rate [Hz] of its messages: four of each kind.
 _RECORDED, _RATE = 0.003, 1000.0
 _STEPS = 5
@@ -25,9 +25,9 @@ _STEPS = 5
 
 def run(kind: str, size: Size, *, cache: Path | None = None) -> dict[str, float]:
     """
-    Figures of a fresh interpreter; `cache` is where it keeps its kernels instead of the usual.
+    Return results of a fresh interpreter; `cache` is another folder of its kernel cache.
 
-    Raises RuntimeError with its last words where it fails.
+    Raises RuntimeError with the last output if the process fails.
     """
     environment = dict(os.environ)
     if cache is not None:
@@ -43,9 +43,9 @@ def run(kind: str, size: Size, *, cache: Path | None = None) -> dict[str, float]
 
 def resident(key: str) -> int:
     """
-    Resident memory [bytes] of this process: now ('VmRSS'), or its peak ('VmHWM').
+    Return the resident memory [bytes] of this process: now ('VmRSS'), or the peak ('VmHWM').
 
-    Not from getrusage: its peak includes that of the process which started this one.
+    The peak of getrusage would include that of the parent process.
     """
     for line in Path('/proc/self/status').read_text(encoding='ascii').splitlines():
         if line.startswith(key + ':'):
@@ -54,7 +54,7 @@ def resident(key: str) -> int:
 
 
 def forget_peak() -> None:
-    """Reset the peak to what is resident now, where the system can do that."""
+    """Reset the peak to the current resident memory, if the system supports this."""
     try:
         Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
     except OSError:
@@ -62,9 +62,9 @@ def forget_peak() -> None:
 
 
 def measure(kind: str, size: Size) -> dict[str, float]:
-    """Figures of this process, which has done nothing else yet."""
+    """Return results of this process, which has done nothing else before."""
     marks = [time.perf_counter()]
-    # What a user waits for after typing `import`.
+    # The time of `import` for a user.
     import icofabric_sim as ico
     assert ico.Scene is not None and ico.compile_scene is not None
     marks.append(time.perf_counter())
@@ -83,8 +83,8 @@ def measure(kind: str, size: Size) -> dict[str, float]:
         names = ('import', 'build_first', 'compile_first', 'step_first', 'build', 'compile')
         return dict(zip(names, (late - early for early, late in zip(marks, marks[1:]))))
     work: Callable[[Size], Any] = {'memory': _step, 'record': _record}[kind]
-    # All kernels and libraries are there before the memory of the scene is measured.
-    work(_SMALL)
+    # Load kernels and libraries before the memory of the scene is measured.
+    work(_WARM_UP_SIZE)
     before = resident('VmRSS')
     forget_peak()
     result = work(size)
@@ -108,7 +108,7 @@ def _step(size: Size) -> Any:
 
 
 def _record(size: Size) -> Any:
-    """As `icofabric run` does without a companion: poses and connectors, as fast as possible."""
+    """Record poses and connectors at full speed, as `icofabric run` without a companion."""
     from icofabric_sim.running.recording import BagSink
     from icofabric_sim.running.runner import Runner
     from icofabric_sim.simulation.simulation import compile_scene

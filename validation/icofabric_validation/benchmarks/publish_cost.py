@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Cost of messages: our bytes beside building rclpy's objects, and what a listener costs the node.
+Cost of messages as bytes and as objects of rclpy, and cost of a subscriber for the node.
 
     .venv/bin/python -m icofabric_validation.benchmarks.publish_cost [--rounds 5] \
         [--only messages|listeners]
 
-Needs rclpy. In the first part the publisher has no subscriber, so that the middleware's part is
-the hand-over alone; in the second a node, a raw subscriber and this process check each other.
+Needs rclpy. In the first part the publisher has no subscriber, so that the middleware only accepts
+messages. In the second part a node, a raw subscriber and this process check each other.
 """
 
 import argparse
@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument('--rounds', type=int, default=5)
     parser.add_argument('--only', choices=('messages', 'listeners'))
     arguments = parser.parse_args()
-    # Alone with the processes that are started from here.
+    # Only processes of this machine.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 102))
     print(describe_machine())

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The true motion of a benchmark scene, from a formulation and a method that share nothing with ours.
+The reference motion of a benchmark scene, by an independent formulation and method.
 
-Direction cosines (eqs 16-20, 18 numbers for each body) instead of quaternions; Gragg's modified
-midpoint rule extrapolated to order 16 (Gragg 1965, SIAM J. Numer. Anal. 2, 384; Bulirsch and Stoer
-1966, Numer. Math. 8, 1) instead of splittings; loops and forces of its own.
+Direction cosines (eqs 16-20, 18 numbers per body) instead of quaternions; the modified midpoint
+rule of Gragg extrapolated to order 16 (Gragg 1965, SIAM J. Numer. Anal. 2, 384; Bulirsch and Stoer
+1966, Numer. Math. 8, 1) instead of splittings; separate loops and forces.
 """
 
 from typing import NamedTuple
@@ -21,17 +21,17 @@ COURANT = 2.5
 
 
 class Reference(NamedTuple):
-    """The motion at the end, and how much may be wrong with it."""
+    """The final motion and its uncertainty."""
 
     motion: Motion
     duration: float  # [s]
-    uncertainty: float  # difference to steps of two thirds, in the measure of `motion_error`
+    uncertainty: float  # `motion_error` between these steps and steps of two thirds
     growth: float  # of a small displacement from the start to the end, the largest of a few
-    crossings: int = 0  # of connectors through their natural length, where that matters
+    crossings: int = 0  # of connectors with two stiffnesses through their natural length
 
 
 class Springs(NamedTuple):
-    """The connectors, and what moves."""
+    """The connectors and properties of the bodies."""
 
     first: np.ndarray
     second: np.ndarray
@@ -93,9 +93,10 @@ def _rates(springs, y, dy):  # type: ignore[no-untyped-def]
 @numba.njit(error_model='numpy')
 def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-untyped-def]
     """
-    Take `count` steps from the state `start` (n, 18); returns the state at the end.
+    Take `count` steps from the state `start` (n, 18); return the final state.
 
-    All columns hold increments, and their sum is compensated: rounding stays that of the forces.
+    All columns hold increments, and their sum is compensated, so that round-off is that of the
+    forces.
     """
     shape, y = start.shape, start.copy().ravel()
     size = y.shape[0]
@@ -103,7 +104,7 @@ def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-un
     at_start, before, now = np.empty(size), np.empty(size), np.empty(size)
     table = np.empty((columns.shape[0], size))
     step = duration / count
-    # Element by element: whole arrays would take four times as long to compile.
+    # Loops over elements compile four times faster than array expressions.
     for _ in range(count):
         _rates(springs, y.reshape(shape), at_start.reshape(shape))
         for j in range(columns.shape[0]):
@@ -134,7 +135,7 @@ def extrapolate(springs, start, duration, count, columns):  # type: ignore[no-un
 
 
 def springs_of(scene: PlainScene) -> Springs:
-    """Connectors of a scene, all with the stiffness in extension."""
+    """Return the connectors of a scene, all with the stiffness in extension."""
     axis = (scene.edges // 2 + 2) % 3
     arm = scene.half_width * (1.0 - 2.0 * (scene.edges % 2))
     first, second, first_axis, second_axis, first_arm, second_arm = (
@@ -146,14 +147,14 @@ def springs_of(scene: PlainScene) -> Springs:
 
 
 def start_of(scene: PlainScene) -> np.ndarray:
-    """State (n, 18) at the start."""
+    """Return the initial state (n, 18)."""
     count = scene.body_count
     return np.hstack(
         [scene.position, scene.velocity, scene.axes.reshape(count, 9), scene.spin])
 
 
 def motion_of(state: np.ndarray) -> Motion:
-    """Where all bodies are in a state (n, 18)."""
+    """Return positions and axes of all bodies in a state (n, 18)."""
     return Motion(state[:, :3].copy(), state[:, 6:15].reshape(-1, 3, 3).copy())
 
 
@@ -161,10 +162,10 @@ def reference_motion(
     scene: PlainScene, duration: float, *, growth_samples: int = 4, displacement: float = 1e-7
 ) -> Reference:
     """
-    Return the true motion of `scene` at `duration` [s].
+    Return the reference motion of `scene` at `duration` [s].
 
-    The growth is that of random displacements of all bodies, `displacement` (over a, and in rad)
-    at the largest.
+    The growth is that of random displacements of all bodies, of at most `displacement` (over a,
+    and in rad).
     """
     springs, start = springs_of(scene), start_of(scene)
     count = int(np.ceil(duration * scene.frequency_bound / COURANT))
@@ -185,7 +186,7 @@ def reference_motion(
 def displaced(
     start: np.ndarray, generator: np.random.RandomState, size: float, half_edge: float
 ) -> np.ndarray:
-    """A state (n, 18) with every body moved and turned at random."""
+    """Return a state (n, 18) with random displacements and rotations of all bodies."""
     from scipy.spatial.transform import Rotation
     count = len(start)
     vectors = generator.uniform(-1.0, 1.0, (2, count, 3)) * size / np.sqrt(3.0)

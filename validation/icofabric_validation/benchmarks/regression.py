@@ -60,7 +60,7 @@ SPACING_M = (1.0 + 5.0**0.5) * 0.01
 
 
 class Round(NamedTuple):
-    """What the scenes of a round are built from."""
+    """Common data of the scenes of a round."""
 
     folder: Path  # for files of scenes
     config: Path  # example scenes, the same for both trees

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures as tables, as CSV files and as a picture."""
+"""Tables, CSV files and picture of the benchmarks."""
 
 from collections.abc import Sequence
 import csv
@@ -14,12 +14,12 @@ from icofabric_validation.benchmarks.step_speed import CHECKED, STEP, StepSpeed
 from icofabric_validation.benchmarks.timing import Spread
 from icofabric_validation.benchmarks.work_precision import TARGETS, WorkPrecision
 
-# How far the observed order may be off before it is remarked upon.
-_ORDER_SLACK = 0.3
+# Largest deviation of an observed order without a remark.
+_ORDER_TOLERANCE = 0.3
 
 
 def work_precision_lines(result: WorkPrecision) -> list[str]:
-    """Tables for a terminal."""
+    """Return tables for a terminal."""
     scene, reference = result.scene, result.reference
     lines = [
         f'Work against precision, {scene.name}: {scene.body_count} bodies, '
@@ -52,7 +52,7 @@ def work_precision_lines(result: WorkPrecision) -> list[str]:
 
 
 def step_speed_lines(result: StepSpeed) -> list[str]:
-    """Table for a terminal."""
+    """Return a table for a terminal."""
     scene = result.scene
     rows = [['plain step', 'evaluations', 'ns per connector and step, median (range)',
              'over our cheapest', f'error after {CHECKED:g} s']]
@@ -71,7 +71,7 @@ def step_speed_lines(result: StepSpeed) -> list[str]:
 
 
 def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
-    """Write points, times at equal error and the picture into `folder`; returns their paths."""
+    """Write points, times at equal error and the picture into `folder`; return their paths."""
     name = 'work_precision' + result.scene.name.removeprefix('S1').replace(' ', '_')
     points = folder / f'{name}.csv'
     with open(points, 'w', newline='', encoding='utf-8') as file:
@@ -108,7 +108,7 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
 
 
 def write_step_speed(result: StepSpeed, folder: Path) -> list[Path]:
-    """Write the times into `folder`; returns the path."""
+    """Write the times into `folder`; return the path."""
     path = folder / 'step_speed.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
@@ -136,7 +136,7 @@ def _convergence_rows(result: WorkPrecision) -> list[list[str]]:
         if isinstance(solver, StepSolver):
             if math.isnan(order):
                 verdict = 'too few points for an order'
-            elif order < solver.order - _ORDER_SLACK:
+            elif order < solver.order - _ORDER_TOLERANCE:
                 verdict = 'below its order'
         elif not min(errors) < 1e-3 * max(errors):
             verdict = 'does not follow its tolerance'
@@ -152,7 +152,7 @@ def _time(spread: Spread) -> str:
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Columns as wide as their widest entry, the first to the left, numbers to the right."""
+    """Return aligned columns, the first one to the left, numbers to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     last = len(widths) - 1
     return ['  '.join(

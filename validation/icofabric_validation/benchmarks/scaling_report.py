@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of `scaling` as tables, as a CSV file and as a picture."""
+"""Tables, CSV file and picture of `scaling`."""
 
 import csv
 from pathlib import Path
@@ -14,7 +14,7 @@ from icofabric_validation.benchmarks.timing import Spread
 
 
 def lines(result: Scaling) -> list[str]:
-    """Tables for a terminal."""
+    """Return tables for a terminal."""
     speed = [['bodies', 'connectors', 'ns per body and step, one thread', 'threads',
               'ns with these', 'gain of threads', 'over 10,000 bodies', 'the same with threads']]
     for row in result.rows:
@@ -49,7 +49,7 @@ def lines(result: Scaling) -> list[str]:
 
 
 def write(result: Scaling, folder: Path) -> list[Path]:
-    """Write figures and picture into `folder`; returns their paths."""
+    """Write results and picture into `folder`; return their paths."""
     path = folder / 'scaling.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)
@@ -69,7 +69,7 @@ def write(result: Scaling, folder: Path) -> list[Path]:
 
 
 def draw(result: Scaling, path: Path) -> None:
-    """Time for each body and step over the number of bodies."""
+    """Draw the time per body and step over the number of bodies."""
     require_library('matplotlib', 'a picture')
     from matplotlib.figure import Figure
     figure = Figure(figsize=(8.0, 5.0), layout='constrained')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes of the benchmarks, and the plain numbers that a peer builds them from."""
+"""The scenes of the benchmarks, and plain numbers for peers."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ from icofabric_sim.scene.scene import Scene
 import numpy as np
 
 # A free slab with random velocities: a = 0.01 m, T = 0.002 m, rho = 1200 kg/m^3, L = w,
-# k = 500 N/m. Nothing but the springs acts.
+# k = 500 N/m. Only springs act.
 FABRIC: dict[str, Any] = {
     'shell': {'edge_length': 0.02, 'thickness': 0.002, 'density': 1200.0},
     'weave': {'kind': 'orthogonal', 'variant': 0, 'connector_angle': 0.0},
@@ -16,7 +16,7 @@ FABRIC: dict[str, Any] = {
     'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
     'contact': {'mode': 'never'},
 }
-# Connectors that push a fifth as strongly as they pull.
+# Connectors with a fifth of the stiffness in compression.
 KINKED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'stiffness_compression': 100.0}}
 DAMPED: dict[str, Any] = {'connector': {'stiffness': 500.0, 'damping': 0.02}}
 # L = w = (1 + sqrt 5) a [m].
@@ -24,12 +24,12 @@ FABRIC_LENGTH = (1.0 + 5.0**0.5) * 0.01
 SIZES = {'S1': (5, 5, 5), 'S3': (21, 21, 21)}
 # Time [s] over which the error of S1 is measured.
 DURATION = 0.5
-# And of the same with kinked connectors, whose reference stops at every kink: 26,000 in a second.
+# The same with two stiffnesses, whose reference stops at every side change: 26,000 per second.
 KINKED_DURATION = 0.1
 
 
 class Motion(NamedTuple):
-    """Where all bodies are at one time; world frame."""
+    """Positions and axes of all bodies at one time; world frame."""
 
     position: np.ndarray  # (n, 3) [m]
     axes: np.ndarray  # (n, 3, 3): row i is body axis i in world components
@@ -67,22 +67,22 @@ class PlainScene(NamedTuple):
     @property
     def frequency_bound(self) -> float:
         """
-        Frequency [rad/s] that no body exceeds while its connectors keep their length.
+        Upper bound of the frequency [rad/s] of a body while connectors keep their length.
 
-        Twelve connectors at most, each with k / M and k (w/2)^2 / Lambda, two bodies against each
-        other.
+        At most twelve connectors, each with k / M and k (w/2)^2 / Lambda, and two bodies in
+        opposite motion.
         """
         rate = 1.0 / self.mass + self.half_width**2 / self.inertia
         return float(np.sqrt(2.0 * 12.0 * self.stiffness * rate))
 
     @property
     def axes(self) -> np.ndarray:
-        """Body axes at the start, (n, 3, 3)."""
+        """Return the initial body axes, (n, 3, 3)."""
         return axes_from_quaternions(self.orientation)
 
     @property
     def edge_points(self) -> np.ndarray:
-        """Midpoints (6, 3) of the edges by code [m], body frame."""
+        """Return the midpoints (6, 3) of the edges by code [m], in the body frame."""
         unit = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
         return self.half_width * unit
 
@@ -91,7 +91,7 @@ def scene_parameters(
     size: tuple[int, int, int], solver: dict[str, Any] | None = None,
     changes: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Parameters of the benchmark fabric of `size` grid positions, with sections of its own."""
+    """Return parameters of the benchmark fabric of `size` positions, with changed sections."""
     parameters = {**FABRIC, **(changes or {}), 'weave': {**FABRIC['weave'], 'size': list(size)}}
     if solver:
         parameters['solver'] = dict(solver)
@@ -101,13 +101,13 @@ def scene_parameters(
 def plain_scene(
     name: str, size: tuple[int, int, int] | None = None, changes: dict[str, Any] | None = None
 ) -> PlainScene:
-    """Numbers of scene `name` (a key of SIZES, or any name where a `size` is given)."""
+    """Return the numbers of scene `name`, a key of SIZES, or any name with a `size`."""
     return plain_numbers(name, Scene.from_parameters(
         scene_parameters(SIZES[name] if size is None else size, changes=changes)))
 
 
 def plain_numbers(name: str, scene: Scene) -> PlainScene:
-    """Numbers of any fabric whose connectors are all alike, at its start."""
+    """Return the numbers of a fabric with equal connectors, at its start."""
     start = scene.initial
     return PlainScene(
         name=name,
@@ -129,9 +129,7 @@ def plain_numbers(name: str, scene: Scene) -> PlainScene:
 
 
 def axes_from_quaternions(orientation: np.ndarray) -> np.ndarray:
-    """
-    Body axes as rows (n, 3, 3) of quaternions x y z w (n, 4), which need not have unit length.
-    """
+    """Return body axes as rows (n, 3, 3) of quaternions x y z w (n, 4) of any length."""
     x, y, z, w = (orientation / np.linalg.norm(orientation, axis=1, keepdims=True)).T
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)),
@@ -142,7 +140,7 @@ def axes_from_quaternions(orientation: np.ndarray) -> np.ndarray:
 
 
 def axes_from_midpoints(points: np.ndarray) -> Motion:
-    """Motion of bodies from the world positions (n, 6, 3) of their edge midpoints by code."""
+    """Return the motion from world positions (n, 6, 3) of edge midpoints by code."""
     position = points.mean(axis=1)
     axes = np.stack(
         [points[:, 2] - points[:, 3], points[:, 4] - points[:, 5], points[:, 0] - points[:, 1]],
@@ -153,15 +151,15 @@ def axes_from_midpoints(points: np.ndarray) -> Motion:
 
 def motion_error(motion: Motion, reference: Motion, half_edge: float) -> float:
     """
-    Largest over all bodies of the distance over a and the angle [rad] between two motions.
+    Return the largest distance over a or angle [rad] of a body between two motions.
 
-    Infinite where a motion is not finite.
+    Infinite if a motion is not finite.
     """
     if not (np.isfinite(motion.position).all() and np.isfinite(motion.axes).all()):
         return float('inf')
     distance = np.linalg.norm(motion.position - reference.position, axis=1) / half_edge
-    # Chord between two orientations, |A - B| = 2 sqrt(2) sin(angle / 2): exact for small angles,
-    # where the trace loses half the digits.
+    # The chord |A - B| = 2 sqrt(2) sin(angle / 2) is exact for small angles; the trace would lose
+    # half of the digits.
     chord = np.linalg.norm(motion.axes - reference.axes, axis=(1, 2)) / (2.0 * np.sqrt(2.0))
     angle = 2.0 * np.arcsin(np.minimum(chord, 1.0))
     return float(max(distance.max(), angle.max()))

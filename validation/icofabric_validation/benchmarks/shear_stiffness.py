@@ -3,8 +3,8 @@
 """
 Shear and Young's stiffness of a slab with point springs alone and with resisting moments.
 
-The lowest and the highest level are moved as rigid plates, all others find their balance: of the
-second derivatives at rest, with least squares where bodies move at no cost.
+The lowest and the highest level move as rigid plates, and all others are in equilibrium, by second
+derivatives in the woven state. Least squares handle mechanisms.
 
     .venv/bin/python -m icofabric_validation.benchmarks.shear_stiffness
 """
@@ -22,7 +22,7 @@ CASES = ((0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (1.0, 0.0), (0.0, 0.01), (0.0, 0.1
 
 
 def assembled(scene: ico.Scene) -> np.ndarray:
-    """Second derivatives of the connector energy in the woven state, (6 n, 6 n)."""
+    """Return second derivatives of the connector energy in the woven state, (6 n, 6 n)."""
     packed, count = pack_scene(scene), scene.body_count
     state = packed.layout.pack(scene.initial)
     columns = [
@@ -32,7 +32,7 @@ def assembled(scene: ico.Scene) -> np.ndarray:
 
 
 def moduli(scene: ico.Scene) -> tuple[float, float]:
-    """Shear modulus along x and Young's modulus along z [N/m^2], between rigid plates."""
+    """Return shear modulus along x and Young's modulus along z [N/m^2], between rigid plates."""
     matrix, count = assembled(scene), scene.body_count
     level = scene.weave.grid[:, 2]
     plate = (level == level.min()) | (level == level.max())

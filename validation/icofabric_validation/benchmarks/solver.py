@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every contestant provides to a measurement, the package itself included."""
+"""Interface of the contestants, with that of the package."""
 
 from abc import ABC, abstractmethod
 
@@ -8,48 +8,48 @@ from icofabric_validation.benchmarks.scenes import Motion
 
 
 class Unusable(Exception):
-    """The contestant refuses this setting, or its motion did not survive it."""
+    """The contestant refuses a setting, or its motion diverges."""
 
 
 class Solver(ABC):
-    """One method of one tool on one scene, from the initial state on; single thread."""
+    """One method of one tool on one scene, from the initial state, with one thread."""
 
     label: str  # as printed
     tool: str  # 'icofabric_sim' or a key of PEERS
-    order: int  # error goes down with this power of the step
+    order: int  # power of the step in the error
 
     @abstractmethod
     def motion(self) -> Motion:
-        """Where all bodies are now."""
+        """Return positions and axes of all bodies."""
 
     def close(self) -> None:
-        """Give back what the tool holds."""
+        """Release resources of the tool."""
         return
 
 
 class StepSolver(Solver):
-    """Takes steps of a given length."""
+    """A solver with steps of a given length."""
 
-    evaluations: int  # of all forces, for each step
-    longest: float  # step [s] worth trying first
+    evaluations: int  # of all forces per step
+    longest: float  # first step to try [s]
 
     @abstractmethod
     def start(self, step: float) -> None:
-        """Go to the initial state, ready for steps of length `step` [s]; not timed."""
+        """Restore the initial state for steps of length `step` [s]; not timed."""
 
     @abstractmethod
     def advance(self, count: int) -> None:
-        """Take `count` steps; timed."""
+        """Advance by `count` steps; timed."""
 
 
 class ToleranceSolver(Solver):
-    """Chooses its steps for a tolerance."""
+    """A solver that chooses steps for a tolerance."""
 
-    roughest = 0.1  # tolerance worth trying first
+    roughest = 0.1  # first tolerance to try
 
     @abstractmethod
     def start(self, tolerance: float, duration: float) -> None:
-        """Go to the initial state, ready for a run of `duration` [s]; not timed."""
+        """Restore the initial state for a run of `duration` [s]; not timed."""
 
     @abstractmethod
     def finish(self) -> None:

@@ -1,12 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A kernel that knows springs and nothing else, for `icofabric benchmark terms` to compare with.
+A leapfrog for springs alone, with which `icofabric benchmark terms` compares the package.
 
-Same layout of the bodies, same vector functions and the same leapfrog as the package, but written
-for quaternions and springs alone: no gravity, supports, loads, threads or looks at the state, and
-nothing that could be left out. What the package takes more than this is the price of terms that a
-scene does not have.
+The layout of bodies, the vector functions and the leapfrog are those of the package, but the
+kernel only has quaternions and springs: no gravity, supports, loads, threads or health checks. The
+excess time of the package is the cost of terms that a scene does not have.
 """
 
 from icofabric_sim.kernels.records import Links, State
@@ -16,17 +15,17 @@ from icofabric_sim.kernels.runtime.lanes import fma, load, load_at, splat, store
 import numba
 import numpy as np
 
-# Blocks that are drifted and pushed in one go, as in the package.
+# Number of blocks that are drifted and kicked together, as in the package.
 TILE = 64
 
 compiled = numba.njit(nogil=True, error_model='numpy')
-# As in the package: what is done for every block.
+# As in the package, for functions of every block.
 inlined = numba.njit(nogil=True, error_model='numpy', forceinline=True)
 
 
 @inlined
 def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz):
-    """Pull of the two connectors at one edge, whose points are p."""
+    """Return the forces of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
     fx, fy, fz = zero, zero, zero
     for link in range(first, first + 2):
@@ -43,7 +42,7 @@ def pull(links, points, stride, block, first, stiffness, minus_rest, px, py, pz)
 
 @inlined
 def springs(links, points, stride, block, s):
-    """Force and torque of all springs on a block."""
+    """Return force and torque of all springs on a block."""
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     stiffness = splat(links.stiffness)
@@ -80,7 +79,7 @@ def kick(state, a, h, s):
 @compiled
 def push(links, slot, inverse_mass, inverse_inertia, state, points, acceleration, h, again, keep,
          first, last):
-    """Kick by `h`, and by `again` where that is not 0; keep the accelerations where `keep`."""
+    """Kick by `h`, and by `again` if not 0; store the accelerations if `keep`."""
     stride = state.position.shape[1]
     mass, inertia = splat(inverse_mass), splat(inverse_inertia)
     for block in range(first, last):
@@ -98,7 +97,7 @@ def push(links, slot, inverse_mass, inverse_inertia, state, points, acceleration
 
 @compiled
 def push_once(links, slot, inverse_mass, inverse_inertia, state, points, h, first, last):
-    """Kick by `h` and no more: the least that a step can do."""
+    """Kick by `h` only, the least work of a step."""
     stride = state.position.shape[1]
     mass, inertia = splat(inverse_mass), splat(inverse_inertia)
     for block in range(first, last):
@@ -110,7 +109,7 @@ def push_once(links, slot, inverse_mass, inverse_inertia, state, points, h, firs
 
 @compiled
 def push_kept(slot, state, acceleration, h, first, last):
-    """Kick by `h` with accelerations that were kept."""
+    """Kick by `h` with stored accelerations."""
     step = splat(h)
     for block in range(first, last):
         s = slot[block]
@@ -123,7 +122,7 @@ def push_kept(slot, state, acceleration, h, first, last):
 
 @compiled
 def drift(half_width, slot, state, points, h, first, last):
-    """Move and turn freely over `h`, then place the attachment points."""
+    """Move and rotate freely over `h`, then update the attachment points."""
     step, zero, width = splat(h), splat(0.0), splat(half_width)
     twice, less = splat(2.0 * half_width), splat(-2.0 * half_width)
     position, orientation = state.position, state.orientation
@@ -164,7 +163,7 @@ def drift(half_width, slot, state, points, h, first, last):
 
 @inlined
 def place(points, at, stride, px, py, pz, ax, ay, az):
-    """Both points of an axis of the bodies."""
+    """Set both points of an axis of the bodies."""
     store_at(points, at, px + ax)
     store_at(points, at + stride, py + ay)
     store_at(points, at + 2 * stride, pz + az)
@@ -177,7 +176,7 @@ def place(points, at, stride, px, py, pz, ax, ay, az):
 def leapfrog(links: Links, slot: np.ndarray, reach: int, inverse_mass: float,
              inverse_inertia: float, state: State, points: np.ndarray, acceleration: np.ndarray,
              h: float, count: int) -> None:
-    """Take `count` steps: kick, drift, kick; the accelerations of the state are in place."""
+    """Take `count` steps: kick, drift, kick; the state has its accelerations."""
     last = slot.shape[0]
     push_kept(slot, state, acceleration, 0.5 * h, 0, last)
     for step in range(count):
@@ -197,9 +196,7 @@ def leapfrog(links: Links, slot: np.ndarray, reach: int, inverse_mass: float,
 def leapfrog_once(links: Links, slot: np.ndarray, reach: int, inverse_mass: float,
                   inverse_inertia: float, state: State, points: np.ndarray, h: float,
                   count: int) -> None:
-    """
-    Take `count` steps whose velocities stand half a step behind the positions: one kick each.
-    """
+    """Take `count` steps with velocities half a step behind the positions: one kick each."""
     last = slot.shape[0]
     for _ in range(count):
         ahead = 0

@@ -1,24 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Time of a plain step on S3: each tool's own steps, all of the same length."""
+"""Time of a plain step on S3: steps of each tool, all of the same length."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple
 
-from icofabric_validation.benchmarks import own
+from icofabric_validation.benchmarks import own_methods
 from icofabric_validation.benchmarks.contestants import Contestants, gather
 from icofabric_validation.benchmarks.reference import Reference, reference_motion
 from icofabric_validation.benchmarks.scenes import motion_error, plain_scene, PlainScene, SIZES
 from icofabric_validation.benchmarks.solver import StepSolver, Unusable
-from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK, timed
+from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK_S, timed
 
-# Step [s], and the time [s] after which the motions are compared with the reference.
+# Step [s], and time [s] at which motions are compared with the reference.
 STEP, CHECKED = 1e-4, 2e-3
-# Evaluations of all forces in a timed run: two health checks of ours; and steps before it.
+# Evaluations of all forces in a timed run, with two health checks of the package, and steps
+# before.
 _EVALUATIONS, _WARM_UP = 128, 2
-# A motion this far from the reference after CHECKED is another one; the leapfrog's is 5e-5.
-_ANOTHER = 1e-2
+# Largest distance of a correct motion from the reference at CHECKED; that of leapfrog is 5e-5.
+_MAX_ERROR = 1e-2
 
 
 class StepTime(NamedTuple):
@@ -29,12 +30,12 @@ class StepTime(NamedTuple):
     error: float  # after CHECKED
 
     def per_connector(self, scene: PlainScene) -> Spread:
-        """Time of a step for each connector [ns]."""
+        """Return the time of a step per connector [ns]."""
         return Spread.of([value * 1e9 / scene.connector_count for value in self.times])
 
 
 class StepSpeed(NamedTuple):
-    """All solvers, ours first."""
+    """Results of all solvers, those of the package first."""
 
     scene: PlainScene
     reference: Reference
@@ -44,12 +45,12 @@ class StepSpeed(NamedTuple):
     rounds: int
 
     def own_best(self) -> StepTime | None:
-        """Our own cheapest step."""
-        ours = [row for row in self.rows if row.solver.tool == own.TOOL]
+        """Return the cheapest step of the package."""
+        ours = [row for row in self.rows if row.solver.tool == own_methods.TOOL]
         return min(ours, key=lambda row: Spread.of(row.times).median, default=None)
 
     def ratios(self, row: StepTime) -> Spread | None:
-        """Time of a step over that of our cheapest, round by round."""
+        """Return the time of a step over the cheapest of the package, round by round."""
         best = self.own_best()
         if best is None:
             return None
@@ -61,7 +62,7 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> StepSpeed:
-    """Check that every tool moves the same fabric the same way, then time its steps in rounds."""
+    """Compare the motions of all tools, then time steps in rounds."""
     say('the reference motion')
     scene = plain_scene('S3', size)
     reference = reference_motion(scene, CHECKED, growth_samples=0)
@@ -78,7 +79,7 @@ def measure(
             remarks.append(f'{solver.label}: {problem}')
             continue
         error = motion_error(solver.motion(), reference.motion, scene.half_edge)
-        if not error < _ANOTHER:
+        if not error < _MAX_ERROR:
             remarks.append(f'{solver.label} moves otherwise: {error:.1e} after {CHECKED} s')
             continue
         rows.append(StepTime(solver, [], error))
@@ -91,12 +92,12 @@ def measure(
 
 
 def _block(solver: StepSolver) -> float:
-    """Time of a step [s], from the same start each time."""
+    """Return the time of a step [s], from the same start each time."""
     count = -(-_EVALUATIONS // solver.evaluations)
 
     def prepare() -> None:
         solver.start(STEP)
-        # Memory that the start has asked for comes with the first steps.
+        # The system provides memory of the start during the first steps.
         solver.advance(_WARM_UP)
 
-    return timed(prepare, lambda: solver.advance(count), block=STEPS_BLOCK) / count
+    return timed(prepare, lambda: solver.advance(count), block=STEPS_BLOCK_S) / count

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Piles that fall and meet, by steps that run through contacts beside steps that end at them.
+Falling piles by steps that run through contacts and by steps that end at contacts.
 
-Processor time of `leapfrog` and `dop8` in turns, the deepest overlap, and the error that each says
-of itself, for some tolerances; the same pile, one thread.
+Processor times of `leapfrog` and `dop8`, alternating, with largest overlaps and error estimates
+for several tolerances; the same pile, one thread.
 
     .venv/bin/python -m icofabric_validation.benchmarks.steps_through_contacts --size 3 3 6
 """
@@ -20,7 +20,7 @@ METHODS = ('leapfrog', 'dop8')
 
 
 def run(scene: ico.Scene, until: float) -> tuple[float, ico.Simulation]:
-    """Processor time [s] of a run to `until` [s], and the simulation."""
+    """Return the processor time [s] of a run to `until` [s], and the simulation."""
     simulation = ico.compile_scene(scene)
     begun = time.process_time()
     simulation.advance_to(until)
@@ -28,7 +28,7 @@ def run(scene: ico.Scene, until: float) -> tuple[float, ico.Simulation]:
 
 
 def main() -> None:
-    """Run each method once for its kernels, then in turns, and print a table."""
+    """Run each method once for its kernels, then alternate, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--size', type=int, nargs=3, default=(4, 4, 8), help='weave.size')
     parser.add_argument('--until', type=float, default=0.2, help='simulated time [s]')

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a sweep costs beside its runs: time a run, and the share of the cores that runs have.
+Overhead of a sweep: time per run, and fraction of the cores that runs use.
 
     .venv/bin/python -m icofabric_validation.benchmarks.sweep_overhead --runs 2000 --seconds 0.5 \
         --workers 2
 
-Runs of one scene that differ in a stiffness, each of about the wanted time on one core, in a store
-of their own. A run's own time is what its worker notes of it: building the scene, compiling it
-(kernels are on disk), stepping to the end. All else is the sweep's: Dask, the store, the table.
+Runs of one scene that differ in a stiffness, each of about the requested time on one core, in a
+separate store. The worker records the time of a run: building and compiling the scene (kernels are
+on disk), and steps to the end. The remaining time is overhead: Dask, the store, the table.
 """
 
 import argparse
@@ -29,7 +29,7 @@ SCENE = {
 
 
 def scene_of(seconds: float) -> ico.Scene:
-    """A scene whose run takes about so long [s] on one core, by its step."""
+    """Return a scene whose run takes about `seconds` [s] on one core, by its step."""
     step = 1e-6
     scene = ico.Scene.from_parameters({**SCENE, 'solver.step': step, 'solver.threads': 1})
     ico.compile_scene(scene).advance_to(0.01)
@@ -39,7 +39,7 @@ def scene_of(seconds: float) -> ico.Scene:
 
 
 def own_times(store: Path, keys: list[str]) -> np.ndarray:
-    """What the runs themselves took [s]."""
+    """Return the times of the runs themselves [s]."""
     return np.array([
         json.loads((store / key / 'result.json').read_text('utf-8'))['seconds'] for key in keys])
 
@@ -75,8 +75,8 @@ def main() -> None:
     print(f'{arguments.runs:,} runs of {np.median(own):.3f} s (median) on {workers} workers')
     print(f'plan and keys: {1e3 * (planned - began) / arguments.runs:.2f} ms a run')
     print(f'start, first run included: {times[0] - planned:.1f} s')
-    print(f'beside a run, on its core, from the first to the last: {1e3 * steady:.2f} ms')
-    print(f'share of the cores that runs have: {own.sum() / (workers * (ended - began)):.1%} of '
+    print(f'overhead per run on its core, from the first to the last: {1e3 * steady:.2f} ms')
+    print(f'fraction of the cores that runs use: {own.sum() / (workers * (ended - began)):.1%} of '
           f'all, {own[1:].sum() / (workers * (times[-1] - times[0])):.1%} after the first run')
     print(f'taken from the store again: {1e3 * reread / arguments.runs:.2f} ms a run')
 

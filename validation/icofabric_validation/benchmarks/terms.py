@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What each term of a scene costs, and that one which a scene lacks costs nothing.
+Cost of each term of a scene, and of terms that a scene does not have.
 
-The bare scene has springs and nothing else. Beside it runs a kernel that knows nothing else
+The bare scene has only springs. It is compared with a kernel for springs alone
 (`springs_only.py`).
 """
 
@@ -24,34 +24,33 @@ from icofabric_validation.benchmarks.bare_kernels import fresh, Instructions, Ke
 from icofabric_validation.benchmarks.held_arrays import arrays_of
 from icofabric_validation.benchmarks.scenes import FABRIC, FABRIC_LENGTH, scene_parameters, SIZES
 from icofabric_validation.benchmarks.step_speed import STEP
-from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK, timed
+from icofabric_validation.benchmarks.timing import in_rounds, Spread, STEPS_BLOCK_S, timed
 import numpy as np
 
 Size = tuple[int, int, int]
 BARE = 'bare scene: springs alone'
-# What needs a method for forces that depend on velocities is compared with this.
+# Row for comparison of terms with forces that depend on velocities.
 ADAPTIVE = 'bare scene with dop8'
 UNWATCHED, KERNEL, LEANEST = (
     'without health checks', 'springs-only kernel', 'springs-only kernel, one kick a step')
-# Steps that are timed, with two health checks, after so many that are not. Some health checks
-# measure what steps err by, which takes as long as some hundred steps and comes ever less often:
-# in S3 at steps 576, 832, 1216 and 1792, by a table at 1323, 1350, 1617 and 1650; not in those
-# that are timed.
+# Timed steps, with two health checks, and steps before. Some health checks measure errors of
+# steps, which takes as long as some hundred steps and happens less and less often: in S3 at steps
+# 576, 832, 1216 and 1792, with a table at 1323, 1350, 1617 and 1650, outside the timed steps.
 _STEPS, _WARM_UP, _TABLE_WARM_UP = 128, 1250, 1390
-# S3 meets its first contact at step 922.
+# Steps before the first contact of S3, at step 922.
 _BEFORE_CONTACT = 600
-# Bodies that move less than the gaps between them; of contacts that such steps can follow.
+# Velocities for displacements below the gaps between shells; contacts soft enough for the steps.
 _CALM = {'velocity_sigma': 1e-3, 'spin_sigma': 0.04, 'seed': 1}
 _SOFT_CONTACT = {'mode': 'always', 'stiffness': 1e4}
-# Near the least angle, where faces nearly touch, and connectors that press them together [m].
+# An angle with faces nearly in contact [rad], and a natural length that closes the gaps [m].
 _FACES, _FACES_LENGTH = -0.3648, 0.999 * 0.02506719
-# The same for terms whose steps take a hundred times as long; one measurement comes at step 128.
+# Timed steps and steps before for terms with steps a hundred times as long.
 _FEW_STEPS, _SHORT_WARM_UP = 16, 128
-_PUSH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
+_WRENCH = {'force': [1e-3, 0.0, 5e-4], 'torque': [0.0, 1e-6, 0.0]}
 
 
 class Term(NamedTuple):
-    """The bare scene with one thing more."""
+    """The bare scene with one additional term."""
 
     label: str
     parameters: dict[str, Any]
@@ -64,13 +63,13 @@ class Term(NamedTuple):
 
     @property
     def over(self) -> str:
-        """The row that it is compared with."""
+        """The row for comparison."""
         return BARE if self.method == 'leapfrog' else ADAPTIVE
 
 
 def terms(body: int) -> list[Term]:
-    """Every term that a scene can have or lack; `body` is the one that a single load acts on."""
-    loads = {'push': {'group': 'pushed', **_PUSH}}
+    """Return every term that a scene can have; a single load acts on `body`."""
+    loads = {'push': {'group': 'pushed', **_WRENCH}}
     charge = {'per_body': 1e-8, 'dipole': [1e-9, 0.0, 2e-9]}
     wall = {'wall': 'x_min'}
     return [
@@ -153,13 +152,13 @@ def terms(body: int) -> list[Term]:
 
 @cache
 def _folder() -> TemporaryDirectory[str]:
-    """For tables; it goes when the program ends."""
+    """Return a folder for tables, which is removed when the program ends."""
     return TemporaryDirectory()
 
 
 @cache
 def law_table(count: int) -> str:
-    """A law that is as stiff as the springs where it does not pull, and stiffens."""
+    """Write a law with the stiffness of the springs at its natural length, which stiffens."""
     file = Path(_folder().name) / f'law_{count}.csv'
     strain = np.linspace(-0.5, 0.5, count)
     rest, stiffness = FABRIC_LENGTH, FABRIC['connector']['stiffness']
@@ -184,7 +183,7 @@ def _pull_all(
 
 
 class Cost(NamedTuple):
-    """One row: a term, or a kernel beside the bare scene."""
+    """One row: a term, or another kernel."""
 
     label: str
     body_count: int
@@ -193,12 +192,12 @@ class Cost(NamedTuple):
     over: str = BARE  # the row that it is compared with
 
     def per_body(self) -> Spread:
-        """Time for each body and step [ns]."""
+        """Time per body and step [ns]."""
         return Spread.of([value * 1e9 / self.body_count for value in self.times])
 
 
 class Terms(NamedTuple):
-    """All figures; the bare scene comes first."""
+    """All results; the bare scene is first."""
 
     rows: list[Cost]
     bare_arrays: dict[str, int]  # bytes by name
@@ -207,11 +206,11 @@ class Terms(NamedTuple):
     rounds: int
 
     def row(self, label: str) -> Cost | None:
-        """The row of this name."""
+        """Return the row of a label."""
         return next((row for row in self.rows if row.label == label), None)
 
     def ratio(self, row: Cost, label: str | None = None) -> Spread | None:
-        """Time of `row` over that of another, by default its bare scene, round by round."""
+        """Return the time of `row` over that of another, by default its bare scene."""
         other = self.row(label or row.over)
         if other is None:
             return None
@@ -223,7 +222,7 @@ def measure(
     say: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Terms:
-    """Time the bare scene, the same with each term, and the other kernel, in rounds."""
+    """Time the bare scene, each term and the other kernel, in rounds."""
     bare = compile_term(size, Term(BARE, {}))
     count = bare.scene.body_count
     rows, tasks, remarks = [], [], []
@@ -255,7 +254,7 @@ def measure(
 
 
 def compile_term(size: Size, term: Term) -> Simulation:
-    """The bare scene of a size with a term, with its kernels loaded."""
+    """Compile the bare scene of a size with a term, and load its kernels."""
     parameters = {
         **scene_parameters(size, {'method': term.method, 'step': STEP, 'threads': term.threads})}
     for name, section in term.parameters.items():
@@ -270,18 +269,16 @@ def compile_term(size: Size, term: Term) -> Simulation:
 
 
 def _start(simulation: Simulation, warm_up: int) -> Checkpoint:
-    """Where every timed run of a scene begins: past its first steps, with all kernels loaded."""
+    """Advance a scene past its first steps; return the start of every timed run."""
     simulation.advance_steps(warm_up)
     return simulation.checkpoint()
 
 
 def _block(simulation: Simulation, term: Term, start: Checkpoint) -> float:
-    """
-    Time of a step [s]; from the same start each time, as the motion itself can change the cost.
-    """
+    """Return the time of a step [s], from the same start, because motion may change the cost."""
     spent = timed(
         lambda: simulation.restore(start), lambda: simulation.advance_steps(term.steps),
-        block=STEPS_BLOCK)
+        block=STEPS_BLOCK_S)
     moved = np.abs(simulation.snapshot().position - simulation.scene.position).max()
     if not (moved > 0.0 and simulation.balance.worst < simulation.balance.limit):
         raise RuntimeError(f'{term.label}: the bodies do not move as they should')
@@ -298,7 +295,7 @@ def _kernel_block(bare: Simulation, run: Kernel) -> float:
         for target, source in ((work.acceleration, room.acceleration), (work.points, room.points)):
             np.copyto(target, source)
 
-    spent = timed(prepare, lambda: run(state, work, _STEPS), block=STEPS_BLOCK)
+    spent = timed(prepare, lambda: run(state, work, _STEPS), block=STEPS_BLOCK_S)
     if not np.isfinite(state.position).all():
         raise RuntimeError('the kernels do not move the bodies as they should')
     return spent / _STEPS

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of `terms` as tables and as a CSV file."""
+"""Tables and CSV file of `terms`."""
 
 import csv
 from pathlib import Path
@@ -12,7 +12,7 @@ from icofabric_validation.benchmarks.terms import ADAPTIVE, BARE, KERNEL, LEANES
 
 
 def lines(result: Terms) -> list[str]:
-    """Tables for a terminal."""
+    """Return tables for a terminal."""
     bare = result.row(BARE)
     assert bare is not None and bare.held is not None
     costs = [['one thing more', 'ns per body and step, median (range)', 'over its bare scene',
@@ -51,7 +51,7 @@ def lines(result: Terms) -> list[str]:
 
 
 def write(result: Terms, folder: Path) -> list[Path]:
-    """Write the figures into `folder`; returns their paths."""
+    """Write the results into `folder`; return their paths."""
     path = folder / 'terms.csv'
     with open(path, 'w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)

@@ -1,15 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a second thread gains or loses beside other programs that compute.
+Gain or loss of a second thread while other programs run.
 
     .venv/bin/python -m icofabric_validation.benchmarks.threads_under_load [--others 0 1 4] \
         [--rounds 5]
 
-Wall time of a leapfrog step, of woven shells whose springs swing, of loose ones that collide and
-of a pile that comes to rest in a box, by one thread and by two in turns. `arithmetic`: sums in
-registers, twice by one thread over once by two each; no work that threads share gains more on this
-machine.
+Wall times of a leapfrog step of woven shells, of colliding separate shells and of a settling pile
+in a box, by one thread and by two, alternating. `arithmetic` has sums in registers, twice by one
+thread over once by two threads, which is the largest possible gain on this machine.
 """
 
 import argparse
@@ -29,10 +28,10 @@ from icofabric_validation.benchmarks.pile import pile
 import numpy as np
 
 THREADS = 2
-# A time slice of the system is some milliseconds.
-_LEAST, _STEPS = 0.5, 500
-# Steps before that, and simulated time [s] until 1,600 pairs touch in a pile of 1,000.
-_BEFORE, _SETTLED = 200, 0.25
+# Smallest wall time of a measurement [s], above time slices of the system, and number of steps.
+_MIN_TIME_S, _STEPS = 0.5, 500
+# Steps before, and simulated time [s] until a pile of 1,000 has 1,600 contacts.
+_WARM_UP, _SETTLING_TIME_S = 200, 0.25
 PILE = 'pile, 1,000'
 SCENES = {
     'woven': {
@@ -49,7 +48,7 @@ SCENES = {
 
 @compiled
 def add_reciprocals(count: int) -> float:
-    """Sums that need no memory."""
+    """Return a sum that needs no memory."""
     total = 0.0
     for k in range(count):
         total += 1.0 / (k + 1.0)
@@ -58,7 +57,7 @@ def add_reciprocals(count: int) -> float:
 
 @contextmanager
 def others(count: int) -> Iterator[None]:
-    """So many programs that compute beside."""
+    """Run `count` other programs that compute."""
     running = [
         subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)]
     try:
@@ -71,7 +70,7 @@ def others(count: int) -> Iterator[None]:
 
 
 def arithmetic() -> float:
-    """Gain of two threads in sums that share nothing."""
+    """Return the gain of two threads in independent sums."""
     count = 50_000_000
     with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(add_reciprocals, [10] * THREADS))
@@ -84,22 +83,22 @@ def arithmetic() -> float:
 
 
 def compiled_scene(name: str, threads: int) -> ico.Simulation:
-    """A run that has come so far that its bodies move, or in a pile come to rest."""
+    """Return a run with moving bodies, or a settled pile."""
     if name == PILE:
         simulation = ico.compile_scene(pile((10, 10, 20), **{
             'contact.stiffness': 1e6, 'solver.method': 'leapfrog', 'solver.threads': threads}))
-        simulation.advance_to(_SETTLED)
+        simulation.advance_to(_SETTLING_TIME_S)
     else:
         scene = ico.Scene.from_parameters(SCENES[name]).with_changes({'solver.threads': threads})
         simulation = ico.compile_scene(scene)
-    simulation.advance_steps(_BEFORE)
+    simulation.advance_steps(_WARM_UP)
     return simulation
 
 
 def seconds_each(simulation: ico.Simulation) -> float:
-    """Wall time [s] of a step, always of the same ones."""
+    """Return the wall time [s] of a step, always of the same steps."""
     start, count, taken = simulation.checkpoint(), 0, 0.0
-    while taken < _LEAST:
+    while taken < _MIN_TIME_S:
         began = time.perf_counter()
         simulation.advance_steps(_STEPS)
         taken += time.perf_counter() - began

@@ -1,18 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Times of contestants, measured in rounds in which all take part, so that a drift hits all alike.
-"""
+"""Times of contestants in rounds in which all take part, so that drifts affect all alike."""
 
 from collections.abc import Callable, Sequence
 import statistics
 import time
 from typing import NamedTuple
 
-# A run shorter than this [s] is repeated within its round, at most so often.
-_BLOCK, _REPEATS = 0.03, 9
-# The same for plain steps, whose differences are smaller.
-STEPS_BLOCK = 0.15
+# Runs shorter than this time [s] are repeated within a round, up to this number of times.
+_MIN_BLOCK_S, _MAX_REPEATS = 0.03, 9
+# The same time for plain steps, whose differences are smaller.
+STEPS_BLOCK_S = 0.15
 
 
 class Spread(NamedTuple):
@@ -24,25 +22,26 @@ class Spread(NamedTuple):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> 'Spread':
-        """Of at least one value."""
+        """Return the spread of at least one value."""
         return cls(statistics.median(values), min(values), max(values))
 
     def text(self, digits: int = 3) -> str:
-        """Median (low-high)."""
+        """Return the text "median (low-high)"."""
         low, high = (_figures(value, digits) for value in (self.low, self.high))
         return f'{_figures(self.median, digits)} ({low}-{high})'
 
 
 def timed(
-    prepare: Callable[[], object], run: Callable[[], object], *, block: float = _BLOCK
+    prepare: Callable[[], object], run: Callable[[], object], *, block: float = _MIN_BLOCK_S
 ) -> float:
     """
-    Median time [s] of `run`, repeated while it is short; `prepare` comes before each, untimed.
+    Return the median time [s] of `run`, repeated while short; `prepare` is not timed.
 
-    So a fast machine repeats one motion more often, and never follows it farther than others do.
+    A fast machine thus repeats one motion more often, but never follows it longer than other
+    machines.
     """
     times: list[float] = []
-    while not times or (sum(times) < block and len(times) < _REPEATS):
+    while not times or (sum(times) < block and len(times) < _MAX_REPEATS):
         prepare()
         started = time.perf_counter()
         run()
@@ -54,7 +53,7 @@ def in_rounds(
     tasks: Sequence[Callable[[], float]], rounds: int,
     progress: Callable[[int], None] = lambda done: None
 ) -> list[list[float]]:
-    """Results of every task, one for each round; every other round runs them backwards."""
+    """Return the results of every task by round; every other round runs in reverse order."""
     results: list[list[float]] = [[] for _ in tasks]
     done = 0
     for turn in range(rounds):
@@ -67,7 +66,7 @@ def in_rounds(
 
 
 def _figures(value: float, digits: int) -> str:
-    """A number with so many digits that count, never as a power of ten."""
+    """Return a number with significant `digits`, never as a power of ten."""
     if value >= 10.0 ** (digits - 1):
         return f'{value:,.0f}'
     return f'{float(f"{value:.{digits}g}"):.{digits}g}' if value >= 1e-4 else f'{value:.1e}'

@@ -1,22 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Frames that the viewer sends, those that a browser draws, and what they cost the simulation.
+Frames sent by the viewer, frames drawn by a browser, and their cost for the simulation.
 
     .venv/bin/python -m icofabric_validation.benchmarks.viewer_frames
     .venv/bin/python -m icofabric_validation.benchmarks.viewer_frames --part cost --sizes 63 1000
     .venv/bin/python -m icofabric_validation.benchmarks.viewer_frames --part drawn
 
-`frames`: a page in a process of its own, whose shells all move 60 times a second and its
-connectors 10 times; a client reads what is sent and draws nothing, so this is the most that a
-browser can get.
-`drawn`: the same page in a Chromium without a window, which draws on the processor: frames that
-its scene was drawn, those of them with new poses, and the processor time of the browser for one.
-Of 10,000 shells a frame takes seconds: `--seconds 40`.
-`cost`: a node that runs as fast as possible; its processor time for each simulated second, without
-and with a viewer_node and a client beside it, in turns. Processor time, so that other load on the
-machine matters little; but a core is slower while another one works, so the node also runs beside
-a program that computes as much of the time as the viewer does and has nothing to do with it.
+`frames`: a page in a separate process with shells that move 60 times a second and connectors that
+move 10 times. A client reads the data without drawing, which is the upper limit of a browser.
+`drawn`: the same page in Chromium without a window, which draws on the processor: drawn frames,
+frames with new poses, and processor time of the browser per frame. A frame of 10,000 shells takes
+seconds: `--seconds 40`.
+`cost`: processor time per simulated second of a node at full speed, without and with a viewer_node
+and a client, alternating. Processor time depends little on other load, but a core is slower while
+another core works. The node therefore also runs with an independent program that uses as much
+processor time as the viewer.
 """
 
 import argparse
@@ -36,11 +35,11 @@ sys.path.insert(0, str(ROOT / 'test'))
 from browser import Browser, find_browser  # noqa: E402 - beside the tests
 from page_client import PageClient  # noqa: E402 - beside the tests
 
-# Grid positions of an orthogonal weave of about so many shells.
+# Number of shells, and grid positions of an orthogonal weave.
 SIZES = {63: (5, 5, 5), 1000: (13, 13, 12), 10000: (28, 28, 26)}
 PORT = 18400
 MOVES, LINES = 60.0, 10.0  # [Hz]
-# A viewer of 63 to 1,000 shells takes 0.4 of a core.
+# A program with the load of a viewer of 63 to 1,000 shells, 0.4 of a core.
 COMPUTES = """import time
 while True:
     end = time.perf_counter() + 0.004
@@ -48,7 +47,7 @@ while True:
         pass
     time.sleep(0.006)
 """
-# Frames that the page has drawn meanwhile, those in which a shell was elsewhere, and seconds.
+# Script that returns drawn frames, frames with moved shells, and seconds.
 DRAWN = """new Promise(done => {
     let mesh = null;
     window.__viserMutable.nodeRefFromName['/shells'].traverse(
@@ -68,13 +67,13 @@ DRAWN = """new Promise(done => {
 
 
 def processor_time(process):
-    """Processor time [s] of a process so far."""
+    """Return the processor time [s] of a process."""
     fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def processor_time_of_session(leader):
-    """Processor time [s] so far of a process and of all those that it has started."""
+    """Return the processor time [s] of a process and its children."""
     total = 0
     for path in Path('/proc').glob('[0-9]*/stat'):
         try:
@@ -95,7 +94,7 @@ def parameters_of(count):
 
 
 def serve(count):
-    """Show shells that all move, until ended."""
+    """Show moving shells until the process is stopped."""
     import icofabric_sim as ico
     from icofabric_sim.messages import PoseArrayBytes, topics
     from icofabric_sim.viewer.page import Page
@@ -112,7 +111,7 @@ def serve(count):
     due = begun
     while True:
         now, due = time.monotonic(), due + 1.0 / MOVES
-        # What has not changed is not sent again.
+        # Unchanged data is not sent again.
         poses.values[:, 2] += 1e-6
         poses.values[:, 3] += 1e-6
         sight.feed(topics.POSES, poses.stamped(round(1e9 * (now - begun))))
@@ -125,7 +124,7 @@ def serve(count):
 
 @contextmanager
 def served(count):
-    """A page of so many shells: process, port, shells, connectors."""
+    """Start a page of `count` shells; return process, port, shells, connectors."""
     process = subprocess.Popen(
         [sys.executable, '-m', 'icofabric_validation.benchmarks.viewer_frames', '--serve',
          str(count)], stdout=subprocess.PIPE, text=True)
@@ -197,7 +196,7 @@ def stop(process):
 
 
 class Meter:
-    """Hears the clock of a node."""
+    """A subscriber of the clock of a node."""
 
     def __init__(self, process):
         import rclpy
@@ -210,7 +209,7 @@ class Meter:
         self._time = message.clock.sec + 1e-9 * message.clock.nanosec
 
     def cost(self, seconds):
-        """Processor time of the node for each simulated second."""
+        """Return the processor time of the node per simulated second."""
         self._wait(1.0)
         time_before, spent = self._time, processor_time(self._process)
         self._wait(seconds)
@@ -268,7 +267,7 @@ def main():
         for count in arguments.sizes:
             measure_frames(count, arguments.seconds, arguments.rounds)
     if arguments.part in ('drawn', 'all') and not find_browser():
-        print('no Chromium: frames that a browser draws are not measured', flush=True)
+        print('no Chromium: frames drawn by a browser are not measured', flush=True)
     elif arguments.part in ('drawn', 'all'):
         for count in arguments.sizes:
             measure_drawn(count, arguments.seconds, arguments.rounds, arguments.window)

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work against precision on S1 and its variants: time for the motion at a wanted error."""
+"""Work against precision on S1 and its variants: time for a required error."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple
 
-from icofabric_validation.benchmarks import own
+from icofabric_validation.benchmarks import own_methods
 from icofabric_validation.benchmarks.contestants import Contestants, gather
 from icofabric_validation.benchmarks.curves import Curve, run_once, trace
 from icofabric_validation.benchmarks.kinked_reference import kinked_reference
@@ -22,14 +22,14 @@ from icofabric_validation.benchmarks.scenes import (
 from icofabric_validation.benchmarks.timing import in_rounds, Spread
 
 TARGETS = (1e-3, 1e-6, 1e-9)
-# A point that no target needs is measured in the rounds too where it is cheaper than this [s].
-_CHEAP = 0.15
+# Largest time [s] of points that are measured in rounds although no target needs them.
+_MAX_EXTRA_TIME_S = 0.15
 # Changes to S1.
 VARIANTS = {'': None, 'kinked': KINKED, 'damped': DAMPED}
 
 
 class WorkPrecision(NamedTuple):
-    """All curves, each point with its times in all rounds."""
+    """All curves, with times of each point in all rounds."""
 
     scene: PlainScene
     reference: Reference
@@ -38,18 +38,18 @@ class WorkPrecision(NamedTuple):
     rounds: int
 
     def own_best(self, target: float) -> Curve | None:
-        """Our own fastest curve at this error."""
+        """Return the fastest curve of the package at an error."""
         ours = [curve for curve in self.curves
-                if curve.solver.tool == own.TOOL and not curve.time_at(target)[1]]
+                if curve.solver.tool == own_methods.TOOL and not curve.time_at(target)[1]]
         return min(ours, key=lambda curve: curve.time_at(target)[0], default=None)
 
     def times(self, curve: Curve, target: float) -> tuple[Spread, bool]:
-        """Time [s] of `curve` at this error over the rounds; True: extrapolated."""
+        """Return the times [s] of `curve` at an error over the rounds; True: extrapolated."""
         turns = [curve.time_at(target, turn) for turn in range(self.rounds)]
         return Spread.of([value for value, _ in turns]), turns[0][1]
 
     def ratios(self, curve: Curve, target: float) -> Spread | None:
-        """Time of `curve` over that of our fastest, round by round."""
+        """Return the time of `curve` over the fastest of the package, round by round."""
         best = self.own_best(target)
         if best is None:
             return None
@@ -65,10 +65,10 @@ def measure(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> WorkPrecision:
     """
-    Trace every contestant's curve, then measure its points in interleaved rounds.
+    Trace the curve of every contestant, then measure its points in interleaved rounds.
 
-    `variant`: a key of VARIANTS. 'kinked' connectors push less than they pull, 'damped' ones have
-    damping; of the peers only SciPy takes part in these.
+    `variant` is a key of VARIANTS: 'kinked' connectors are softer in compression, 'damped' ones
+    have damping. SciPy is the only peer for these.
     """
     changes, kinked = VARIANTS[variant], variant == 'kinked'
     scene = plain_scene(f'S1 {variant}'.rstrip(), size, changes)
@@ -80,7 +80,7 @@ def measure(
     curves = []
     for solver in contestants.solvers:
         say(f'{solver.label}: errors')
-        # Errors of kinks go up and down: the order of a method does not say where to search.
+        # Errors with two stiffnesses are irregular, so the order does not help the search.
         curves.append(trace(
             solver, scene, reference, longest_run=longest_run, growth=2.0 if kinked else None))
         solver.close()
@@ -88,7 +88,7 @@ def measure(
     for curve in curves:
         needed = curve.needed(TARGETS)
         for point in curve.points:
-            if point in needed or point.time < _CHEAP:
+            if point in needed or point.time < _MAX_EXTRA_TIME_S:
                 points.append(point)
                 tasks.append(partial(_measure, curve, point.setting, duration))
     say(f'{rounds} rounds of {len(tasks)} runs')

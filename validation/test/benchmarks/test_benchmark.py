@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.geometry.icosahedron import vertices
-from icofabric_validation.benchmarks import own, report, step_speed, timing, work_precision
+from icofabric_validation.benchmarks import own_methods, report, step_speed, timing, work_precision
 from icofabric_validation.benchmarks.contestants import gather
 from icofabric_validation.benchmarks.curves import Curve, Point, trace
 from icofabric_validation.benchmarks.kinked_reference import kinked_reference
@@ -165,7 +165,7 @@ def test_every_peer_converges_or_says_how_to_get_it(small, truth):
         if peer.DISTRIBUTION not in found.distributions:
             assert any(line.startswith(name) and line.endswith(peer.INSTALL)
                        for line in found.missing)
-    own_labels = [solver.label for solver in found.solvers if solver.tool == own.TOOL]
+    own_labels = [solver.label for solver in found.solvers if solver.tool == own_methods.TOOL]
     fixed = [name for name, facts in ico.METHODS.items() if not facts.adaptive]
     assert set(fixed) <= set(own_labels)
     for solver in found.solvers:
@@ -184,7 +184,7 @@ def test_every_peer_converges_or_says_how_to_get_it(small, truth):
 
 
 def test_own_methods_refuse_steps_beyond_their_limit(small):
-    solver = next(s for s in own.solvers(SMALL) if isinstance(s, StepSolver))
+    solver = next(s for s in own_methods.solvers(SMALL) if isinstance(s, StepSolver))
     with pytest.raises(Unusable, match='limit'):
         solver.start(3.0 * solver.longest)
 
@@ -366,7 +366,7 @@ def test_damped_work_precision_from_end_to_end(tmp_path, timed_twice):
 
 
 def test_step_speed_from_end_to_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(step_speed, 'STEPS_BLOCK', 0.005)
+    monkeypatch.setattr(step_speed, 'STEPS_BLOCK_S', 0.005)
     result = step_speed.measure([], rounds=2, size=SMALL)
     lines = '\n'.join(report.step_speed_lines(result))
     assert 'leapfrog' in lines and not result.remarks

@@ -53,7 +53,7 @@ def test_without_the_library(monkeypatch):
     result = contact.measure(rounds=1, count=20)
     assert 'pip install coal' in contact_report.lines(result)[-1] and len(result.rows) == 15
     alone = contact.measure(library=False, rounds=1, count=20)
-    assert alone.missing == '' and alone.ratio(alone.rows[0].family, contact.PUSH, 'coal') is None
+    assert alone.missing == '' and alone.ratio(alone.rows[0].family, contact.FORCE, 'coal') is None
     assert contact_report.lines(alone)[-1] != ''
     with pytest.raises(StopIteration):
         next(row for row in alone.rows if 'coal' in row.what)

@@ -91,7 +91,7 @@ def some_terms(body, every=terms.terms):
 @pytest.fixture(scope='module')
 def costs():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(terms, 'STEPS_BLOCK', 0.001)
+        patch.setattr(terms, 'STEPS_BLOCK_S', 0.001)
         patch.setattr(terms, 'terms', some_terms)
         return terms.measure(rounds=2, size=SMALL)
 
@@ -210,12 +210,12 @@ def test_sizes_for_scaling():
     assert counts == [63, 1_014, 4_631, 10_206]
     assert scaling.UNIT in scaling.SIZES
     assert scaling.sizes_up_to(5_000) == list(scaling.SIZES[:3])
-    assert scaling.sizes_up_to(scaling.LARGEST) == list(scaling.SIZES)
+    assert scaling.sizes_up_to(scaling.MAX_BODIES) == list(scaling.SIZES)
     assert scaling.sizes_up_to(1_000_000)[-1] == (126, 126, 126)
 
 
 def test_scaling_from_end_to_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(scaling, 'STEPS_BLOCK', 0.001)
+    monkeypatch.setattr(scaling, 'STEPS_BLOCK_S', 0.001)
     monkeypatch.setattr(scaling, 'UNIT', (4, 4, 4))
     result = scaling.measure(rounds=1, sizes=[SMALL, (4, 4, 4)], first_ever=False)
     first, second = result.rows

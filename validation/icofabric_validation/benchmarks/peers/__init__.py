@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Other tools, each on the same scene; none is needed by the package.
+Other tools on the same scene; the package needs none of them.
 
-Every module has `DISTRIBUTION`, its name in the Python package index, `INSTALL`, what a user types
-to get it, and `solvers(scene)`, which raises ImportError where the tool is missing.
+Every module has `DISTRIBUTION`, its name in the Python package index, `INSTALL`, the install
+command, and `solvers(scene)`, which raises ImportError if the tool is missing.
 """
 
 from icofabric_validation.benchmarks.peers import (

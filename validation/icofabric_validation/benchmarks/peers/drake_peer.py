@@ -13,18 +13,18 @@ import numpy as np
 
 DISTRIBUTION = 'drake'
 INSTALL = install_command('pydrake')
-# Integrator, order, evaluations for each step, and step times frequency to begin with. Euler is of
-# first order; here its positions are those of the leapfrog, because no force acts at the start.
+# Integrator, order, evaluations per step, and initial step times frequency. Euler has order 1, but
+# its positions are here those of leapfrog, because no force acts at the start.
 _SCHEMES = {'semi_explicit_euler': (2, 1, 0.5), 'runge_kutta5': (5, 7, 1.5)}
 
 
 class Drake(StepSolver):
-    """One integrator over a finalised plant, without control of its error."""
+    """One integrator over a finalised plant, without error control."""
 
     tool = 'drake'
 
     def __init__(self, scene: PlainScene, scheme: str, plant: Any) -> None:
-        """Take steps of `plant` with `scheme`."""
+        """Create a solver of `plant` with `scheme`."""
         self._analysis = import_module('pydrake.systems.analysis')
         self._scene, self._scheme, self._plant = scene, scheme, plant
         self._simulator = self._analysis.Simulator(plant)
@@ -38,7 +38,7 @@ class Drake(StepSolver):
         self._analysis.ResetIntegratorFromFlags(self._simulator, self._scheme, step)
         integrator = self._simulator.get_mutable_integrator()
         if self._scheme != 'semi_explicit_euler':
-            # The others would choose their steps by their own estimate.
+            # Other integrators would choose steps by error estimates.
             integrator.set_fixed_step_mode(True)
         integrator.set_maximum_step_size(step)
         self._step = step
@@ -63,7 +63,7 @@ class Drake(StepSolver):
 
 
 def build_plant(scene: PlainScene) -> Any:
-    """Plant of `scene`; bodies that no joint holds float with a quaternion."""
+    """Return the plant of `scene`; bodies without a joint float with a quaternion."""
     tree = import_module('pydrake.multibody.tree')
     plant = import_module('pydrake.multibody.plant').MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
@@ -80,7 +80,7 @@ def build_plant(scene: PlainScene) -> Any:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """The cheapest step, and the integrator of highest order."""
+    """Yield the cheapest step and the integrator of highest order."""
     plant = build_plant(scene)
     for scheme in _SCHEMES:
         yield Drake(scene, scheme, plant)

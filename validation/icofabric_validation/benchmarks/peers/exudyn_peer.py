@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Exudyn: rigid bodies with rotation vectors and Lie group integration, joined by spring-dampers.
-"""
+"""Exudyn: rigid bodies with rotation vectors and Lie group integration, and spring-dampers."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -15,7 +13,7 @@ import numpy as np
 
 DISTRIBUTION = 'exudyn'
 INSTALL = install_command('exudyn')
-# Explicit integrator, order, evaluations for each step, and step times frequency to begin with.
+# Explicit integrator, order, evaluations per step, and initial step times frequency.
 _INTEGRATORS = {'VelocityVerlet': (2, 1, 1.0), 'RK44': (4, 4, 1.5), 'RK67': (6, 9, 1.5)}
 
 
@@ -25,7 +23,7 @@ class Exudyn(StepSolver):
     tool = 'exudyn'
 
     def __init__(self, scene: PlainScene, integrator: str, system: 'ExudynSystem') -> None:
-        """Take steps of `system` with `integrator`."""
+        """Create a solver of `system` with `integrator`."""
         self._scene, self._system = scene, system
         self._integrator = getattr(system.exudyn.DynamicSolverType, integrator)
         self.label = f'Exudyn {integrator}'
@@ -47,7 +45,7 @@ class ExudynSystem:
     """The bodies and springs of a scene."""
 
     def __init__(self, scene: PlainScene) -> None:
-        """Assemble them."""
+        """Assemble bodies and springs."""
         exudyn = import_module('exudyn')
         items = import_module('exudyn.itemInterface')
         from scipy.spatial.transform import Rotation
@@ -59,7 +57,7 @@ class ExudynSystem:
         self._nodes, bodies = [], []
         turns = Rotation.from_quat(scene.orientation)
         places = np.hstack([scene.position, turns.as_rotvec()])
-        # Spins are in the axes of the bodies.
+        # Angular velocities are in the frames of the bodies.
         rates = np.hstack([scene.velocity, turns.apply(scene.spin, inverse=True)])
         for place, rate in zip(places.tolist(), rates.tolist()):
             node = system.AddNode(items.NodeRigidBodyRotVecLG(
@@ -82,14 +80,14 @@ class ExudynSystem:
                        system.systemData.GetODE2Coordinates_t(configuration=initial))
 
     def reset(self) -> None:
-        """Go back to the initial state."""
+        """Restore the initial state."""
         initial = self.exudyn.ConfigurationType.Initial
         data = self._system.systemData
         data.SetODE2Coordinates(self._start[0], configuration=initial)
         data.SetODE2Coordinates_t(self._start[1], configuration=initial)
 
     def advance(self, integrator: Any, step: float, count: int) -> None:
-        """Take `count` steps [s] from where the system is."""
+        """Advance by `count` steps of length `step` [s]."""
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.active = False
@@ -108,7 +106,7 @@ class ExudynSystem:
             raise Unusable(str(error).strip().splitlines()[-1]) from error
 
     def motion(self) -> Motion:
-        """Where all bodies are now."""
+        """Return positions and axes of all bodies."""
         kinds = self.exudyn.OutputVariableType
         position = [self._system.GetNodeOutput(node, kinds.Position) for node in self._nodes]
         turns = [self._system.GetNodeOutput(node, kinds.RotationMatrix) for node in self._nodes]
@@ -117,7 +115,7 @@ class ExudynSystem:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """Explicit integrators of order 2, 4 and 6."""
+    """Yield explicit integrators of order 2, 4 and 6."""
     system = ExudynSystem(scene)
     for integrator in _INTEGRATORS:
         yield Exudyn(scene, integrator, system)

@@ -15,7 +15,7 @@ from icofabric_validation.stress import lammps_engine
 import numpy as np
 
 DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
-# The last is the variant for threads, with one: its loops are somewhat faster.
+# The last one is for threads, but its loops are faster also with one thread.
 _STYLES = ('rigid/nve/small', 'rigid/small', 'rigid/small/omp')
 
 
@@ -29,9 +29,9 @@ class Lammps(StepSolver):
     def __init__(
         self, scene: PlainScene, style: str, folder: '_Folder'
     ) -> None:
-        """Read the files that `write_files` has put into `folder`."""
+        """Read the files of `write_files` in `folder`."""
         self._scene, self._style = scene, style
-        # It goes with the last solver that holds it.
+        # The folder is removed with its last solver.
         self._folder = folder
         self.label = f'LAMMPS {style}'
         self.longest = 1.0 / scene.frequency_bound
@@ -48,13 +48,13 @@ class Lammps(StepSolver):
         for line in (
             'units si',
             'atom_style bond',
-            # No order of atoms but the given one, and no neighbours: nothing but bonds acts.
+            # Atoms keep their order, and there are no neighbours: only bonds act.
             'atom_modify map array sort 0 0.0',
             'boundary f f f',
             f'comm_modify cutoff {reach!r}',
             'bond_style harmonic',
             f'read_data {folder / "fabric.data"}',
-            # LAMMPS leaves out the factor 1/2 of the energy.
+            # LAMMPS omits the factor 1/2 of the energy.
             f'bond_coeff 1 {0.5 * self._scene.stiffness!r} {self._scene.natural_length!r}',
             'neigh_modify once yes',
             f'fix rigid all {self._style} molecule infile {folder / "bodies.txt"}',
@@ -85,10 +85,10 @@ class Lammps(StepSolver):
 
 
 def write_files(scene: PlainScene, folder: Path) -> None:
-    """Atoms and bonds as LAMMPS reads them, and the bodies: masses, inertia and motion."""
+    """Write atoms and bonds for LAMMPS, and masses, inertias and velocities of bodies."""
     count = scene.body_count
     points = scene.position[:, None, :] + np.einsum('ei,bij->bej', scene.edge_points, scene.axes)
-    # Room to move in; what leaves a box without periods would be lost.
+    # A margin for the motion, because atoms that leave a box without periods are lost.
     margin = 20.0 * scene.half_width
     low, high = points.min(axis=(0, 1)) - margin, points.max(axis=(0, 1)) + margin
     lines = ['fabric', '', f'{6 * count} atoms', f'{scene.connector_count} bonds', '1 atom types',
@@ -102,7 +102,7 @@ def write_files(scene: PlainScene, folder: Path) -> None:
     ends = 6 * scene.bodies + scene.edges + 1
     lines += [f'{c + 1} 1 {i} {j}' for c, (i, j) in enumerate(ends.tolist())]
     (folder / 'fabric.data').write_text('\n'.join(lines) + '\n')
-    # Masses of points at the edges would give another inertia; the file overrules them.
+    # Masses of points at the edges would give another inertia; the file overrides them.
     rows = [str(count)]
     inertia = f'{scene.inertia!r} {scene.inertia!r} {scene.inertia!r} 0 0 0'
     for b in range(count):
@@ -115,7 +115,7 @@ def write_files(scene: PlainScene, folder: Path) -> None:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """Every integrator for many small rigid bodies."""
+    """Yield every integrator for many small rigid bodies."""
     engine = lammps_engine.open_engine()
     styles = [style for style in _STYLES if engine.has_style('fix', style)]
     engine.close()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo: free bodies joined by spatial tendons with a spring; everything else switched off."""
+"""MuJoCo: free bodies joined by spatial tendons with springs; everything else is switched off."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -14,8 +14,8 @@ import numpy as np
 
 DISTRIBUTION = 'mujoco'
 INSTALL = install_command('mujoco')
-# Integrator, order, evaluations for each step, and step times frequency to begin with. Euler is of
-# first order; here its positions are those of the leapfrog, because no force acts at the start.
+# Integrator, order, evaluations per step, and initial step times frequency. Euler has order 1, but
+# its positions are here those of leapfrog, because no force acts at the start.
 _INTEGRATORS = {'Euler': (2, 1, 0.5), 'implicitfast': (2, 1, 0.5), 'RK4': (4, 4, 1.5)}
 
 
@@ -25,7 +25,7 @@ class MuJoCo(StepSolver):
     tool = 'mujoco'
 
     def __init__(self, scene: PlainScene, integrator: str, model: Any) -> None:
-        """Take steps of `model` with `integrator`."""
+        """Create a solver of `model` with `integrator`."""
         self._mujoco = import_module('mujoco')
         self._scene, self._model = scene, model
         self._integrator = getattr(
@@ -44,7 +44,7 @@ class MuJoCo(StepSolver):
         places = data.qpos.reshape(count, 7)
         places[:, :3] = scene.position
         places[:, 3], places[:, 4:] = scene.orientation[:, 3], scene.orientation[:, :3]
-        # A free joint turns in the axes of its body.
+        # Angular velocities of free joints are in the frame of the body.
         rates = data.qvel.reshape(count, 6)
         rates[:, :3] = scene.velocity
         rates[:, 3:] = np.einsum('bij,bj->bi', scene.axes, scene.spin)
@@ -61,10 +61,10 @@ class MuJoCo(StepSolver):
 
 def model_text(scene: PlainScene, *, floor: float | None = None) -> str:
     """
-    Description of `scene`: sites at the edge midpoints in use, tendons between them.
+    Return the MJCF of `scene`: sites at the used edge midpoints, and tendons between them.
 
-    With a `floor` at that height [m] they have weight, and shells as convex meshes that meet each
-    other and the floor without friction.
+    With a `floor` at a height [m] the bodies have weight, and shells are convex meshes in
+    frictionless contact with each other and the floor.
     """
     used = sorted({
         (int(body), int(edge))
@@ -96,7 +96,7 @@ def model_text(scene: PlainScene, *, floor: float | None = None) -> str:
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """The default integrator, the one recommended for most models, and the one for accuracy."""
+    """Yield the default integrator, the recommended one, and the accurate one."""
     model = import_module('mujoco').MjModel.from_xml_string(model_text(scene))
     for integrator in _INTEGRATORS:
         yield MuJoCo(scene, integrator, model)

@@ -3,8 +3,8 @@
 """
 The equations of motion as a user would write them with SciPy and Numba.
 
-One loop over bodies, one over connectors, quaternions, division by the masses at the end; compiled
-with what Numba offers for speed. Nothing of this package is used.
+One loop over bodies and one over connectors, with quaternions and division by the masses at the
+end, compiled with the fast options of Numba. This package is not used.
 """
 
 from collections.abc import Callable
@@ -82,13 +82,13 @@ def _rates(flat, connectors, constants, arms, compression, damping):  # type: ig
 
 
 def plain_rates(scene: PlainScene) -> Rates:
-    """Right-hand side f(t, y) for a flat state of 13 numbers for each body."""
+    """Return the right-hand side f(t, y) for a flat state of 13 numbers per body."""
     connectors = np.ascontiguousarray(np.hstack([scene.bodies, scene.edges]))
     constants = (
         1.0 / scene.mass, 1.0 / scene.inertia, scene.half_width, scene.stiffness,
         scene.natural_length)
     arms = np.zeros((scene.body_count, 6, 3))
-    # Without kinks the test for them is not compiled, nor damping where there is none.
+    # Tests for two stiffnesses, and damping, are compiled only if the scene has them.
     compression = None if scene.compression == scene.stiffness else scene.compression
     damping = None if scene.damping == 0.0 else scene.damping
 
@@ -99,5 +99,5 @@ def plain_rates(scene: PlainScene) -> Rates:
 
 
 def flat_state(scene: PlainScene) -> np.ndarray:
-    """Initial state of 13 numbers for each body: position, quaternion, velocity, spin."""
+    """Return the initial state of 13 numbers per body: position, quaternion, velocities."""
     return np.hstack([scene.position, scene.orientation, scene.velocity, scene.spin]).ravel()

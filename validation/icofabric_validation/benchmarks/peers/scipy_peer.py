@@ -20,14 +20,12 @@ import numpy as np
 
 DISTRIBUTION = 'scipy'
 INSTALL = install_command('scipy')
-# Relative tolerance where only the absolute one is to count; SciPy takes no less than 100 epsilon.
-_SMALLEST = 3e-14
+# Relative tolerance if only the absolute one should matter; SciPy needs at least 100 epsilon.
+_MIN_TOLERANCE_RATIO = 3e-14
 
 
 def package_rates(scene: PlainScene) -> Rates | None:
-    """
-    f(t, y) -> dy over this package's own kernels, y as in `flat_state`; None for other scenes.
-    """
+    """Return f(t, y) over kernels of this package, y as in `flat_state`; None: not supported."""
     if scene.name not in SIZES:
         return None
     own = Scene.from_parameters(scene_parameters(SIZES[scene.name]))
@@ -35,28 +33,28 @@ def package_rates(scene: PlainScene) -> Rates | None:
 
 
 class Dop853(ToleranceSolver):
-    """DOP853 stepped to the end, with absolute tolerances in the units of each kind of number."""
+    """DOP853 with absolute tolerances in the units of each quantity."""
 
     tool = 'scipy'
     order = 8
-    # At 0.1 the quaternions lose their length, and the motion becomes another and a stiff one.
+    # At 0.1 the quaternions lose their length, and the motion becomes stiff.
     roughest = 1e-2
 
     def __init__(self, label: str, scene: PlainScene, rates: Rates) -> None:
-        """Integrate `rates`."""
+        """Create a solver of `rates`."""
         self.label, self._rates = label, rates
         self._start = flat_state(scene)
-        # What the error of the motion is measured in, and that times the frequency of the springs.
+        # Units of the error of positions, and of velocities with the frequency of the springs.
         frequency = np.sqrt(scene.stiffness / scene.mass)
         kinds = np.array([scene.half_edge, 1.0, scene.half_edge * frequency, frequency])
-        # SciPy's own first step is so long that the quaternions overflow.
+        # With the first step of SciPy the quaternions overflow.
         self._first = 1.0 / scene.frequency_bound
         self._scale = np.tile(np.repeat(kinds, (3, 4, 3, 3)), scene.body_count)
 
     def start(self, tolerance: float, duration: float) -> None:
         from scipy.integrate import DOP853
         self._solver = DOP853(
-            self._rates, 0.0, self._start.copy(), duration, rtol=_SMALLEST,
+            self._rates, 0.0, self._start.copy(), duration, rtol=_MIN_TOLERANCE_RATIO,
             atol=tolerance * self._scale, first_step=self._first)
 
     def finish(self) -> None:
@@ -70,7 +68,7 @@ class Dop853(ToleranceSolver):
 
 
 def solvers(scene: PlainScene) -> Iterator[Solver]:
-    """DOP853 over the plain right-hand side, and over ours where there is one."""
+    """Yield DOP853 over the plain right-hand side, and over that of the package if supported."""
     import scipy.integrate  # noqa: F401
     yield Dop853('SciPy DOP853, plain Numba', scene, plain_rates(scene))
     rates = package_rates(scene)

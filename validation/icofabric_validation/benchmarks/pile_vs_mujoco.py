@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The pile of pile.py beside MuJoCo on the same scene: overlap against step, and run time.
+The pile of pile.py compared with MuJoCo: overlap against step, and run time.
 
-The same bodies from the same state with the same friction in the same box. MuJoCo's contacts are
-as stiff as it recommends at most (solref: twice the step), so their overlap falls with the step;
-ours falls with contact.stiffness. What collisions lose differs between the laws. Needs mujoco.
+Both have the same bodies, initial state, friction and box. Contacts of MuJoCo have the largest
+recommended stiffness (solref: twice the step), so their overlap falls with the step; ours falls
+with contact.stiffness. The laws dissipate different energies in collisions. Needs mujoco.
 
-    .venv/bin/python -m icofabric_validation.benchmarks.pile_beside_mujoco --size 3 3 6
-    .venv/bin/python -m icofabric_validation.benchmarks.pile_beside_mujoco  # 216
-    .venv/bin/python -m icofabric_validation.benchmarks.pile_beside_mujoco --solver cg
-    .venv/bin/python -m icofabric_validation.benchmarks.pile_beside_mujoco --size 3 3 6 \
+    .venv/bin/python -m icofabric_validation.benchmarks.pile_vs_mujoco --size 3 3 6
+    .venv/bin/python -m icofabric_validation.benchmarks.pile_vs_mujoco  # 216
+    .venv/bin/python -m icofabric_validation.benchmarks.pile_vs_mujoco --solver cg
+    .venv/bin/python -m icofabric_validation.benchmarks.pile_vs_mujoco --size 3 3 6 \
         --begin 0.4 --until 0.6  # rest
 """
 
@@ -30,7 +30,7 @@ STIFFNESSES = (1e5, 3e5, 1e6, 3e6)
 
 
 def description(scene: ico.Scene, friction: float) -> str:
-    """The scene in MuJoCo's own format; lengths in m."""
+    """Return the scene as MJCF; lengths in m."""
     points = ' '.join(f'{x:.17g}' for x in vertices(A).ravel())
     mass, inertia = scene.shell.mass, scene.shell.inertia
     inertial = (f'<inertial pos="0 0 0" mass="{mass:.17g}" '
@@ -55,7 +55,7 @@ def description(scene: ico.Scene, friction: float) -> str:
 def run_mujoco(
     scene: ico.Scene, friction: float, solver: str, step: float, begin: float, until: float
 ) -> dict[str, float]:
-    """Deepest overlap over a, and time of the processor [s] from `begin` on, by equal steps."""
+    """Return the largest overlap over a, and the processor time [s] from `begin` on."""
     mujoco = import_mujoco()
     model = mujoco.MjModel.from_xml_string(description(scene, friction))
     model.opt.timestep = step
@@ -67,7 +67,8 @@ def run_mujoco(
     place[:, :3] = initial.position
     place[:, 3], place[:, 4:] = initial.orientation[:, 3], initial.orientation[:, :3]
     rate[:, :3] = initial.linear_velocity
-    # A free joint turns in the axes of its body; these are woven along the world's.
+    # Angular velocities of free joints are in the frames of the bodies, which are woven along the
+    # world.
     rate[:, 3:] = initial.angular_velocity
     deepest, began = 0.0, time.process_time()
     for number in range(round(until / step)):
@@ -81,7 +82,7 @@ def run_mujoco(
 
 
 def run_own(scene: ico.Scene, begin: float, until: float) -> dict[str, float]:
-    """The same for this project."""
+    """Return the largest overlap over a, and the processor time [s] of this package."""
     simulation = ico.compile_scene(scene)
     simulation.warm_up()
     simulation.advance_to(begin)
@@ -103,9 +104,9 @@ def main() -> None:
     parser.add_argument('--solver', choices=('newton', 'cg'), default='newton', help="MuJoCo's")
     parser.add_argument('--stiffnesses', type=float, nargs='*', default=STIFFNESSES,
                         help='of our contacts [N/m]')
-    parser.add_argument('--begin', type=float, default=0.0, help='time is counted from here [s]')
+    parser.add_argument('--begin', type=float, default=0.0, help='start of the timed interval [s]')
     parser.add_argument('--until', type=float, default=0.4, help='simulated time [s]')
-    parser.add_argument('--rounds', type=int, default=1, help='in turns; the least time counts')
+    parser.add_argument('--rounds', type=int, default=1, help='the least time counts')
     given = parser.parse_args()
     changes = {'contact.friction': given.friction, 'contact.damping': given.damping,
                'solver.tolerance': given.tolerance}
@@ -119,7 +120,7 @@ def main() -> None:
             run_mujoco, scene, given.friction, given.solver, step, given.begin, given.until)
     for method in given.methods:
         ours = {**changes, 'solver.method': method, 'solver.threads': 1}
-        # Kernels are compiled by a run that does not count.
+        # A first run compiles kernels.
         run_own(pile((3, 3, 6), **ours), 0.0, 0.1)
         for stiffness in given.stiffnesses:
             own = pile(tuple(given.size), **ours, **{'contact.stiffness': stiffness})
@@ -136,7 +137,7 @@ def main() -> None:
 
 
 def show(label: str, seen: dict[str, float]) -> None:
-    """One row."""
+    """Print one row."""
     print(f'{label:28} {100.0 * seen["overlap"]:10.3f} % a {seen["taken"]:8.2f} s '
           f'{1e3 * seen["height"]:9.2f} mm', flush=True)
 

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The package itself as a contestant: one for each method of METHODS, through the public interface.
-"""
+"""The package as a contestant: one for each method of METHODS, by the public interface."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -20,7 +18,7 @@ Changes = dict[str, Any] | None
 
 
 class _Own(Solver):
-    """A simulation, made again for every setting."""
+    """A simulation that is compiled again for every setting."""
 
     tool = TOOL
 
@@ -51,7 +49,7 @@ class OwnSteps(_Own, StepSolver):
     """A method with a fixed step."""
 
     def __init__(self, size: Size, method: str, changes: Changes, frequency: float) -> None:
-        """`frequency` [rad/s] is the largest of the fabric at the start."""
+        """Create a solver; `frequency` [rad/s] is the largest one of the fabric at the start."""
         super().__init__(size, method, changes)
         facts = METHODS[method]
         self.label, self.order, self.evaluations = method, facts.order, facts.stages
@@ -71,7 +69,7 @@ class OwnTolerance(_Own, ToleranceSolver):
     """A method, or the automatic choice, with a tolerance."""
 
     def __init__(self, size: Size, method: str, changes: Changes) -> None:
-        """`method` is a key of METHODS or 'auto'."""
+        """Create a solver; `method` is a key of METHODS or 'auto'."""
         super().__init__(size, method, changes)
         self.label = f'{method}, tolerance'
         self.order = METHODS[method].order if method in METHODS else 0
@@ -88,9 +86,7 @@ class OwnTolerance(_Own, ToleranceSolver):
 
 
 def solvers(size: Size, changes: Changes = None) -> Iterator[Solver]:
-    """
-    Every method: by tolerance where it adapts its step, by step where not; and the automatic one.
-    """
+    """Yield every method, by tolerance if its steps are adaptive or by step, and `auto`."""
     frequency = _compile(size, changes).status.largest_frequency
     for name, facts in METHODS.items():
         if not facts.adaptive:

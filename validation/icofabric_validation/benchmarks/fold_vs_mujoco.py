@@ -1,19 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A wide slab that folds on itself, beside MuJoCo: time per step while more and more shells touch.
+A wide slab that folds on itself, compared with MuJoCo: time per step for growing contacts.
 
-The slab is bent into a hairpin above a floor. Its lower half falls on the floor, the upper one on
-the lower, and our simulation takes it, with drag and damping, through the stages: nothing touches,
-hundreds of pairs touch, thousands. From there it goes on without drag and damping in both, first
-for a while that is not timed, as a run measures its error most where it begins: the same states,
-weight and floor, in MuJoCo the shells as convex meshes and connectors as tendons with a spring,
-contacts without friction, as stiff as it recommends at most (solref: twice the step). Its contacts
-are constraints that lose energy, ours a potential. Needs mujoco.
+The slab is bent into a hairpin above a floor. The lower half falls on the floor and the upper half
+on the lower one. A simulation with drag and damping leads to the stages: no contacts, hundreds,
+thousands. From each stage both programs continue without drag and damping, first for a time that
+is not measured, because a run measures its error most often at the start. Both have the same
+states, weight and floor. MuJoCo has shells as convex meshes, connectors as tendons with springs,
+and frictionless contacts of the largest recommended stiffness (solref: twice the step), which are
+constraints that dissipate energy. Contacts of this project have a potential. Needs mujoco.
 
-    .venv/bin/python -m icofabric_validation.benchmarks.fold_beside_mujoco --size 25 8 2 \
-        --stages 1 50 200  # 200 bodies
-    .venv/bin/python -m icofabric_validation.benchmarks.fold_beside_mujoco  # 4,960
+    .venv/bin/python -m icofabric_validation.benchmarks.fold_vs_mujoco --size 25 8 2
+    .venv/bin/python -m icofabric_validation.benchmarks.fold_vs_mujoco  # 4,960 bodies
+
+The smaller slab, of 200 bodies, has `--stages 1 50 200`.
 """
 
 import argparse
@@ -34,56 +35,57 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-# MuJoCo's solvers of contacts and steps [s].
+# Contact solvers of MuJoCo, and steps [s].
 SOLVERS, STEPS = ('newton', 'cg'), (1e-3, 5e-4, 2e-4)
-# Steps of Newton's method at most: one takes a second.
-NEWTON_STEPS = 3
-# Of the way to the stages: drag for mass [1/s], damping of contacts [s/m], tolerance.
+# Largest number of steps of the Newton solver, each of which takes a second.
+MAX_NEWTON_STEPS = 3
+# Until the stages: drag over mass [1/s], damping of contacts [s/m], tolerance.
 DRAG, DAMPING, TOLERANCE = 50.0, 5.0, 1.0
-# Runs of each row from the same state, and time after which there is no other [s].
-RUNS, ENOUGH = 2, 5.0
-# Simulated time between two looks at the fold [s].
+# Largest number of runs of each row from the same state, and time [s] after which none is started.
+RUNS, MAX_TIME_S = 2, 5.0
+# Simulated time between two samples of the fold [s].
 SPACING = 5e-3
-# Room below the lowest shell at the start [m].
-ABOVE = 5e-4
+# Initial gap below the lowest shell [m].
+GAP = 5e-4
 
 
 class Row(NamedTuple):
-    """One contestant at one stage."""
+    """One program at one stage."""
 
     label: str
     steps: int
     step: float  # mean [s]
-    taken: float  # time of the processor for a step [s]
-    stages: int  # evaluations of the forces in a step, where ours
-    place: np.ndarray  # (n, 3) [m] where it came to
+    taken: float  # processor time of a step [s]
+    stages: int  # evaluations of the forces in a step of ours
+    place: np.ndarray  # final positions (n, 3) [m]
     quaternion: np.ndarray  # (n, 4) x y z w
 
 
 def fold(size: tuple[int, int, int], radius: float, **changes: Any) -> ico.Scene:
-    """The slab as woven, above a floor on which it lies once it is bent about `radius` [m]."""
+    """Return the woven slab above a floor on which it lies after bending about `radius` [m]."""
     flat: dict[str, Any] = {
         'weave.size': list(size), 'connector.stiffness': 500.0, 'gravity': [0.0, 0.0, -9.81],
         'planes.floor.normal': [0.0, 0.0, 1.0], 'solver.threads': 1, **changes}
     woven = ico.Scene.from_parameters(flat)
     thickness = float(np.ptp(woven.position[:, 2]))
     flat['planes.floor.offset'] = -radius - 0.5 * thickness - circumscribed_radius(
-        woven.geometry.half_edge) - ABOVE
+        woven.geometry.half_edge) - GAP
     return ico.Scene.from_parameters(flat)
 
 
 def hairpin(scene: ico.Scene, radius: float, tilt: float) -> InitialState:
     """
-    The slab bent about the y axis with its middle layer on an arc of `radius` [m]; at rest.
+    Return the slab at rest, bent about the y axis with its middle layer on an arc of `radius` [m].
 
-    Behind the arc both halves are straight; the upper one leans to the lower one by `tilt` [rad].
+    Both halves are straight behind the arc; the upper one is inclined to the lower one by `tilt`
+    [rad].
     """
     rest = scene.initial
     along, across, height = (rest.position - 0.5 * (
         rest.position.min(axis=0) + rest.position.max(axis=0))).T
     turned = np.clip(along / radius, -0.5 * math.pi, 0.5 * math.pi + tilt)
     straight = along - radius * turned
-    # The tangent and, to the outside, the normal of the middle layer.
+    # The tangent and the outward normal of the middle layer.
     forward, up = np.sin(turned), np.cos(turned)
     x = radius * (1.0 - np.cos(turned)) + straight * forward - height * up
     z = radius * np.sin(turned) + straight * up + height * forward
@@ -94,8 +96,8 @@ def hairpin(scene: ico.Scene, radius: float, tilt: float) -> InitialState:
         (turn * Rotation.from_quat(rest.orientation)).as_quat(), still, still)
 
 
-def give(simulation: ico.Simulation, state: InitialState) -> ico.Simulation:
-    """Have a simulation stand in a state."""
+def set_initial_state(simulation: ico.Simulation, state: InitialState) -> ico.Simulation:
+    """Set the state of a simulation, and return the simulation."""
     simulation.warm_up()
     simulation.set_state(
         position=state.position, orientation=state.orientation,
@@ -107,14 +109,14 @@ def stages(
     size: tuple[int, int, int], radius: float, tilt: float, stiffness: float, wanted: list[int],
     longest: float
 ) -> Iterator[tuple[float, int, InitialState]]:
-    """Time [s], touching pairs and state at the start, and whenever so many pairs touch."""
+    """Yield time [s], contacts and state at the start and at each requested number of contacts."""
     shell = fold(size, radius).shell
     scene = fold(size, radius, **{
         'contact.stiffness': stiffness, 'contact.damping': DAMPING,
         'drag.linear': DRAG * shell.mass, 'drag.angular': DRAG * shell.inertia,
         'solver.method': 'dop8', 'solver.tolerance': TOLERANCE})
     state = hairpin(scene, radius, tilt)
-    simulation = give(ico.compile_scene(scene), state)
+    simulation = set_initial_state(ico.compile_scene(scene), state)
     yield 0.0, 0, state
     left = sorted(wanted)
     while left and simulation.time < longest:
@@ -130,11 +132,11 @@ def stages(
 def own_row(
     scene: ico.Scene, state: InitialState, lead: float, span: float
 ) -> tuple[Row, InitialState]:
-    """Our own steps over `span` [s] after `lead` [s], the quickest of some runs; its start."""
+    """Time our steps over `span` [s] after `lead` [s], the fastest run; return the start."""
     simulation, taken = ico.compile_scene(scene), math.inf
-    # Whatever is needed where shells touch is compiled and found in the first.
+    # The first run compiles kernels of contacts.
     for _ in range(RUNS):
-        give(simulation, state)
+        set_initial_state(simulation, state)
         simulation.advance_to(simulation.time + lead)
         now = simulation.snapshot()
         start = InitialState(
@@ -145,7 +147,7 @@ def own_row(
         simulation.advance_to(begun + span)
         taken = min(taken, time.process_time() - started)
         steps = simulation.status.step_count - counted
-        if taken > ENOUGH:
+        if taken > MAX_TIME_S:
             break
     method, now = simulation.status.method_name, simulation.snapshot()
     label = f'{method}, tolerance {scene.parameters["solver.tolerance"]:g}'
@@ -154,7 +156,7 @@ def own_row(
 
 
 def mujoco_row(model: Any, solver: str, step: float, state: InitialState, count: int) -> Row:
-    """`count` steps of MuJoCo; the quickest of some runs."""
+    """Time `count` steps of MuJoCo, the fastest of some runs."""
     mujoco = import_mujoco()
     model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_EULER
     model.opt.solver = getattr(mujoco.mjtSolver, f'mjSOL_{solver.upper()}')
@@ -166,23 +168,21 @@ def mujoco_row(model: Any, solver: str, step: float, state: InitialState, count:
         place[:, :3] = state.position
         place[:, 3], place[:, 4:] = state.orientation[:, 3], state.orientation[:, :3]
         rate[:, :3] = state.linear_velocity
-        # A free joint turns in the axes of its body.
+        # Angular velocities of free joints are in the frame of the body.
         rate[:, 3:] = Rotation.from_quat(state.orientation).inv().apply(
             state.angular_velocity.copy())
         mujoco.mj_forward(model, data)
         started = time.process_time()
         mujoco.mj_step(model, data, count)
         taken = min(taken, time.process_time() - started)
-        if taken > ENOUGH:
+        if taken > MAX_TIME_S:
             break
     return Row(f'MuJoCo Euler, {solver.upper()}', count, step, taken / count, 0,
                place[:, :3].copy(), place[:, [4, 5, 6, 3]])
 
 
 def overlap(scene: ico.Scene, row: Row) -> float:
-    """
-    How deep two shells, or a shell and the floor, overlap where a contestant came to, over a.
-    """
+    """Return the largest overlap of two shells, or a shell and the floor, over a."""
     a, place = scene.geometry.half_edge, row.place
     if not np.isfinite(place).all():
         return math.nan
@@ -197,7 +197,7 @@ def overlap(scene: ico.Scene, row: Row) -> float:
 
 
 def show(scene: ico.Scene, row: Row, reference: Row) -> None:
-    """One line."""
+    """Print one line."""
     single = f'{1e3 * row.taken / row.stages:8.3f} ms' if row.stages else 11 * ' '
     apart = np.linalg.norm(row.place - reference.place, axis=1).max() / scene.geometry.half_edge
     same = f'{apart:9.4f} a' if math.isclose(
@@ -243,13 +243,13 @@ def main() -> None:
         for scene in own:
             row, begin = own_row(scene, state, given.lead, given.span)
             if first is None:
-                # What the first came to after the lead is where all that follow begin, or nearly.
+                # The state of the first run after the lead is the start of all others.
                 first, start = row, begin
             show(own[0], row, first)
         assert first is not None
         for solver in SOLVERS:
             for step in STEPS:
-                most = NEWTON_STEPS if solver == 'newton' else given.most
+                most = MAX_NEWTON_STEPS if solver == 'newton' else given.most
                 count = min(round(given.span / step), most)
                 show(own[0], mujoco_row(model, solver, step, start, count), first)
 

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Shells that bounce on a floor, beside Drake's error-controlled contact (CENIC): error against time.
+Shells that bounce on a floor, compared with the error-controlled contact of Drake (CENIC).
 
-Each falls from a height of its own and lands on a vertex below its centre, without spin: there
-our law is that of Hunt and Crossley, K r^2 x (1 + c r dx/dt) with the overlap x and r = rho / (rho
-+ R), which Drake computes for a sphere of radius R on a plane. So both solve the same equations,
-and the error is known: largest distance over a of any body from a solution by SciPy that stops at
-every touch. Needs drake.
+Each shell falls from a different height and lands without spin on the vertex below its centre. The
+law of this project is then that of Hunt and Crossley, K r^2 x (1 + c r dx/dt) with the overlap x
+and r = rho / (rho + R), which Drake computes for a sphere of radius R on a plane. Both therefore
+solve the same equations. The error is the largest distance over a of a body from a solution by
+SciPy that stops at every contact. Needs drake.
 
-    .venv/bin/python -m icofabric_validation.benchmarks.drops_beside_cenic \
-        [--picture docs/work_precision_contact.png]
+    .venv/bin/python -m icofabric_validation.benchmarks.drops_vs_cenic --picture FILE.png
 """
 
 import argparse
@@ -32,14 +31,14 @@ from scipy.spatial.transform import Rotation
 Run = Callable[[], tuple[np.ndarray, float, int]]
 
 GRAVITY, STIFFNESS, DAMPING = 9.81, 1e6, 2.0  # [m/s^2], [N/m], [s/m]
-# Room below the lowest vertices at the start [m], and between neighbours [m].
+# Range of initial heights of the lowest vertices, and spacing of neighbours [m].
 LOWEST, HIGHEST, SPACING = 0.01, 0.03, 0.1
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 OWN = {'leapfrog': (1.0, 1e-1, 1e-2, 1e-3), 'dop8': (1.0, 1e-2, 1e-4, 1e-6, 1e-8)}
 
 
 def build(method: str, tolerance: float, size: tuple[int, int, int]) -> ico.Scene:
-    """Loose shells above a floor at z = 0."""
+    """Return a scene of separate shells above a floor at z = 0."""
     return ico.Scene.from_parameters({
         'weave.size': list(size), 'weave.connected': False, 'gravity': [0.0, 0.0, -GRAVITY],
         'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -1.0,
@@ -48,17 +47,17 @@ def build(method: str, tolerance: float, size: tuple[int, int, int]) -> ico.Scen
 
 
 def places(count: int, radius: float) -> np.ndarray:
-    """Where centres are at the start, (n, 3) [m], the floor at 0: far from each other."""
+    """Return initial centres (n, 3) [m] above the floor, far from each other."""
     side = int(np.ceil(np.sqrt(count)))
     number = np.arange(count)
-    # Heights in no order, none twice.
+    # Distinct heights in irregular order.
     height = LOWEST + (HIGHEST - LOWEST) * (number * 0.6180339887498949 % 1.0)
     return np.stack([SPACING * (number % side), SPACING * (number // side), radius + height], 1)
 
 
 def solution(height: float, radius: float, mass: float, stiffness: float, damping: float,
              until: float) -> float:
-    """Height [m] of a centre at the end, by steps that end at every touch."""
+    """Return the final height [m] of a centre, by steps that end at every contact."""
     def fall(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -GRAVITY]
 
@@ -73,20 +72,20 @@ def solution(height: float, radius: float, mass: float, stiffness: float, dampin
     now, state, above = 0.0, [height, 0.0], True
     while now < until:
         meets.direction = -1.0 if above else 1.0  # type: ignore[attr-defined]
-        # Far below any error that is shown.
+        # Far below any printed error.
         found = solve_ivp(fall if above else touch, (now, until), state, method='DOP853',
                           rtol=1e-13, atol=1e-16, events=meets,
                           max_step=np.inf if above else 1e-4)
         now, state, above = float(found.t[-1]), found.y[:, -1].tolist(), not above
         if len(found.t_events[0]):
-            # On the surface, whatever rounding says.
+            # On the right side of the surface in spite of round-off.
             state[0] = radius - (1e-18 if not above else -1e-18)
     return float(state[0])
 
 
 def own_run(method: str, tolerance: float, size: tuple[int, int, int], until: float
             ) -> tuple[np.ndarray, float, int]:
-    """Heights [m] at the end, time of the processor [s] and steps."""
+    """Return final heights [m], processor time [s] and steps."""
     scene = build(method, tolerance, size)
     simulation, a = ico.compile_scene(scene), scene.geometry.half_edge
     radius = circumscribed_radius(a)
@@ -97,7 +96,7 @@ def own_run(method: str, tolerance: float, size: tuple[int, int, int], until: fl
     simulation.warm_up()
     taken = []
     for _ in range(2):
-        # Kernels are compiled in the first.
+        # The first run compiles kernels.
         simulation.reset()
         simulation.set_state(position=at, orientation=turn, linear_velocity=still,
                              angular_velocity=still)
@@ -111,7 +110,7 @@ def own_run(method: str, tolerance: float, size: tuple[int, int, int], until: fl
 
 def drake_run(scheme: str, accuracy: float, scene: ico.Scene, until: float
               ) -> tuple[np.ndarray, float, int]:
-    """The same by Drake: spheres on a half space, point contact."""
+    """Return final heights [m], processor time [s] and steps of Drake, with point contact."""
     plants, trees = import_module('pydrake.multibody.plant'), import_module(
         'pydrake.multibody.tree')
     geometry, analysis = import_module('pydrake.geometry'), import_module(
@@ -157,7 +156,7 @@ def drake_run(scheme: str, accuracy: float, scene: ico.Scene, until: float
 
 
 def ratio() -> float:
-    """Delta over the overlap, of a vertex below the centre and a plane."""
+    """Return delta over the overlap, for a vertex below the centre and a plane."""
     return inscribed_radius(1.0) / (inscribed_radius(1.0) + circumscribed_radius(1.0))
 
 

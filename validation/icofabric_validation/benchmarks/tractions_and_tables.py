@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What surface forces and tabled laws cost beside plain springs: steps in one process, in turn.
+Cost of surface tractions and tabulated laws over plain springs: alternating steps in one process.
 
-Times of the processor for each step of `leapfrog`, health checks and error estimates included,
-over those of the bare scene in the same round: its median, and least and largest.
+Processor times of steps of `leapfrog`, with health checks and error estimates, over those of the
+bare scene in the same round: median, minimum and maximum.
 
-    .venv/bin/python -m icofabric_validation.benchmarks.pulls_and_tables
+    .venv/bin/python -m icofabric_validation.benchmarks.tractions_and_tables
 """
 
 import argparse
@@ -23,7 +23,7 @@ _WARM_UP, _STEPS = 256, 320
 
 
 def terms() -> list[Term]:
-    """Every kind of surface force on the outside of a slab, and both sizes of a table."""
+    """Return all surface tractions on the outside of a slab, and two sizes of tables."""
     air = {'group': 'all', 'faces': 'exterior', 'pressure': 1.0}
     pulse = {'profile': 'half_sine', 'duration': 1e3}
     kinds: dict[str, dict[str, Any]] = {
