@@ -313,7 +313,7 @@ def test_spread_as_text(values, text):
 @pytest.fixture
 def timed_twice(monkeypatch):
     """Short runs are repeated for their time's sake, and what is shown here is not a time."""
-    monkeypatch.setattr(timing, '_REPEATS', 2)
+    monkeypatch.setattr(timing, '_MAX_REPEATS', 2)
 
 
 def test_work_precision_from_end_to_end(tmp_path, timed_twice):
