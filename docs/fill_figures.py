@@ -24,7 +24,7 @@ def read_figures() -> dict[str, dict[str, Any]]:
 
 
 def filled(text: str, figures: dict[str, dict[str, Any]]) -> str:
-    """The page with each quote as docs/figures.yaml has it; KeyError where it has none."""
+    """Return the page with each quote as in docs/figures.yaml; KeyError if one is missing."""
     def fill(quote: re.Match[str]) -> str:
         name, bare, _ = quote.groups()
         figure = figures[name]

@@ -58,7 +58,7 @@ def indent(depths, size):
 
 
 def strike(mass, size, speed, duration):
-    """What a ball of a `mass` [kg] keeps of its energy when it hits the slab, and its speed."""
+    """Return the share of energy that a ball of `mass` [kg] keeps in an impact, and its speed."""
     scene = ico.Scene.from_parameters({
         **SLAB, **ball_above(1e-3, size), 'bodies.ball.mass': mass,
         'bodies.ball.linear_velocity': [0.0, 0.0, -speed], 'solver.tolerance': 1e-3})

@@ -37,7 +37,7 @@ def shear_stiffness(points, **where):
 
 def search(least, *, population=8, generations=20, **where):
     """
-    The best weave with a C44 of at least `least` [Pa].
+    Return the best weave with a C44 of at least `least` [Pa].
 
     Returns its angle and scale, its C44 [Pa] and density [kg/m^3], and how many weaves were tried.
     """

@@ -4,8 +4,12 @@
 
 from collections import Counter
 import importlib.util
+import inspect
 from pathlib import Path
+import re
 
+import icofabric_sim as ico
+from icofabric_sim import contact
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -14,6 +18,12 @@ ROOMS = (
     'parameters', 'scene', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures',
     'viewer', 'commands', 'ros')
 CEILINGS = {'docstrings': 508, 'constants': 121, 'words': 219, 'sections': 0}
+
+# Checks of numpydoc: a docstring (GL08) whose summary (SS01) ends with a period (SS03) and is
+# imperative (SS05); parameters as in the signature, in its order, with descriptions (PR01 to PR03,
+# PR07, PR10); described return values (RT01, RT03) and yields (YD01).
+NUMPYDOC = {
+    'GL08', 'SS01', 'SS03', 'SS05', 'PR01', 'PR02', 'PR03', 'PR07', 'PR10', 'RT01', 'RT03', 'YD01'}
 
 
 @pytest.fixture(scope='module')
@@ -65,3 +75,33 @@ def test_a_long_sentence_and_a_long_cell_are_found(language, tmp_path):
     language.examine_page(counts, page)
     assert [place.rule for place in counts.places] == ['sentences', 'sentences']
     assert counts.lengths[page][-1] == 5
+
+
+def public_callables():
+    """Return exported functions, and public methods of exported classes, by dotted name."""
+    exported = {f'icofabric_sim.{name}': getattr(ico, name) for name in ico.__all__}
+    exported |= {
+        f'icofabric_sim.contact.{name}': value for name, value in vars(contact).items()
+        if getattr(value, '__module__', '') == contact.__name__ and not name.startswith('_')}
+    found = {name: value for name, value in exported.items() if inspect.isfunction(value)}
+    for name, value in exported.items():
+        if inspect.isclass(value) and not issubclass(value, Exception):
+            found |= {
+                f'{name}.{key}': getattr(value, key) for key, member in vars(value).items()
+                if not key.startswith('_') and (
+                    inspect.isfunction(member) or isinstance(member, classmethod))}
+    return found
+
+
+def test_docstrings_of_the_public_api_follow_numpydoc():
+    validate = pytest.importorskip('numpydoc.validate').validate
+    found = []
+    for name, function in public_callables().items():
+        doc = inspect.getdoc(function) or ''
+        # A method without parameters may have a single line, which names the result.
+        checks = NUMPYDOC - {'RT01'} if '\n' not in doc else NUMPYDOC
+        found += [f'{name}: {code} {text}' for code, text in validate(name)['errors']
+                  if code in checks]
+        if re.match('Raise ', doc) and '\nRaises\n---' not in doc:
+            found.append(f'{name}: no section Raises')
+    assert found == []

@@ -95,7 +95,7 @@ def fit_camera(
     target: np.ndarray | None = None
 ) -> Camera:
     """
-    The camera that shows balls of `radius` [m] around `points` (n, 3) as large as possible.
+    Return the camera that shows balls of `radius` [m] at `points` (n, 3) as large as possible.
 
     `target` [m]: what it looks at; by default what centres the picture. A view with a distance of
     its own keeps it.

@@ -111,7 +111,7 @@ class Framing:
         return np.concatenate(self._points)
 
     def camera(self, area: Area) -> Camera:
-        """The camera for an area of this shape; about what is followed."""
+        """Return the camera for an area of this shape, centred on the followed bodies if any."""
         target = None if self.follow is None else np.zeros(3)
         return fit_camera(self.view, self.points, max(self.radius, 1e-9), area, target=target)
 
@@ -154,7 +154,7 @@ def frame_moments(
     moments: Iterable[Moment], view: View | None = None, *, bodies: np.ndarray | None = None,
     follow: np.ndarray | None = None
 ) -> Framing:
-    """The framing of all these moments; ValueError where a place is not finite."""
+    """Return the framing of all moments; raise ValueError if a position is not finite."""
     framing = Framing(view, bodies=bodies, follow=follow)
     for moment in moments:
         framing.add(moment)
@@ -273,7 +273,7 @@ class Renderer:
         self, moment: Moment, camera: Camera, size: tuple[int, int], area: Area,
         backdrop: Any = None
     ) -> Any:
-        """The fabric and what stands around it, without words."""
+        """Return the image of the fabric and its surroundings, without text."""
         from PIL import Image, ImageDraw
 
         smooth, scene = self._smooth, moment.scene
@@ -516,14 +516,14 @@ def _caption(moment: Moment) -> str:
 
 @lru_cache(maxsize=16)
 def _font(size: int) -> Any:
-    """The font of the figures of matplotlib, which it brings."""
+    """Return the font of matplotlib's figures, which matplotlib includes."""
     from matplotlib import get_data_path
     from PIL import ImageFont
     return ImageFont.truetype(str(Path(get_data_path()) / 'fonts/ttf/DejaVuSans.ttf'), size)
 
 
 def _gradient(size: tuple[int, int]) -> np.ndarray:
-    """A quiet backdrop, (height, width, 3) uint8."""
+    """Return a plain background, (height, width, 3) uint8."""
     part = np.linspace(0.0, 1.0, size[1])[:, None] ** 1.5
     rows = np.rint(255.0 * ((1.0 - part) * _SKY + part * _EARTH)).astype(np.uint8)
     return np.ascontiguousarray(np.broadcast_to(rows[:, None], (size[1], size[0], 3)))
@@ -556,7 +556,7 @@ def _draw_plate(
 
 
 def _clipped(line: np.ndarray, camera: Camera) -> np.ndarray | None:
-    """The part of a line (2, 3) before the eye."""
+    """Return the part of a line (2, 3) in front of the camera."""
     depth = camera.distance - camera.seen(line)[:, 2]
     least = 0.08 * camera.distance
     if (depth <= least).all():
@@ -572,7 +572,7 @@ def _shadowed(
     image: Any, moment: Moment, shown: np.ndarray, ground: Ground, camera: Camera, area: Area,
     lighting: Lighting
 ) -> Any:
-    """The picture with shadows of shells and connectors on a plane: sharper near to it."""
+    """Return the picture with shadows on a plane, which are sharper near the plane."""
     from PIL import Image, ImageChops, ImageDraw, ImageFilter
 
     scene = moment.scene

@@ -60,7 +60,7 @@ def paper_style() -> Iterator[None]:
 
 
 def make_figure(size: tuple[float, float], rows: int = 1) -> tuple[Any, list[Any]]:
-    """A figure of that size [inches] with plots below each other that share their x axis."""
+    """Return a figure of that size [inches] with stacked plots that share the x axis."""
     require_library('matplotlib', 'a picture')
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

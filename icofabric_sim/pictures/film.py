@@ -97,7 +97,7 @@ def make_renderer(
 
 
 def spread_moments(moments: list[Moment]) -> list[Moment]:
-    """A few moments of all, from which colours and legend are found."""
+    """Return a sample of the moments, which determines colours and legend."""
     places = np.unique(np.linspace(0, len(moments) - 1, _SAMPLED).astype(int))
     return [moments[place] for place in places]
 
@@ -202,7 +202,7 @@ def _gif(
 
 @contextmanager
 def _webp(path: Path, rate: float, small: bool) -> Iterator[Callable[[Any], None]]:
-    """A film that plays where pictures are shown, in all colours; it waits in memory."""
+    """Yield a function that adds pictures to a WebP film, held in memory until the end."""
     frames: list[Any] = []
     yield frames.append
     if frames:
@@ -213,12 +213,12 @@ def _webp(path: Path, rate: float, small: bool) -> Iterator[Callable[[Any], None
 
 
 def _durations(count: int, rate: float, unit: int) -> list[int]:
-    """For how long [ms] each picture stands; it ends at the multiple of `unit` nearest its end."""
+    """Return the display time [ms] of each picture; ends are rounded to multiples of `unit`."""
     ends = np.rint(1000.0 / unit * np.arange(count + 1) / rate)
     return list((unit * np.diff(ends)).astype(int).tolist())
 
 
 def film_times(start: float, end: float, rate: float, speed: float) -> np.ndarray:
-    """Simulated times [s] of a film of `rate` pictures a second that shows `speed` s in each."""
+    """Return simulated times [s] of a film: `rate` pictures and `speed` s in each second."""
     count = math.floor((end - start) * rate / speed + 1e-9) + 1
     return np.asarray(start + np.arange(count) * speed / rate)

@@ -72,7 +72,7 @@ class Scale(NamedTuple):
         return np.asarray((1.0 - rest) * table[below] + rest * table[below + 1])
 
     def text(self, value: float) -> str:
-        """A value [SI] in the unit of the scale."""
+        """Return a value [SI] in the unit of the scale."""
         shown = value * self.quantity.factor
         return f'{shown:+g}' if self.quantity.signed and value else f'{shown:g}'
 
@@ -129,7 +129,7 @@ def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.
 
 
 def values_of(name: str, moment: Moment) -> np.ndarray:
-    """The quantity of that name of a moment [SI]: of its bodies, or of its connectors."""
+    """Return a quantity of a moment [SI] by name, for each body or each connector."""
     scene = moment.scene
     if name == 'speed':
         if moment.velocity is None:
@@ -151,7 +151,7 @@ def values_of(name: str, moment: Moment) -> np.ndarray:
 
 
 def fit_scale(name: str, moments: Iterable[Moment]) -> Scale:
-    """The scale on which all but the most extreme values of the moments lie, to a round number."""
+    """Return a scale with round limits that covers all but the most extreme values."""
     found = []
     count = 0
     for moment in moments:

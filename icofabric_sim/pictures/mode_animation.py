@@ -36,7 +36,7 @@ Progress = Callable[[int], None]  # called with the number of moments done
 
 
 def scaled_shape(scene: Scene, shape: np.ndarray) -> np.ndarray:
-    """The motion (n, 6) with a largest rotation of 1 rad, or displacement of a."""
+    """Return the motion (n, 6) scaled to a largest rotation of 1 rad or displacement of a."""
     largest = max(
         float(np.abs(shape[:, :3]).max()) / scene.geometry.half_edge,
         float(np.abs(shape[:, 3:]).max()))
@@ -44,7 +44,7 @@ def scaled_shape(scene: Scene, shape: np.ndarray) -> np.ndarray:
 
 
 def displaced(rest: Snapshot, motion: np.ndarray) -> Snapshot:
-    """The configuration moved by (n, 6) displacements [m] and rotation vectors [rad]."""
+    """Return the configuration moved by (n, 6) displacements [m] and rotation vectors [rad]."""
     return replace(
         rest, position=rest.position + motion[:, :3],
         orientation=turned_by(motion[:, 3:], rest.orientation))

@@ -184,7 +184,7 @@ class RunPictures:
             scale=fit_scale(color, self._moments.at(sampled, with_velocity=self._with_velocity)))
 
     def moments(self) -> Iterable[Moment]:
-        """The moments that are drawn, in order of time."""
+        """Return the drawn moments in order of time."""
         return self.moments_at(self.times)
 
     def moments_at(self, times: Sequence[int] | np.ndarray) -> Iterable[Moment]:
@@ -215,7 +215,7 @@ class RunPictures:
 def received_pushes(
         scene: Scene, position: np.ndarray, orientation: np.ndarray,
         active: Sequence[RecordedInput]) -> list[Push]:
-    """Forces that were received, for arrows."""
+    """Return received forces, for arrows."""
     pushes = []
     for entry in active:
         if isinstance(entry.target, ChannelTarget) and entry.target.name in scene.loads:
@@ -231,7 +231,7 @@ def received_pushes(
 def own_pushes(
         scene: Scene, position: np.ndarray, orientation: np.ndarray, time: float,
         replaced: set[str]) -> list[Push]:
-    """Forces of the scene's own loads at a time [s] after its start, for arrows."""
+    """Return forces of the scene's loads at a time [s] after the start, for arrows."""
     pushes = []
     for name, channel in scene.loads.items():
         force = channel.force * channel.profile.at(max(time, 0.0))
@@ -243,7 +243,7 @@ def own_pushes(
 def push_of_channel(
         scene: Scene, name: str, position: np.ndarray, orientation: np.ndarray, force: np.ndarray
 ) -> Push:
-    """The whole force [N] of a load channel, in the middle of its bodies."""
+    """Return the total force [N] of a load channel at the centroid of its bodies."""
     channel = scene.loads[name]
     whole = force if channel.total else len(channel.bodies) * force
     if channel.in_body_axes:
@@ -262,7 +262,7 @@ def spread_times(times: np.ndarray, count: int) -> np.ndarray:
 
 
 def nearest_times(times: np.ndarray, wanted: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Recorded `times` [ns] nearest to the `wanted` ones, each once, ascending."""
+    """Return the recorded `times` [ns] nearest to the `wanted` ones, each once, ascending."""
     if not len(times):
         return times
     after = np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)

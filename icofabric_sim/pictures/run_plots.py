@@ -79,7 +79,7 @@ def plot_run(
 
 
 def _read(run: RecordedRun, names: Sequence[str], start: float, end: float) -> Series:
-    """The longest part of the run with one scene."""
+    """Return the longest part of the run with one scene."""
     times = run.pose_times()
     times = times[(times >= 1e9 * start - 0.5) & (times <= 1e9 * end + 0.5)]
     if not len(times):

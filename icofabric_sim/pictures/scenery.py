@@ -116,7 +116,7 @@ def plates(scene: Scene) -> list[Plate]:
 
 
 def _plate(scene: Scene, bodies: np.ndarray, *, held: bool) -> list[Plate]:
-    """The plate of a group: none unless it is most of a layer, with no other body beyond it."""
+    """Return the plate of a group that is most of an outermost layer; empty for other groups."""
     places, half_edge = scene.position[bodies], scene.shell.half_edge
     others = np.delete(scene.position, bodies, axis=0)
     if len(bodies) < 3 or not len(others):
@@ -172,7 +172,7 @@ def moved_plate(plate: Plate, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
 
 
 def place_plate(plate: Plate, moment: Moment, camera: Camera) -> PlacedPlate:
-    """The plate where its bodies are."""
+    """Return the plate at the present position of its bodies."""
     corners, towards = moved_plate(plate, moment)
     middle = corners.mean(axis=0)
     faces, normals = [], []

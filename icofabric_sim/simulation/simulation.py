@@ -90,6 +90,7 @@ def compile_scene(
     Returns
     -------
     Simulation
+        Simulation at time 0, ready to run.
 
     Raises
     ------
@@ -296,6 +297,11 @@ class Simulation:
 
         Sums of their laws and dampers, without bending and twisting moments. Broken connectors
         have 0, damped ones that are wrapped over a shell NaN.
+
+        Returns
+        -------
+        ndarray
+            Tensions (c,) [N].
         """
         return tensions_of(self.scene, self.snapshot())
 

@@ -198,7 +198,7 @@ class PlainSlab:
         return place
 
     def largest_force(self, place: np.ndarray) -> float:
-        """The largest force of a spring [N]."""
+        """Return the largest force of a spring [N]."""
         reach = self._reaches(*self.pose(place))[1]
         return self._k * float(np.abs(np.linalg.norm(reach, axis=1) - self._rest).max())
 
@@ -253,7 +253,7 @@ class PlainSlab:
     def _planes(
         self, apart: np.ndarray, first: np.ndarray, second: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Normals and heights over a of all faces, from the centre of the first shell."""
+        """Return normals and heights over a of all faces, from the centre of the first shell."""
         other = self._normals @ second.T
         return (np.vstack([self._normals @ first.T, other]),
                 np.concatenate([self._heights, self._heights + other @ apart]))

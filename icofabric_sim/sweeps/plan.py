@@ -72,7 +72,7 @@ class Plan(NamedTuple):
         return make_parameters({**self.base.given(), **self.changes(number), **ALONE})
 
     def describe(self, number: int) -> str:
-        """The values of a run, for a message."""
+        """Return the values of a run, for a message."""
         words = ', '.join(
             f'{name} {value:.9g}' if isinstance(value, float) else f'{name} {shown(value)}'
             for name, value in zip(self.names, self.points[number]) if value is not None)
@@ -180,7 +180,7 @@ def _cases(given: Any) -> list[dict[str, Any]]:
 
 
 def _refuse_overlap(names: Sequence[str]) -> None:
-    """A whole list and one of its elements cannot both vary."""
+    """Refuse to vary a list together with one of its elements."""
     parsed = [parse_name(name) for name in names]
     whole = {name.parameter for name in parsed if name.element is None}
     for name in parsed:

@@ -68,7 +68,7 @@ def key_of(
     parameters: Parameters, files: Mapping[str, str], work: Work, around: Mapping[str, str]
 ) -> str:
     """
-    The name of a run.
+    Return the key that names a run.
 
     `files`: SHA-256 of those that were read, by their names; `around`: `surroundings()`.
     """

@@ -92,7 +92,7 @@ def perform(order: Order, who: str = 'this process') -> Outcome:
 
 
 def lost(order: Order, error: Exception) -> Outcome:
-    """The outcome of a run that an error has ended which says nothing about its physics."""
+    """Return the outcome of a run that ended by an error unrelated to its physics."""
     if isinstance(error, MemoryError):
         reason = str(error) or 'there was not enough memory for it'
     elif isinstance(error, OSError):
@@ -103,7 +103,7 @@ def lost(order: Order, error: Exception) -> Outcome:
 
 
 def store_unseen(who: str, store: Store) -> WorkersDiffer:
-    """The error of a process that meets another store under the same path, or none."""
+    """Return the error of a process whose path leads to another store, or None."""
     return WorkersDiffer(
         f'{who} does not see the store {store.path} of the study, or one that was made since '
         'under the same path; choose a folder on a file system that all workers share')

@@ -92,7 +92,7 @@ def _buckling_stress(states: Sequence[CurvePoint]) -> float:
 
 
 def _fall(states: Sequence[CurvePoint]) -> CurvePoint | None:
-    """The last state before the stress falls for the first time with nothing broken."""
+    """Return the last state before the stress first falls without breaks, or None."""
     for before, after in zip(states, states[1:]):
         if after.broken:
             return None

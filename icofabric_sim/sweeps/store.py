@@ -90,7 +90,7 @@ class Store:
         return self.path / key
 
     def keys(self) -> set[str]:
-        """The names of all runs that are finished."""
+        """Return the names of all finished runs."""
         with suppress(FileNotFoundError):
             return {entry.name for entry in os.scandir(self.path)
                     if len(entry.name) == _LENGTH and not entry.name.startswith('.')}
@@ -121,7 +121,7 @@ class Store:
 
     @contextmanager
     def place_for(self, key: str) -> Iterator[Path]:
-        """A folder to write a run in; it goes again unless `finish` took it."""
+        """Yield a folder to write a run in; remove the folder unless `finish` has moved it."""
         aside = self._aside(key)
         aside.mkdir(parents=True)
         try:

@@ -240,7 +240,7 @@ class Study:
     def _by_kind(
         self, todo: Sequence[Order]
     ) -> tuple[list[Order], dict[int, list[Order]]]:
-        """The first run of each kind of scene, which compiles, and those that wait for it."""
+        """Return the first run of each kernel variant, which compiles, and the waiting runs."""
         places: dict[int, int] = {}
         leaders: list[Order] = []
         followers: dict[int, list[Order]] = {}
@@ -255,7 +255,7 @@ class Study:
         return leaders, followers
 
     def table(self, outcomes: Sequence[Outcome]) -> SweepTable:
-        """The outcomes so far."""
+        """Return the outcomes so far."""
         return SweepTable(self.plan, outcomes, store=self.store.path)
 
 

@@ -74,7 +74,7 @@ class SweepTable(AsTable):
         return len(self.outcomes)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The column with a name, without its unit."""
+        """Return a column by its name without the unit."""
         if name not in self._columns:
             raise KeyError(f'there is no column {name!r}; there are: {", ".join(self._columns)}')
         values = self._columns[name]
@@ -94,14 +94,14 @@ class SweepTable(AsTable):
         return tuple(one for one in self.outcomes if one.state is not State.DONE)
 
     def folder(self, number: int) -> Path:
-        """The folder of a run: its scene, its result, its bag where one was kept."""
+        """Return the folder of a run: scene, result, and the bag if kept."""
         for outcome in self.outcomes:
             if outcome.number == number:
                 return self.store / outcome.key
         raise KeyError(f'there is no run {number!r}')
 
     def table(self) -> dict[str, list[Any]]:
-        """A list for each column, named with its unit; the first one numbers the runs."""
+        """Return a list for each column, named with its unit; the first one numbers the runs."""
         return {self._title(name): [_cell(value) for value in values]
                 for name, values in self._columns.items()}
 
@@ -133,7 +133,7 @@ class SweepTable(AsTable):
             aside.unlink(missing_ok=True)
 
     def lines(self, most: int = 20, columns: Sequence[str] = ()) -> list[str]:
-        """The first rows for a terminal, with the varied and some of the kept columns."""
+        """Return the first rows for a terminal, with the varied and some of the kept columns."""
         # Columns that only a finished run would fill are left out.
         names = list(dict.fromkeys([_RUN, *self.varied, *(
             [name for name in columns if name in self._columns] or self.kept[:4])]))

@@ -47,7 +47,7 @@ class Range(NamedTuple):
     logarithmic: bool
 
     def at(self, place: float, *, is_integer: bool) -> float | int:
-        """The value at a place from 0 to 1; of integers each is as likely as another."""
+        """Return the value at a fraction from 0 to 1; all integers are equally likely."""
         if is_integer:
             span = int(self.high) - int(self.low) + 1
             return int(self.low) + min(int(place * span), span - 1)
@@ -60,7 +60,7 @@ class Range(NamedTuple):
         return min(max(value, self.low), self.high)
 
     def values(self, *, is_integer: bool) -> list[float | int]:
-        """The parts, both ends included."""
+        """Return evenly spaced values, both ends included."""
         assert self.parts is not None
         if self.parts == 1:
             places = np.zeros(1)
@@ -71,7 +71,7 @@ class Range(NamedTuple):
 
 
 def parse_name(text: Any) -> Name:
-    """A parameter's name, of one element with `[i]` behind it; ParameterError where none is."""
+    """Return a parameter's name, with `[i]` for one element; raise ParameterError if unknown."""
     if not isinstance(text, str):
         raise ValueError(f'vary: {shown(text)} is not the name of a parameter; use a text')
     match = _ELEMENT.fullmatch(text)
@@ -87,7 +87,7 @@ def parse_name(text: Any) -> Name:
 
 
 def parse_values(text: str, given: Any) -> list[Any] | Range:
-    """The values of the parameter `text`, or its range; ValueError says what is allowed."""
+    """Return the values or the range of the parameter `text`; raise ValueError if invalid."""
     name = parse_name(text)
     if isinstance(given, np.ndarray):
         given = given.tolist()
@@ -108,7 +108,7 @@ def parse_values(text: str, given: Any) -> list[Any] | Range:
 
 
 def judge_value(name: Name, value: Any) -> Any:
-    """A value in the type of the parameter; ParameterError where it cannot be taken."""
+    """Return a value in the type of the parameter; raise ParameterError if it does not fit."""
     if name.element is None:
         return validate_value(name.parameter, value)
     default = list(find_specification(name.parameter).default)  # type: ignore[arg-type]

@@ -195,6 +195,11 @@ class Checkpoint:
         ----------
         other
             The checkpoint to compare with.
+
+        Returns
+        -------
+        str
+            First difference, or ''.
         """
         checks.instance('other', other, Checkpoint)
         words = 'in the first', 'in the second'
@@ -216,6 +221,11 @@ class Checkpoint:
         ----------
         simulation
             The run that is to continue from this checkpoint.
+
+        Raises
+        ------
+        ValueError
+            If scene, method or version differ.
         """
         _require_simulation(simulation)
         different = scene_difference(self.header, _identity(simulation), ('in it', 'here'))

@@ -82,6 +82,11 @@ class BodyForce:
         numbers
             Initial state, (n, 13): position, orientation, velocity, angular velocity.
 
+        Returns
+        -------
+        External
+            Record of the function for kernels.
+
         Raises
         ------
         ValueError
@@ -131,6 +136,11 @@ class BodyForce:
             Centres [m], (n, 3), world frame.
         orientation
             Unit quaternions x, y, z, w, (n, 4).
+
+        Returns
+        -------
+        float
+            Energy [J].
         """
         time = checks.number('time', time, unit='s')
         position = checks.array('position', position, ('n', 3), 'm')
@@ -156,6 +166,11 @@ class BodyForce:
         ----------
         external
             The record that `prepare` has made.
+
+        Returns
+        -------
+        str
+            Sentence for an error message.
         """
         checks.instance('external', external, External)
         error: BaseException | None = self._error

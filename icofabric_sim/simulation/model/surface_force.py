@@ -50,6 +50,11 @@ def surface_force(
     degree
         Polynomial degree in xi and eta up to which forces and torques are exact.
 
+    Returns
+    -------
+    BodyForce
+        Resultant force and torque of the traction on each body.
+
     Raises
     ------
     ValueError

@@ -235,6 +235,7 @@ def measure_growth(
     Returns
     -------
     Growth
+        Amplification of the displacement and of errors over time.
 
     Raises
     ------
