@@ -22,7 +22,8 @@ import pytest
     (contact.ContactForce, 'touching'), (ico.Equilibrium, 'leftover'),
     (ico.Equilibrium, 'touching'), (ico.Equilibrium, 'rubbing'), (ico.Spectrum, 'here'),
     (ico.Spectrum, 'freedoms'), (ico.Spectrum, 'zero_below'), (ico.Spectrum, 'bounds_from'),
-    (ico.Spectrum, 'hidden_count'), (ico.Elasticity, 'pulled'), (ico.Elasticity, 'along'),
+    (ico.Spectrum, 'hidden_count'), (ico.Spectrum, 'stretching_mechanism_count'),
+    (ico.Elasticity, 'pulled'), (ico.Elasticity, 'along'),
     (CurvePoint, 'beyond'), (CurvePoint, 'touching'), (MomentCurvePoint, 'sliding'),
     (Cycle, 'work'), (Cycle, 'lost'), (Cycle, 'left'), (Break, 'released'),
     (ContactForces, 'first'), (ContactForces, 'push')])

@@ -137,7 +137,7 @@ def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
         'unstable_count': spectrum.unstable_count, 'self_stress_count': spectrum.self_stress_count,
         'largest_frequency_rad_per_s': spectrum.largest_frequency,
         'relative_errors': spectrum.relative_errors,
-        'stretching_mechanism_count': spectrum.stretching_mechanism_count,
+        'unresolved_mode_count': spectrum.unresolved_mode_count,
         'zero_frequency_limit_rad_per_s': spectrum.zero_frequency_limit}
 
 
@@ -220,7 +220,7 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
 def _rounding_text(spectrum: 'Spectrum') -> list[str]:
     """Report what round-off hides if stiffnesses differ by orders of magnitude."""
     lines, rates, errors = [], spectrum.frequencies, spectrum.relative_errors
-    if hidden := spectrum.stretching_mechanism_count:
+    if hidden := spectrum.unresolved_mode_count:
         lines.append(
             f'round-off   {hidden:,} of the zero-energy motions stretch connectors: '
             f'frequencies below {spectrum.zero_frequency_limit:.3g} rad/s are counted as 0')

@@ -24,7 +24,7 @@ _BODIES = (
 _TOUCHED = tuple(
     f'contact_{name}_{axis}_{unit}' for name, unit in (('force', 'n'), ('torque', 'nm'))
     for axis in 'xyz')
-_LEFT = tuple(name.replace('contact_', 'left_') for name in _TOUCHED)
+_UNBALANCED = tuple(name.replace('contact_', 'unbalanced_') for name in _TOUCHED)
 _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
 
 
@@ -68,7 +68,7 @@ class RestOutputs(NamedTuple):
                 touching = contacts.table()
                 self.table('contacts.csv', tuple(touching), zip(*touching.values()))
             if unbalanced_wrench is not None:
-                head += _LEFT
+                head += _UNBALANCED
                 columns.append(unbalanced_wrench)
             self.table('bodies.csv', head, (
                 [number, *(value for part in row for value in part)]

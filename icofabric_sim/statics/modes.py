@@ -87,24 +87,26 @@ _MODES = ModesSettings()
 
 @renamed_attributes(
     here='configuration', freedoms='degrees_of_freedom', zero_below='zero_frequency_limit',
-    bounds_from='first_bounded_motion', hidden_count='stretching_mechanism_count')
+    bounds_from='first_bounded_motion', hidden_count='unresolved_mode_count',
+    stretching_mechanism_count='unresolved_mode_count')
 @dataclass(frozen=True, repr=False)
 class Spectrum(AsTable):
     """Frequencies and shapes of small vibrations, and zero-energy motions."""
 
     frequencies: np.ndarray  # (m,) [rad/s], rising; without zero-energy motions
-    # (m, n, 6) displacements [m] and rotation vectors [rad], world frame; of kinetic energy 1/2 J
-    # at 1 rad/s
+    # (m, n, 6) displacements [m] and rotation vectors [rad], world frame, normalised to
+    # u^T M u = 1 kg m^2
     shapes: np.ndarray
-    # Number of zero-energy motions, including rigid ones; -1: not counted.
+    # Number of zero-energy motions (null space of H), including rigid ones; -1: not counted.
     mechanism_count: int
-    mechanisms: np.ndarray  # (z, n, 6) orthonormal basis of them; empty for large fabrics
+    mechanisms: np.ndarray  # (z, n, 6) basis of them, as `shapes`; empty for large fabrics
     rigid_count: int  # rigid motions of the whole among them
     # (u,) [1/s] of motions that lower the energy; empty for large fabrics
     growth_rates: np.ndarray
     unstable_count: int  # number of motions that lower the energy; -1: not counted
     degrees_of_freedom: int  # free degrees of freedom
-    # Counts from the geometry of the connectors; None above 400,000 degrees of freedom.
+    # Counts from the compatibility matrix, which may differ from `mechanism_count`; None above
+    # 400,000 degrees of freedom.
     counts: Counts | None
     snapshot: Snapshot  # positions and orientations of the configuration
     configuration: Configuration = field(repr=False)  # with its loads and contacts
@@ -117,9 +119,9 @@ class Spectrum(AsTable):
     # Both branches by name; empty if nothing is at its kink.
     branches: Mapping[str, 'Spectrum'] = field(default_factory=dict, repr=False)
     # (m, 2) [rad/s] bounds of the frequencies for every mixture of connectors in extension and
-    # compression. Row k belongs to motion k + first_bounded_motion of all motions, where
-    # zero-energy motions come first, with 0; NaN below motions that lower the energy. None if
-    # nothing is at its kink, or zero-energy motions were not counted.
+    # compression. Row k bounds motion k + first_bounded_motion, counted from the lowest:
+    # motions that lower the energy (NaN), zero-energy motions (0), vibrations. None if nothing is
+    # at its kink, or zero-energy motions were not counted.
     bounds: np.ndarray | None = None
     first_bounded_motion: int = 0
     # Pairs of shells, or shells and planes, at first touch: they count as open, but resist
@@ -128,8 +130,9 @@ class Spectrum(AsTable):
     # (m,) estimated relative round-off errors of the frequencies.
     relative_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     zero_frequency_limit: float = 0.0  # [rad/s] smaller frequencies count as zero
-    # Motions that stretch connectors but count as zero-energy motions because of round-off.
-    stretching_mechanism_count: int = 0
+    # Motions that stretch connectors but count as zero-energy motions, because their frequency is
+    # below round-off.
+    unresolved_mode_count: int = 0
 
     def __repr__(self) -> str:
         """Return a summary without arrays."""
@@ -158,10 +161,10 @@ class Spectrum(AsTable):
     @cached_property
     def amplitudes(self) -> np.ndarray:
         """
-        Amplitudes of the modes, as factors of their shapes, at the first change of side, (m,).
+        Amplitudes, as factors of the shapes, at which a connector reaches its kink, (m,).
 
-        At this amplitude the first connector crosses its natural length, to first order. 0 if a
-        connector at its kink changes its length; infinite if none has two stiffnesses.
+        Its length then crosses the natural length, to first order. 0 if a connector at its kink
+        changes its length; infinite if none has two stiffnesses.
         """
         return amplitudes_to_kink(self.configuration, self.shapes)
 
@@ -198,8 +201,8 @@ def solve_modes(
     which
         'lowest' or 'highest' frequencies.
     branch
-        Side of connectors at their kink in results that exist for one side: 'push' (None) or
-        'pull'.
+        Stiffness of connectors at their natural length in results that need a single one: 'push'
+        (None) is k_c, 'pull' is k_e.
     body_force
         Function or `BodyForce`, as in `compile_scene` (see also `ico.surface_force`), evaluated at
         `time` and zero velocity. Derivatives are computed by finite differences.
@@ -315,7 +318,7 @@ def _some_modes(
         unstable_count=curvature.negative, degrees_of_freedom=size,
         counts=counts, relative_errors=0.5 * ROUNDING_RATIO * largest / values,
         zero_frequency_limit=math.sqrt(LARGE_ZERO_RATIO * largest),
-        stretching_mechanism_count=0 if counts is None else max(
+        unresolved_mode_count=0 if counts is None else max(
             0, curvature.zero - counts.mechanisms),
         snapshot=here.snapshot, configuration=here, first_touches=here.first_touches)
 
@@ -395,7 +398,7 @@ def _all_modes(
         unstable_count=curvature.negative, degrees_of_freedom=len(values), counts=counts,
         relative_errors=0.5 * errors[above] / values[above],
         zero_frequency_limit=math.sqrt(zero_limit_square),
-        stretching_mechanism_count=_count_hidden(changes, vectors[:, zero]),
+        unresolved_mode_count=_count_hidden(changes, vectors[:, zero]),
         snapshot=here.snapshot, configuration=here,
         first_touches=here.first_touches)
 

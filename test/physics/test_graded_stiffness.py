@@ -72,7 +72,7 @@ def test_all_frequencies_beside_a_stiff_group_are_exact(between, stiff):
     assert expected[-1] > 0.2 * np.sqrt(stiff) * expected[0]
     assert np.allclose(spectrum.frequencies, expected, rtol=1e-12, atol=0.0)
     assert spectrum.mechanism_count == spectrum.counts.mechanisms == 96 - 42
-    assert spectrum.unstable_count == spectrum.stretching_mechanism_count == 0
+    assert spectrum.unstable_count == spectrum.unresolved_mode_count == 0
     assert spectrum.relative_errors.max() < 1e-12
     # Shapes: of unit kinetic energy, and independent of each other and of the mechanisms.
     rows = np.concatenate([spectrum.shapes, spectrum.mechanisms])
@@ -108,11 +108,11 @@ def test_digits_that_rounding_takes_are_reported():
     # Bending stiffness is not taken apart.
     spectrum = ico.solve_modes(fabric(1.0).with_changes({
         'connector_groups.s.bending_stiffness': 1e8}))
-    assert spectrum.stretching_mechanism_count > 0
+    assert spectrum.unresolved_mode_count > 0
     said = '\n'.join(summary(spectrum, 0.0))
     assert 'round-off   ' in said
     ordinary = ico.solve_modes(make_scene(SIZE))
-    assert ordinary.stretching_mechanism_count == 0
+    assert ordinary.unresolved_mode_count == 0
     assert 0.0 < ordinary.relative_errors.max() < 1e-10
     assert 'round-off' not in '\n'.join(summary(ordinary, 0.0))
 
