@@ -192,7 +192,7 @@ def _rest_numbers(rest: 'LatticeRest | None') -> dict[str, Any]:
     """Return the state that the constants refer to, unless it is the woven state."""
     return {} if rest is None else {'rest': {
         'deformation_gradient': rest.gradient, 'turn': rest.turn, 'verdict': rest.verdict,
-        'pressing_pairs': len(rest.pressing), 'overlap_m': rest.overlap,
+        'contact_pairs': len(rest.contact_vectors), 'overlap_m': rest.overlap,
         'first_touches': rest.first_touches}}
 
 
@@ -261,10 +261,11 @@ def lattice_text(rest: 'LatticeRest', scene: 'Scene') -> list[str]:
         f'  about its equilibrium, {rest.verdict}: lengths {stretches.min():.6g} to '
         f'{stretches.max():.6g} times '
         f'the woven ones, bodies rotated by {turn if turn > 1e-9 else 0.0:.3g} rad']
-    if len(rest.pressing):
+    if len(rest.contact_vectors):
         lines.append(
-            f'  each body is in contact with {2 * len(rest.pressing)} others, overlap up to '
-            f'{rest.overlap:.3g} m ({100.0 * rest.overlap / scene.geometry.half_edge:.2g} % of a)')
+            f'  each body is in contact with {2 * len(rest.contact_vectors)} others, overlap '
+            f'up to {rest.overlap:.3g} m '
+            f'({100.0 * rest.overlap / scene.geometry.half_edge:.2g} % of a)')
     if rest.first_touches:
         lines.append(
             f'  {rest.first_touches} pairs of a body touch at zero force: they resist in one '

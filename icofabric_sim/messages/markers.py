@@ -120,7 +120,7 @@ class ConnectorMarkers:
             snapshot.connector_length, connectors.natural_length, _BOUNDS, classes, counts[:-1])
         wraps = snapshot.packed.model.wrapping is not None
         # Connectors wrapped over shells keep the colour of their strain.
-        obstructed = snapshot.lost if wraps else snapshot.obstructed
+        obstructed = snapshot.without_geodesic if wraps else snapshot.obstructed
         if obstructed.any() or snapshot.broken_since is not None:
             classes[obstructed > 0] = len(STRAIN_CLASSES)
             if snapshot.broken_since is not None:

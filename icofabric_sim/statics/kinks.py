@@ -54,9 +54,9 @@ def amplitudes_to_kink(here: Configuration, motions: np.ndarray) -> np.ndarray:
     size = np.abs(motions[..., :3]).max(axis=(1, 2), initial=0.0) + (
         here.fabric.half_edge * np.abs(motions[..., 3:]).max(axis=(1, 2), initial=0.0))
     found = np.full(len(motions), np.inf)
-    state = here.anchor_state
+    anchors = here.anchor_state
     groups = [(here.stretched, counted, length_changes)]
-    groups.append((state.here, state.jump != 0.0, anchor_changes))
+    groups.append((anchors.here, anchors.jump != 0.0, anchor_changes))
     for state, chosen, changes_of in groups:
         if not chosen.any():
             continue

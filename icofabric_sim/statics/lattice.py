@@ -11,6 +11,7 @@ bands (periodic.py) show whether waves lower the energy of this state.
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.geometry.rotations import turned_by
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
@@ -51,12 +52,14 @@ class RelaxSettings:
 _RELAX = RelaxSettings()
 
 
+@renamed_attributes(pressing='contact_vectors')
 class LatticeRest(NamedTuple):
     """Equilibrium of a periodic fabric."""
 
     gradient: np.ndarray  # (3, 3) deformation gradient from the woven state
     turn: np.ndarray  # (4,) x y z w rotation of each body from its woven orientation
-    pressing: np.ndarray  # (p, 3) [m] from a body to neighbours in contact, one of each pair
+    # (p, 3) [m] from a body to neighbours in contact, one of each pair.
+    contact_vectors: np.ndarray
     overlap: float  # [m] largest overlap
     first_touches: int  # pairs of a body in contact without force: they resist one way only
     curvature: np.ndarray  # (9,) eigenvalues of the Hessian [J] by strains and rotations, rising

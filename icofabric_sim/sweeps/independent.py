@@ -59,7 +59,7 @@ class Compared(NamedTuple):
     scipy_slope: float  # [J]
     apart: float  # farthest a body is from where the engine has it, over a
     gradient: float  # largest force that SciPy leaves over the largest force of a spring
-    touching: int  # pairs that overlap
+    contact_pairs: int  # pairs that overlap
 
 
 def require_plain(scene: Scene) -> None:

@@ -299,14 +299,16 @@ def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any
             columns += _displacement(scene, found.snapshot, phrase.arguments[0])
         elif phrase.word == 'tension':
             columns += [
-                Column('pull', 'N', float(np.max(found.tension, initial=0.0))),
-                Column('push', 'N', float(np.min(found.tension, initial=0.0)))]
+                Column('largest_tension', 'N', float(np.max(found.tension, initial=0.0))),
+                Column('least_tension', 'N', float(np.min(found.tension, initial=0.0)))]
         elif phrase.word == 'contacts':
             there = found.contact_state
             columns += [
-                Column('touching', '', 0 if there is None else len(there.pairs)),
+                Column('contact_pairs', '', 0 if there is None else len(there.pairs)),
                 Column('overlap', 'm', 0.0 if there is None else there.depth),
-                Column('press', 'N', 0.0 if there is None else there.largest_force)]
+                Column(
+                    'largest_contact_force', 'N',
+                    0.0 if there is None else there.largest_force)]
         else:
             name = phrase.arguments[0]
             force = found.reaction[scene.groups[name], :3].sum(axis=0).tolist()
@@ -334,7 +336,8 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
     found = homogenise(scene, relaxed=is_relaxed(phrases))
     rest = found.rest
     columns = [] if rest is None else [
-        Column('rest', '', rest.verdict), Column('pressing', '', len(rest.pressing)),
+        Column('rest', '', rest.verdict),
+        Column('contact_pairs', '', len(rest.contact_vectors)),
         Column('overlap', 'm', float(rest.overlap)),
         Column('size', '', float(np.cbrt(np.linalg.det(rest.gradient))))]
     columns += [
@@ -350,7 +353,7 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
         columns += [
             Column(
                 f'young.{name}.{word}', 'Pa', float(found.uniaxial_response(axis, sign).modulus))
-            for word, sign in (('pulled', 1.0), ('pushed', -1.0))]
+            for word, sign in (('tension', 1.0), ('compression', -1.0))]
     return columns
 
 

@@ -53,12 +53,12 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
         Column(f'{name}.buckles_under', 'Pa', _buckling_stress(states)),
         Column(f'{name}.unstable_at', '', _first(
             states, lambda state: state.verdict == 'equilibrium, unstable')),
-        Column(f'{name}.touches_at', '', _first(states, lambda state: state.contact_pairs > 0)),
+        Column(f'{name}.contact_at', '', _first(states, lambda state: state.contact_pairs > 0)),
         Column(f'{name}.slips_at', '', _first(states, lambda state: state.sliding_pairs > 0)),
         Column(f'{name}.obstructed_at', '', _first(states, lambda state: state.obstructed > 0)),
         Column(f'{name}.breaks_at', '', _first(states, lambda state: state.broken > 0)),
         Column(f'{name}.broken', '', states[-1].broken),
-        Column(f'{name}.touching', '', max(state.contact_pairs for state in states)),
+        Column(f'{name}.contact_pairs', '', max(state.contact_pairs for state in states)),
         Column(f'{name}.energy', 'J', states[-1].energy),
         Column(f'{name}.reached', '', states[-1].strain),
         Column(f'{name}.residual', '', max(state.residual for state in states)),
@@ -113,11 +113,11 @@ def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
     cycle = cycles[0]
     name = f'cycle.{name}'
     return [
-        Column(f'{name}.work', 'J', cycle.loading_work),
-        Column(f'{name}.regained', 'J', cycle.unloading_work),
-        Column(f'{name}.lost', 'J', cycle.loop_area),
-        Column(f'{name}.released', 'J', cycle.released_energy),
-        Column(f'{name}.left', 'J', cycle.energy_gain),
+        Column(f'{name}.loading_work', 'J', cycle.loading_work),
+        Column(f'{name}.unloading_work', 'J', cycle.unloading_work),
+        Column(f'{name}.loop_area', 'J', cycle.loop_area),
+        Column(f'{name}.released_energy', 'J', cycle.released_energy),
+        Column(f'{name}.energy_gain', 'J', cycle.energy_gain),
         Column(f'{name}.broken', '', cycle.broken)]
 
 
@@ -133,7 +133,7 @@ def _independent(phrase: Phrase, scene: Scene) -> list[Column]:
             Column(f'{name}.scipy_slope', 'J', found.scipy_slope),
             Column(f'{name}.apart', '', found.apart),
             Column(f'{name}.gradient', '', found.gradient),
-            Column(f'{name}.touching', '', found.touching)]
+            Column(f'{name}.contact_pairs', '', found.contact_pairs)]
     return columns
 
 

@@ -51,7 +51,7 @@ def test_point_springs_rest_as_a_weave_of_their_natural_length(kind, angle, part
     ratio = float(woven.geometry.pitch / scene.geometry.pitch)
     assert abs(ratio - 1.0) > 0.01
     assert found.rest.gradient == pytest.approx(ratio * np.eye(3), abs=1e-9)
-    assert found.rest.verdict == 'with soft strains' and not len(found.rest.pressing)
+    assert found.rest.verdict == 'with soft strains' and not len(found.rest.contact_vectors)
     waves = sample_zone(scene, 2)
     # Wave vectors are those of the lattice as woven.
     assert ico.solve_bands(scene, waves, relaxed=True) == pytest.approx(
@@ -121,7 +121,7 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(
     found = ico.homogenise(scene, relaxed=True)
     rest = found.rest
     # Each of the twelve neighbours, of which six belong to the cell.
-    assert rest.verdict == 'stable' and len(rest.pressing) == 6
+    assert rest.verdict == 'stable' and len(rest.contact_vectors) == 6
     assert 0.0 < rest.overlap < 0.01 * scene.geometry.half_edge and rest.first_touches == 0
     assert np.abs(found.stress).max() < 1e-6 * np.abs(found.stiffness).max()
     vector = 2.0 * rest.turn[:3]
@@ -204,7 +204,7 @@ def test_the_commands_say_where_it_rests(tmp_path, capsys):
     assert 'about its equilibrium, stable' in text and 'in contact with 12 others' in text
     assert main([*words, '--json']) == 0
     rest = json.loads(capsys.readouterr().out)['rest']
-    assert rest['verdict'] == 'stable' and rest['pressing_pairs'] == 6
+    assert rest['verdict'] == 'stable' and rest['contact_pairs'] == 6
     assert 0.9 < rest['deformation_gradient'][0][0] < 1.0
     picture = tmp_path / 'bands.png'
     assert main(['modes', 'free_slab', *values, '--equilibrium', '--bands', str(picture)]) == 0

@@ -759,7 +759,7 @@ def test_what_finds_no_way_is_said(caplog):
     simulation = ico.compile_scene(scene)
     simulation.set_state(position=position, orientation=orientation)
     snapshot = simulation.snapshot()
-    assert snapshot.lost.tolist() == [3] and simulation.status.obstructed_ends == 2
+    assert snapshot.without_geodesic.tolist() == [3] and simulation.status.obstructed_ends == 2
     assert np.isfinite(snapshot.energy['connectors'])
     with caplog.at_level(logging.WARNING):
         simulation.advance_to(0.001)

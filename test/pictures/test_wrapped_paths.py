@@ -52,13 +52,13 @@ def test_parts_lead_around_shells_and_are_as_long_as_the_geodesic(case):
     segments = snapshot.connector_segments
     assert (np.diff(segments.of) >= 0).all()
     parts = np.bincount(segments.of, minlength=scene.connector_count)
-    found = (snapshot.lost == 0) & (snapshot.obstructed > 0)
+    found = (snapshot.without_geodesic == 0) & (snapshot.obstructed > 0)
     # Most cross several edges; what is straight has one part.
     assert found.sum() > 15 and (parts[found] > 1).all() and parts.max() > 3
     assert (parts[snapshot.obstructed == 0] == 1).all()
     np.testing.assert_allclose(
         segments.lengths(scene.connector_count), snapshot.connector_length, rtol=1e-12)
-    own = ~(snapshot.lost > 0)[segments.of]
+    own = ~(snapshot.without_geodesic > 0)[segments.of]
     half_edge = scene.geometry.half_edge
     assert deepest(scene, snapshot, segments)[own].max() < 1e-9 * half_edge
     straight = snapshot.connector_segments._replace(

@@ -335,7 +335,7 @@ def test_a_table_has_what_python_finds_and_a_second_study_takes_it_from_the_stor
         assert table['elasticity.stiffness.yz.yz'][row] == pytest.approx(
             found.stiffness[3, 3], rel=1e-12)
         assert table['elasticity.density'][row] == found.density
-        assert table['elasticity.young.xyz.pulled'][row] == pytest.approx(
+        assert table['elasticity.young.xyz.tension'][row] == pytest.approx(
             float(found.young_modulus(np.ones(3))), rel=1e-9)
     assert table.units['elasticity.density'] == 'kg/m^3'
     monkeypatch.setattr(single_run, 'carry_out', None)
@@ -362,7 +362,7 @@ def test_a_run_gives_the_bits_of_a_simulation_and_a_bag_that_verifies(swing, tmp
     assert [table[f'run.displacement.tip.{axis}'][1] for axis in 'xyz'] == moved.tolist()
     assert table['run.farthest'][1] >= table['run.displacement.tip.most'][1] > 0.0
     assert table['run.stretch'][1] > 0.0 > table['run.compression'][1]
-    assert table['statics.pull'][1] > 0.0 > table['statics.push'][1]
+    assert table['statics.largest_tension'][1] > 0.0 > table['statics.least_tension'][1]
     # The wall bears what falls.
     weight = swing.shell.mass * swing.body_count * 9.81
     assert table['statics.reaction.wall.z'][0] == pytest.approx(weight, rel=0.2)

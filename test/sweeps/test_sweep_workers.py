@@ -317,7 +317,7 @@ def test_a_worker_that_comes_late_and_differs_is_named(tmp_path, scheduler):
 
 @pytest.mark.parametrize('name, fewer, column', [
     ('moduli', ['connector.stiffness_compression:=[50.0, 500.0]',
-                'weave.connector_angle:=0.2..0.4/2'], 'elasticity.young.x.pushed [Pa]'),
+                'weave.connector_angle:=0.2..0.4/2'], 'elasticity.young.x.compression [Pa]'),
     ('band_gap', ['connector.bending_stiffness:=[0.01, 1.0]',
                   'weave.connector_angle:=[0.3]'], 'bands.gap [rad/s]'),
     ('fall', ['connector.damping:=[0.05, 0.2]'], 'run.energy.dissipated [J]')])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
-from icofabric_sim.checks import counted
+from icofabric_sim.checks import counted, renamed_attributes
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
@@ -26,6 +26,7 @@ _COLUMNS = (
     ('wx_rad_s', 'wy_rad_s', 'wz_rad_s'), ('wx_body_rad_s', 'wy_body_rad_s', 'wz_body_rad_s'))
 
 
+@renamed_attributes(lost='without_geodesic')
 @dataclass(frozen=True, repr=False)
 class Snapshot(AsTable):
     """State of a fabric at one time, world frame; derived values are computed when first read."""
@@ -207,7 +208,7 @@ class Snapshot(AsTable):
             cosines_from_quaternions(self.orientation))
 
     @cached_property
-    def lost(self) -> np.ndarray:
+    def without_geodesic(self) -> np.ndarray:
         """
         Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
 

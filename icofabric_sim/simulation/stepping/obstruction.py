@@ -47,7 +47,7 @@ class Obstruction:
         bodies = packed.layout.unpack(state)
         snapshot = Snapshot(
             time, *bodies, len(packed.connectors.first), packed, {}, broken_since)
-        obstructed = snapshot.lost if self._wraps else snapshot.obstructed
+        obstructed = snapshot.without_geodesic if self._wraps else snapshot.obstructed
         which = np.flatnonzero(obstructed)
         # Rounding may see it otherwise than the health check did.
         number = int(which[0]) if len(which) else 0

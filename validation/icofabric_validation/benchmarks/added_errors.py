@@ -162,7 +162,8 @@ def judge(
             run.advance_steps(1)
             reference.advance_to(run.time)
             here, there = run.snapshot(), reference.snapshot()
-            if bands and (here.lost.any() or there.lost.any() or run.status.obstruction):
+            if bands and (here.without_geodesic.any() or there.without_geodesic.any()
+                          or run.status.obstruction):
                 ended = 'a connector has no path over shells that pass through each other'
                 break
             error = distance_between(here, there, half_edge)

@@ -50,7 +50,7 @@ def constants_of(row: Row) -> dict[str, float]:
         'angle': row['weave.connector_angle'],
         'bending': row['connector.bending_stiffness'] / BENDING_UNIT,
         'C11': c11, 'C12': c12, 'C44': c44, 'nu': c12 / (c11 + c12), 'K': (c11 + 2 * c12) / 3,
-        **{name: row[f'elasticity.young.{name}.pulled'] / unit for name in ('x', 'xy', 'xyz')}}
+        **{name: row[f'elasticity.young.{name}.tension'] / unit for name in ('x', 'xy', 'xyz')}}
 
 
 def largest_difference(found: Iterable[dict[str, float]]) -> float:
@@ -103,7 +103,7 @@ def slab_rows(found: Results) -> list[dict[str, Any]]:
     for row in found['pulled']:
         kind, angle = row['weave.kind'], row['weave.connector_angle']
         whole = endless[kind, angle]
-        young = whole['elasticity.young.x.pulled']
+        young = whole['elasticity.young.x.tension']
         rows.append({
             'kind': kind, 'angle': angle, 'size': 'x'.join(map(str, map(int, row['weave.size']))),
             'young': row['curve.pull.x.modulus'] / young,

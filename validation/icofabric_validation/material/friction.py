@@ -120,7 +120,8 @@ def _endless_rows(found: Results) -> list[tuple[Any, ...]]:
 
 def dissipated(row: Row) -> float:
     """Return the energy dissipated in a cycle over the work of loading."""
-    return float(row['curve.cycle.shear.x.lost']) / float(row['curve.cycle.shear.x.work'])
+    return (float(row['curve.cycle.shear.x.loop_area'])
+            / float(row['curve.cycle.shear.x.loading_work']))
 
 
 def _slab_row(row: Row, cycle: Row) -> tuple[Any, ...]:
@@ -132,7 +133,7 @@ def _slab_row(row: Row, cycle: Row) -> tuple[Any, ...]:
         f'{ratio_of(row):g}', friction_of(row), row[f'{name}.modulus'] / unit,
         row[f'{name}.modulus_beyond'] / unit, stress / SHEAR_STRAIN / unit
         if row[f'{name}.reached'] > 0.999 * SHEAR_STRAIN else '-',
-        row[f'{name}.slips_at'], 1e6 * cycle['curve.cycle.shear.x.work'] if whole else '-',
+        row[f'{name}.slips_at'], 1e6 * cycle['curve.cycle.shear.x.loading_work'] if whole else '-',
         fixed(dissipated(cycle), 4) if whole else '-')
 
 

@@ -133,18 +133,18 @@ def _tables(found: Results) -> list[Table]:
         free.setdefault(ratio_of(row), {})[contact_of(row)] = row
     counted = [
         (f'{ratio:g}', _count(rows[0.0]), _count(rows[CONTACT]),
-         rows[CONTACT]['statics.touching'],
+         rows[CONTACT]['statics.contact_pairs'],
          fixed(rows[CONTACT]['statics.overlap'] / 0.01, 4),
-         fixed(rows[CONTACT]['statics.pull'], 3)) for ratio, rows in free.items()]
+         fixed(rows[CONTACT]['statics.largest_tension'], 3)) for ratio, rows in free.items()]
     held: dict[float, dict[float, str]] = {}
     for row in found['held']:
         held.setdefault(contact_of(row), {})[ratio_of(row)] = _modulus_text(row)
     ratios = list(dict.fromkeys(ratio_of(row) for row in found['held']))
     size = [(_size(row), _contact(contact_of(row)), _modulus_text(row),
-             row['curve.shear.x.touching'], row['curve.shear.x.verdict'])
+             row['curve.shear.x.contact_pairs'], row['curve.shear.x.verdict'])
             for row in found['size']]
     far = [(_contact(contact_of(row)), kind, *(row[f'curve.{kind}.x.{name}'] for name in (
-        'buckles_at', 'touching', 'reached')),
+        'buckles_at', 'contact_pairs', 'reached')),
         row[f'curve.{kind}.x.most'] / modulus_unit(MIN_ANGLE),
         row[f'curve.{kind}.x.most_at']) for row in found['far']
         for kind in ('shear', 'push', 'pull')]
@@ -185,7 +185,7 @@ def _endless_row(row: Row) -> tuple[Any, ...]:
         fixed(row['elasticity.size'], 4), *(
             _rounded(float(row[f'elasticity.stiffness.{pair}']) / unit)
             for pair in ('xx.xx', 'xx.yy', 'yz.yz')),
-        2 * int(row['elasticity.pressing']), int(row['elasticity.soft_strains']), waves)
+        2 * int(row['elasticity.contact_pairs']), int(row['elasticity.soft_strains']), waves)
 
 
 def _count(row: Row) -> Any:
@@ -247,7 +247,7 @@ def _check_tables(found: Results) -> list[Table]:
             strain, f'{row[f"{name}.engine"]:.11g}', f'{row[f"{name}.scipy"]:.11g}',
             f'{row[f"{name}.engine_slope"]:.8g}', f'{row[f"{name}.scipy_slope"]:.8g}',
             f'{row[f"{name}.apart"]:.1g}', f'{row[f"{name}.gradient"]:.1g}',
-            row[f'{name}.touching']))
+            row[f'{name}.contact_pairs']))
     return [Table(
         'A slab of 3 x 3 x 3 positions sheared between held ends, D / L = 0.97, K/k = 200: the '
         'engine, and SciPy with independent energies', (

@@ -93,7 +93,7 @@ def events_of(row: Row, kind: str) -> list[Any]:
     name = f'curve.{kind}.x'
     return [
         *(row[f'{name}.{what}'] for what in (
-            'touches_at', 'obstructed_at', 'buckles_at', 'breaks_at', 'broken')),
+            'contact_at', 'obstructed_at', 'buckles_at', 'breaks_at', 'broken')),
         row[f'{name}.most'] / modulus_unit(row['weave.connector_angle']), row[f'{name}.most_at'],
         row[f'{name}.reached']]
 
@@ -119,8 +119,10 @@ def _tables(found: Results) -> list[Table]:
             cycles.append((
                 fixed(row['weave.connector_angle'], 4), kind, *(
                     fixed(1e3 * row[f'{name}.{what}'], 2) for what in (
-                        'work', 'regained', 'lost', 'released', 'left')),
-                fixed(row[f'{name}.lost'] / row[f'{name}.work'], 2), row[f'{name}.broken']))
+                        'loading_work', 'unloading_work', 'loop_area', 'released_energy',
+                        'energy_gain')),
+                fixed(row[f'{name}.loop_area'] / row[f'{name}.loading_work'], 2),
+                row[f'{name}.broken']))
     return [
         Table(f'Slabs between two held ends, bending stiffness {BENDING:g} k a^2, connectors that '
               f'break at {BREAK_RATIO:g} L: strains of events',

@@ -251,7 +251,7 @@ def test_scipy_finds_the_same_rest_from_elsewhere():
     compared, = compare_energies(tight(), 'shear', [1e-3], 0)
     assert compared.scipy == pytest.approx(compared.engine, rel=1e-9)
     assert compared.scipy_slope == pytest.approx(compared.engine_slope, rel=1e-4)
-    assert compared.apart < 1e-6 and compared.touching > 10
+    assert compared.apart < 1e-6 and compared.contact_pairs > 10
 
 
 @pytest.mark.parametrize('changes, said', [
@@ -286,9 +286,9 @@ def test_strength_says_what_happens_first():
     assert math.isnan(kept[f'{name}.buckles_at'])
     assert [float(word) for word in kept[f'{name}.strains'].split()] == strains
     cycle = 'curve.cycle.pull.x'
-    assert 0.0 < kept[f'{cycle}.regained'] < kept[f'{cycle}.work']
-    assert kept[f'{cycle}.lost'] == pytest.approx(
-        kept[f'{cycle}.work'] - kept[f'{cycle}.regained'])
+    assert 0.0 < kept[f'{cycle}.unloading_work'] < kept[f'{cycle}.loading_work']
+    assert kept[f'{cycle}.loop_area'] == pytest.approx(
+        kept[f'{cycle}.loading_work'] - kept[f'{cycle}.unloading_work'])
     assert kept[f'{cycle}.broken'] == kept[f'{name}.broken']
 
 
@@ -303,7 +303,7 @@ def test_curves_are_kept_of_both_signs_and_of_any_shear():
             ('inflation', 'inflation.x', None), ('shear', 'shear.xz', [0, 0, 1])):
         [point] = ico.measure_curve(scene, kind, [0.02], along=along)
         assert kept[f'curve.{name}.stress.0.02'] == pytest.approx(point.stress, rel=1e-6)
-    assert kept['curve.cycle.hydrostatic.x.work'] > 0.0
+    assert kept['curve.cycle.hydrostatic.x.loading_work'] > 0.0
     assert abs(kept['curve.shear.xy.most'] / kept['curve.shear.xz.strongest'] - 1.0) > 0.05
 
 
