@@ -143,7 +143,7 @@ def test_shells_face_to_face_rest_as_woven_however_stiff_contacts_are(size, rati
 @pytest.mark.parametrize('ratio, pairs, mechanisms', [
     (1.05, 0, 48), (0.99, 12, 30), (0.9, 12, 30)])
 def test_pre_tension_presses_faces_and_takes_mechanisms_away(ratio, pairs, mechanisms):
-    """The table of docs/material.md: D over L at the least angle."""
+    """The table of docs/material.md: D over L at the smallest angle."""
     scene = woven(MINIMUM_ANGLE)
     tense = woven(MINIMUM_ANGLE, connector={
         'natural_length': ratio * scene.geometry.connector_length})

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 K = 500.0
-# The least angle (eq 54), level connectors, and up to connectors 185 times as long as w.
+# The smallest angle (eq 54), level connectors, and up to connectors 185 times as long as w.
 ANGLES = (MINIMUM_ANGLE, 0.0, *np.linspace(MINIMUM_ANGLE, 0.78, 24)[1:])
 X, Y, Z = np.eye(3)
 

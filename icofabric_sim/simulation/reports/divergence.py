@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How fast two runs part that start almost alike: whether a trajectory means something.
+How fast two runs part that start almost alike: until when a trajectory is meaningful.
 
 A companion of the run starts from places and orientations that are displaced a little at random,
 and takes the same inputs. How far it is from the run, beside how far it was at the start, is the
@@ -39,7 +39,7 @@ _LINEAR = 2.0**-5
 _LARGEST_TOLERANCE = 4e-9
 # Growth from which a motion is called sensitive.
 SENSITIVE = 100.0
-# A trajectory means something while the error, grown, is below a tenth of a half edge.
+# A trajectory is meaningful while the amplified error is below a tenth of a half edge.
 MEANINGFUL = 0.1
 _SEED = 3
 # History kept of the longest run; and how many periods `measure_growth` takes at a time.
