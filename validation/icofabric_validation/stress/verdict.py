@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 class Verdict(Enum):
     """The class of a judged scene; the value is its text in tables."""
 
-    WITHIN = 'within the promise'
+    WITHIN = 'within tolerance'
     CHAOTIC = 'chaotic, as reported'
     REPORTED = 'error too large, as reported'
     EXCUSED = 'error too large, excused by error_estimate_lacks'
-    BETWEEN = 'between'
+    BETWEEN = 'up to 3 times the tolerance'
     UNJUDGED = 'not judged'
     REFUSED = 'refused with the right name'
     STOPPED = 'stopped with the right reason'
