@@ -3,9 +3,10 @@
 """
 Geometry of the icosahedron in its body frame, and integration over its faces and volume.
 
-Source: "A Mathematical Model of Icosahedral Materials", eqs 28-41. Where its errata apply, the
-corrected form is used and cited as "eq 37, corrected". `half_edge` is a, half the outer edge
-[m]; the body axes pass through the midpoints of three perpendicular pairs of edges.
+Source: "A Mathematical Model of Icosahedral Materials", eqs 28-41. Where the document has an error
+(docs/errata.md), the corrected form is used and cited as "eq 37, corrected". `half_edge` is a,
+half the outer edge [m]; the body axes pass through the midpoints of three perpendicular pairs of
+edges.
 """
 
 from functools import lru_cache
@@ -43,6 +44,7 @@ FACES: Final = _constant([
     [10, 4, 8], [10, 6, 4], [10, 9, 6], [11, 8, 5], [11, 5, 7], [11, 7, 9],
     [10, 8, 11], [11, 9, 10]], np.int32)
 
+# The document's grouping as printed; there are seven heights (docs/errata.md, C19).
 FACE_HEIGHT_NAMES: Final = ('top', 'second highest', 'third highest', 'fourth highest', 'bottom')
 FACE_HEIGHT_CLASSES: Final = _constant(np.repeat(np.arange(5), (2, 6, 4, 6, 2)), np.int8)
 
@@ -69,7 +71,7 @@ NAMED_EDGE_FACES: Final = _constant([
 
 
 def vertices(half_edge: float) -> np.ndarray:
-    """Return the 12 vertices in body axes [m], (12, 3), in the order that FACES counts them."""
+    """Return the 12 vertices in body axes [m], (12, 3), in the order to which FACES refers."""
     return half_edge * _UNIT_VERTICES
 
 
@@ -114,7 +116,7 @@ class FaceGeometry(NamedTuple):
     inverses: np.ndarray        # A^-1 [1/m], (20, 3, 3): eq 32
     determinants: np.ndarray    # det A = 2 tau^2 a^3 [m^3], (20,): eq 33
     normals: np.ndarray         # outward unit normals, (20, 3): eqs 36 and 37, corrected
-    first_form: np.ndarray      # E, F, G [m^2], (20, 3): eq 38
+    first_fundamental_form: np.ndarray  # E, F, G [m^2], (20, 3): eq 38
     area_elements: np.ndarray   # sqrt(E G - F^2) [m^2], twice the area, (20,): eq 39
     centroids: np.ndarray       # [m], (20, 3)
 
@@ -122,7 +124,7 @@ class FaceGeometry(NamedTuple):
 @lru_cache(maxsize=32)
 def face_geometry(half_edge: float) -> FaceGeometry:
     """Return the constants of the faces in body axes, computed once for each edge length."""
-    # In units of a first, so that nothing under- or overflows on the way.
+    # Computed in units of a, to avoid underflow and overflow.
     corners = outer_triangles(1.0)
     w1 = corners[:, 0]
     w2, w3 = corners[:, 1] - w1, corners[:, 2] - w1
@@ -140,7 +142,7 @@ def face_geometry(half_edge: float) -> FaceGeometry:
         inverses=_constant(inverses / a),
         determinants=_constant(a * a * a * determinants),
         normals=_constant(area_vectors / area_elements[:, None]),
-        first_form=_constant(a * a * first_form),
+        first_fundamental_form=_constant(a * a * first_form),
         area_elements=_constant(a * a * area_elements),
         centroids=_constant(a * corners.mean(axis=1)))
 

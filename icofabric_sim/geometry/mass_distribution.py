@@ -3,21 +3,21 @@
 """
 Mass, centre of mass and inertia of any density in the icosahedron, with an error estimate.
 
-Eqs 12, 33 and 34 for a density that is a function of the position. It may jump, for instance at
-the surface of heavier balls inside the shell, and there a fixed rule would converge hopelessly
-slowly. Hence two steps:
+Eqs 12, 33 and 34 for a density that is a function of the position. The density may be
+discontinuous, for instance at the surface of heavier balls inside the shell, where a fixed rule
+converges slowly. The integration therefore has two levels:
 
 - along each ray from the centre (lambda1 of eq 34) an adaptive rule finds the jumps by bisection
   and integrates between them, so that they cost no accuracy;
-- over the directions an adaptive rule refines one triangle, which the 120 symmetries of the
-  icosahedron carry to a sixth of each face. All 120 images share their nodes, so the rule is as
-  symmetric as the body: a symmetric density gets an isotropic inertia to rounding, however
-  large the error of its mass still is. Images on which the first thousands of rays agree are
-  taken for equal from then on, and checked by one other image per ray.
+- over the directions an adaptive rule refines a fundamental triangle, one sixth of a face, whose
+  120 images under the symmetry group cover the surface. All images share their nodes, so a
+  density with icosahedral symmetry gives an isotropic inertia to round-off, whatever the
+  quadrature error. Images that agree on the first few thousand rays are treated as equal; each
+  later ray is checked on one more image.
 
-Every accepted number was compared with the one from half the spacing, and with samples on the
+Every accepted integral is compared with that at half the spacing, and with samples on the
 boundaries of the cells. A detail smaller than the first spacing, about 2 degrees and 3 % of the
-thickness, can escape, as it can any rule.
+thickness, can be missed.
 """
 
 from itertools import permutations
@@ -39,9 +39,9 @@ _INSET: Final = 1e-6
 _SMALLEST_AREA: Final = 1e-12
 # Two images of a ray with integrals this close, relative to the largest possible, are equal.
 _EQUAL_IMAGE_RATIO: Final = 1e-11
-# Intervals to start with on each ray. A ray that grazes a ball has too short a chord in it to be
-# noticed; what is lost so goes with the third power of the spacing, and 16 intervals lose about
-# 1e-7 of the mass. So once a jump has been seen, their number follows the tolerance.
+# Intervals to start with on each ray. The chord of a ray that grazes a ball may be too short to be
+# noticed. The mass missed this way scales with the cube of the spacing; 16 intervals miss about
+# 1e-7 of the mass. Therefore their number follows the tolerance once a jump has been seen.
 _PANELS: Final = 4
 _PANELS_WITH_JUMPS: Final = 16
 _PANELS_LIMIT: Final = 100
@@ -53,8 +53,8 @@ class MassDistribution(NamedTuple):
     mass: float                # [kg]
     centre_of_mass: np.ndarray  # [m], (3,)
     inertia: np.ndarray        # about the centre of the icosahedron [kg m^2], (3, 3): eq 12
-    relative_error: float      # estimate: of the mass, of the inertia, of the centre over a
-    asymmetry: float           # of the centre over a, of the principal moments: the larger
+    relative_error: float      # estimate for mass, inertia, and offset of the centre divided by a
+    asymmetry: float           # larger of: offset of the centre / a, spread of the moments
     converged: bool            # the error is within the tolerance, and the asymmetry is certain
     evaluation_count: int      # densities evaluated
 
@@ -79,6 +79,11 @@ def integrate_density(
         Required relative error of mass and inertia.
     evaluation_limit
         Largest number of densities to evaluate; beyond it the result has `converged` False.
+
+    Returns
+    -------
+    MassDistribution
+
     """
     probe = DensityProbe(density, half_edge, evaluation_limit)
     depths = [0.0, thickness / inscribed_radius(half_edge)]
@@ -87,9 +92,10 @@ def integrate_density(
     cells = _Cells(probe, np.array(depths), tolerance)
     while True:
         result = cells.result(half_edge)
-        # Far from symmetric is far from symmetric, however inexact the rest.
-        hopeless = result.asymmetry > max(SYMMETRY_TOLERANCE, 100.0 * result.relative_error)
-        if result.converged or hopeless or probe.exhausted or not cells.refine():
+        # Stop early if the asymmetry is far above the error.
+        clearly_asymmetric = result.asymmetry > max(
+            SYMMETRY_TOLERANCE, 100.0 * result.relative_error)
+        if result.converged or clearly_asymmetric or probe.exhausted or not cells.refine():
             return result
 
 
@@ -151,8 +157,8 @@ class _Cells:
             'qm,kqmc->kqc', self._fine_weights.reshape(4, -1),
             inner.reshape(areas.size, 4, -1, 10))
         moments = quarters.sum(axis=1)
-        # A value on the boundary counts as a surprise only so far as the values inside lie
-        # better on a polynomial: otherwise the comparison of the two rules tells the error.
+        # A value on the boundary counts only to the extent that the values inside fit a polynomial
+        # better: otherwise the comparison of the two rules gives the error.
         fitted = np.einsum('bm,kmc->kbc', self._extrapolation, inner)
         misfit = np.abs(fitted[:, :fine] - inner).max(axis=1)
         surprise = np.abs(fitted[:, fine:] - values[:, fine:]).max(axis=1) - 20.0 * misfit
@@ -163,7 +169,7 @@ class _Cells:
         return _Leaves(corners, areas, moments, quarters, errors)
 
     def refine(self) -> bool:
-        """Quarter the worst leaves; False when none is left that refining could better."""
+        """Quarter the worst leaves; return False if no refinement would reduce the error."""
         leaves = self._leaves
         errors = (leaves.errors / self._scales()).max(axis=1)
         nodes = self._fine_nodes.shape[0] + self._boundary_nodes.shape[0]
@@ -194,7 +200,7 @@ class _Cells:
         offset = float(np.abs(total[1:4] / scales[0]).max())
         principal = np.linalg.eigvalsh(inertia)
         asymmetry = max(offset, float((principal[2] - principal[0]) / scales[4]))
-        # An asymmetry smaller than the error may be nothing but error: look more closely.
+        # An asymmetry smaller than the error may be due to the error alone: refine further.
         certain = asymmetry <= SYMMETRY_TOLERANCE or asymmetry > error
         a = half_edge
         return MassDistribution(
@@ -207,7 +213,7 @@ class _Cells:
             evaluation_count=self._probe.count)
 
     def _scales(self) -> np.ndarray:
-        """Return what the error of each moment is relative to: the mass, or the mean inertia."""
+        """Return the scale of the error of each moment: the mass, or the mean inertia."""
         total = self._leaves.moments.sum(axis=0)
         tiny = np.finfo(float).tiny
         mass = max(float(total[0]), tiny)
@@ -253,7 +259,7 @@ class _Cells:
             difference = np.abs(radial[:, -1] - radial[row, self._stand_in[spots]])
             if difference.max() <= _EQUAL_IMAGE_RATIO * self._largest_integral():
                 return radial[:, self._stand_in], errors[:, self._stand_in]
-            # The images differ after all. What was taken for equal so far was found equal.
+            # The images differ on this ray. They were equal on all earlier ones.
             self._chosen = self._stand_in = np.arange(120)
         radial, errors = self._integrate(ends)
         if not self._grouped:
@@ -305,7 +311,7 @@ def _symmetric_images() -> np.ndarray:
 
 
 def _quarters(corners: np.ndarray) -> np.ndarray:
-    """Return the four halves-sized triangles of each triangle, (k, 4, 3, 2)."""
+    """Return the four half-size triangles of each triangle, (k, 4, 3, 2)."""
     p, q, r = np.moveaxis(corners, 1, 0)
     pq, qr, rp = (p + q) / 2.0, (q + r) / 2.0, (r + p) / 2.0
     return np.stack([
@@ -314,7 +320,7 @@ def _quarters(corners: np.ndarray) -> np.ndarray:
 
 
 def _map_nodes(corners: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Carry nodes of the unit triangle, (m, 2), to each triangle, (k, m, 2)."""
+    """Map nodes of the unit triangle, (m, 2), to each triangle, (k, m, 2)."""
     origin = corners[:, :1]
     return origin + np.einsum('mc,kci->kmi', nodes, corners[:, 1:] - origin)
 

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Integrals of a density along rays from the centre, between the jumps that it may have.
+Integrals of a density along rays from the centre, split at its discontinuities.
 
 A point of a ray is x = (1 - s) y, where y lies on the outer surface and s is the depth as a
-share of the way to the centre: lambda1 of eq 34 is 1 - s. Depth keeps full precision for thin
-shells. Intervals are halved where the rule and its two halves disagree; every second time the
-cut is put at the steepest place instead, found by bisection to rounding, so that a jump falls
-between two intervals.
+fraction of the distance to the centre: lambda1 of eq 34 is 1 - s. Depth keeps full precision for
+thin shells. Intervals are halved where the rule and its two halves disagree. At every second
+level the interval is split at its steepest point instead, found by bisection to machine
+precision, so that a jump falls between two intervals.
 """
 
 from typing import Callable, Final
@@ -16,10 +16,10 @@ import numpy as np
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _NODES, _WEIGHTS = (1.0 + _NODES) / 2.0, _WEIGHTS / 2.0
-# Samples this far inside the ends of an interval, in shares of it, catch a jump that lies
+# Samples this far inside the ends of an interval, relative to its length, catch a jump that lies
 # between an end and the first node.
 _INSET: Final = 1e-6
-# Weights that carry the values at the nodes to the two ends.
+# Weights that extrapolate the values at the nodes to the two ends.
 _TO_ENDS: Final = np.linalg.solve(
     np.vander(_NODES, increasing=True).T,
     np.vander([_INSET, 1.0 - _INSET], _NODES.size, increasing=True).T).T
@@ -30,7 +30,7 @@ _POINTS_PER_CALL: Final = 200_000
 
 
 class DensityProbe:
-    """The user's density, checked, counted; keeps the largest value and whether it may jump."""
+    """The user's density with checks, a count, the largest value and a note of jumps."""
 
     def __init__(
             self, density: Callable[[np.ndarray], np.ndarray], half_edge: float,
@@ -88,8 +88,8 @@ def integrate_rays(
     ends
         Where the rays meet the outer surface, in units of a, (r, 3).
     depths
-        Increasing; the integrals run from the first to the last, and the density may be
-        expected to jump at those between.
+        Increasing; the integrals run from the first to the last. Discontinuities are expected
+        at the interior depths.
     tolerance
         Largest error due to a jump next to an end, relative to the largest possible integral.
     panels

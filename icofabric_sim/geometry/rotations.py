@@ -9,7 +9,9 @@ import numpy as np
 
 def cosines_from_quaternions(orientation: np.ndarray) -> np.ndarray:
     """
-    Direction cosines (n, 3, 3): row i is body axis i in world components; orientation (n, 4).
+    Return direction cosines (n, 3, 3): row i is body axis i in world components.
+
+    `orientation` is (n, 4), x y z w.
     """
     x, y, z, w = orientation.T
     return np.stack(
@@ -24,10 +26,10 @@ def cosines_from_quaternions(orientation: np.ndarray) -> np.ndarray:
 
 def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
     """
-    Unit quaternions (n, 4) with w >= 0 of direction cosines (n, 3, 3).
+    Return unit quaternions (n, 4) with w >= 0 of direction cosines (n, 3, 3).
 
-    The largest of the four components is found first (Shepperd 1978, J. Guid. Control 1, 223),
-    so none is lost.
+    The largest of the four components is computed first (Shepperd 1978, J. Guid. Control 1, 223),
+    to avoid loss of precision.
     """
     m = np.swapaxes(cosines, -1, -2)  # body to world
     trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
@@ -57,9 +59,10 @@ def quaternions_from_cosines(cosines: np.ndarray) -> np.ndarray:
 
 def unit_quaternions(orientation: np.ndarray) -> np.ndarray:
     """
-    Quaternions (n, 4) of unit length: those that are to 4e-16 keep their bits.
+    Return quaternions (n, 4) of unit length.
 
-    What is not finite, or zero, stays.
+    Quaternions already of unit length to 4e-16 are returned unchanged, as are zero and non-finite
+    ones.
     """
     with np.errstate(all='ignore'):
         length = np.linalg.norm(orientation, axis=1, keepdims=True)
@@ -67,9 +70,9 @@ def unit_quaternions(orientation: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(off, orientation / length, orientation))
 
 
-def turned_since(orientation: np.ndarray, before: np.ndarray) -> np.ndarray:
+def relative_rotation(orientation: np.ndarray, before: np.ndarray) -> np.ndarray:
     """
-    Quaternions x, y, z, w of the rotations (n, 4) that take the orientations `before` to these.
+    Return quaternions x y z w, (n, 4), of the rotations from `before` to `orientation`.
     """
     x1, y1, z1, w1 = orientation.T
     x2, y2, z2, w2 = before.T
@@ -78,9 +81,9 @@ def turned_since(orientation: np.ndarray, before: np.ndarray) -> np.ndarray:
         z1 * w2 - w1 * z2 - x1 * y2 + y1 * x2, w1 * w2 + x1 * x2 + y1 * y2 + z1 * z2], axis=-1)
 
 
-def turned_by(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
+def rotate_quaternions(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     """
-    Quaternions x, y, z, w (n, 4) turned each by its rotation vector (n, 3) [rad], world axes.
+    Rotate quaternions x y z w, (n, 4), by rotation vectors (n, 3) [rad] in the world frame.
     """
     angle = np.linalg.norm(rotation, axis=1, keepdims=True)
     vector = 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation
@@ -92,8 +95,8 @@ def turned_by(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
 
-def turned_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Body axes (n, 3, 3), as rows, turned by rotation vectors (n, 3) [rad], world frame."""
+def rotate_axes(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Rotate body axes (n, 3, 3), as rows, by rotation vectors (n, 3) [rad] in the world frame."""
     angle = np.linalg.norm(rotation, axis=1)[:, None, None]
     cross = np.zeros_like(axes)
     cross[:, 0, 1], cross[:, 0, 2] = -rotation[:, 2], rotation[:, 1]

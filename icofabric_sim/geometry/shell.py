@@ -25,8 +25,8 @@ VOLUME_FACTOR: Final = 10.0 * (1.0 + math.sqrt(5.0) / 3.0)
 # eq 44: Lambda = 4 (7/3 + sqrt(5)) rho (a^5 - b^5).
 INERTIA_FACTOR: Final = 4.0 * (7.0 / 3.0 + math.sqrt(5.0))
 
-# How far a layer may lie beyond the faces: rounding of a file.
-_WITHIN: Final = 1e-9
+# Relative distance by which a layer may lie beyond the faces: round-off of numbers in a file.
+_DISTANCE_TOLERANCE: Final = 1e-9
 _UNITS: Final = {
     'half_edge': 'm', 'inner_half_edge': 'm', 'thickness': 'm', 'volume': 'm^3',
     'density': 'kg/m^3', 'mass': 'kg', 'inertia': 'kg m^2'}
@@ -34,7 +34,7 @@ _UNITS: Final = {
 
 @dataclass(frozen=True)
 class Shell:
-    """One shell; all shells of a fabric are alike. Made by the `from_...` constructors."""
+    """A shell. The `from_...` constructors make it from lengths and a density."""
 
     half_edge: float          # a [m]: half the outer edge
     inner_half_edge: float    # b [m]: half the inner edge, 0 < b < a
@@ -69,10 +69,10 @@ class Shell:
         density
             rho [kg/m^3].
         mass
-            [kg]. None or 0: from the geometry. Else the inertia scales with it, as if bracing
-            were distributed like the shell.
+            [kg]. None or 0: from the geometry. Otherwise the mass replaces the computed one, and
+            the inertia is scaled in proportion.
         inertia
-            [kg m^2]. None or 0: as above. Else it overrides.
+            [kg m^2]. None or 0: as above. Otherwise the inertia replaces the computed one.
 
         Returns
         -------
@@ -129,20 +129,31 @@ class Shell:
         Make a shell of layers that are parallel to its faces.
 
         Eqs 42 and 44 with a density that changes from icosahedron to icosahedron about the centre.
-        Between two distances it is linear, and nothing is nearer than the first or farther than
-        the last. `thickness` is that of the shell as its surfaces are seen: layers may lie within
-        its hollow, too.
+        The density is linear between the given distances and zero outside them. `thickness` is
+        the distance between the outer and inner surface in pictures; layers may also lie inside
+        the inner surface.
 
         Parameters
         ----------
         edge_length, thickness
             2a and T [m].
         distance
-            Of the faces of a layer from the centre [m], (m,), rising, up to those of the shell.
+            Distances of the layer faces from the centre [m], (m,), increasing, at most that of
+            the outer faces.
         density
-            There [kg/m^3], (m,), not below 0.
+            Density at these distances [kg/m^3], (m,), not below 0.
         mass, inertia
-            As of `from_thickness`.
+            [kg] and [kg m^2], as in `from_thickness`.
+
+        Returns
+        -------
+        Shell
+
+        Raises
+        ------
+        ValueError
+            A length, distance, density, mass or inertia is out of its range.
+
         """
         half_edge = _half('shell.edge_length', edge_length)
         inner = inner_half_edge(half_edge, thickness)
@@ -150,8 +161,9 @@ class Shell:
         farthest = maximum_thickness(half_edge)
         if len(d) < 2 or d[0] < 0.0 or (np.diff(d) <= 0.0).any():
             raise ValueError(
-                f'distance must be at least two numbers that rise, from 0 m on, got {d.tolist()}')
-        if not d[-1] <= farthest * (1.0 + _WITHIN):
+                'distance must be at least two strictly increasing numbers, the first not below '
+                f'0 m, got {d.tolist()}')
+        if not d[-1] <= farthest * (1.0 + _DISTANCE_TOLERANCE):
             raise ValueError(
                 f'distance must not be beyond the faces of the shell, {farthest!r} m from the '
                 f'centre, got {float(d[-1])!r} m')
@@ -200,11 +212,21 @@ class Shell:
         include_interior
             The density also counts inside the inner surface: bracing, a ball in the hollow.
         tolerance
-            Required relative accuracy of mass and inertia. A smooth density, and one that jumps
-            on spheres or icosahedra about the centre, comes out far better. `relative_error`
-            keeps the estimate reached.
+            Required relative accuracy of mass and inertia. A smooth density, or one that jumps
+            on spheres or icosahedra about the centre, is far more accurate. `relative_error`
+            holds the estimate reached.
         evaluation_limit
             Largest number of densities to evaluate before ValueError is raised.
+
+        Returns
+        -------
+        Shell
+
+        Raises
+        ------
+        ValueError
+            The density is not symmetric enough, or its integral does not converge.
+
         """
         half_edge = _half('shell.edge_length', edge_length)
         inner = inner_half_edge(half_edge, thickness)
@@ -239,9 +261,10 @@ class Shell:
                 ('mass', chosen_mass, 'kg'), ('inertia', chosen_inertia, 'kg m^2')):
             if not 0.0 < value < math.inf:
                 raise ValueError(
-                    f'the {name} of the shell comes out as {value!r} {unit}, beyond what numbers '
-                    f'can hold, for shell.edge_length {2.0 * half_edge!r} m, thickness '
-                    f'{thickness!r} m and shell.density {density!r} kg/m^3; choose other ones')
+                    f'the {name} of the shell is {value!r} {unit}, outside the range of '
+                    f'floating-point numbers, for shell.edge_length {2.0 * half_edge!r} m, '
+                    f'thickness {thickness!r} m and shell.density {density!r} kg/m^3; choose '
+                    'other ones')
         return cls(
             half_edge, inner, thickness, volume, density, chosen_mass, chosen_inertia)
 
@@ -273,7 +296,7 @@ def inner_half_edge(half_edge: float, thickness: float) -> float:
     if not inner < half_edge:
         raise ValueError(
             f'shell.thickness must be a number in 0 < T < {limit!r} m, got {thickness!r} m, which '
-            f'vanishes in rounding beside shell.edge_length {2.0 * half_edge!r} m; give a '
+            f'is below round-off relative to shell.edge_length {2.0 * half_edge!r} m; give a '
             'thicker shell')
     return inner
 
@@ -312,8 +335,8 @@ def _check_distribution(found: MassDistribution, half_edge: float, tolerance: fl
                 'distribute the mass evenly')
         raise ValueError(
             f'the density function makes an inertia with {principal} ({known}); they must agree '
-            f'to {SYMMETRY_TOLERANCE:.0e}, since the model takes the inertia for isotropic: '
-            'distribute the mass alike along x, y and z')
+            f'to {SYMMETRY_TOLERANCE:.0e}, since from_density supports isotropic inertia '
+            'only: distribute the mass equally along x, y and z')
     if not found.relative_error <= tolerance:
         raise ValueError(
             f'the integral of the density function did not converge: mass {found.mass!r} kg with '
@@ -321,7 +344,7 @@ def _check_distribution(found: MassDistribution, half_edge: float, tolerance: fl
             'smooth the density, or give a larger tolerance or evaluation_limit')
     if not found.converged:
         raise ValueError(
-            'the integral of the density function is not accurate enough to tell whether the '
+            'the integral of the density function is not accurate enough to decide whether the '
             f'body is symmetric: {principal}, centre of mass {found.centre_of_mass.tolist()} m, '
             f'{known} after {found.evaluation_count} evaluations, needed '
             f'{SYMMETRY_TOLERANCE:.0e}; give a larger evaluation_limit, or a density that is '

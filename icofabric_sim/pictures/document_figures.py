@@ -22,7 +22,7 @@ from icofabric_sim.geometry.icosahedron import (
     TAU,
     vertices,
 )
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_quaternions
 from icofabric_sim.libraries import require_library
 from icofabric_sim.pictures.citation import cite
 from icofabric_sim.pictures.figure_style import save_figure
@@ -315,7 +315,7 @@ def draw_frustum(axes: Any, title: str) -> None:
 
 def body_axes() -> np.ndarray:
     """Return the axes of the body of Figure 2 as rows, in components of the primary frame."""
-    turned = turned_by(_BODY_ROTATION[None], np.array([[0.0, 0.0, 0.0, 1.0]]))
+    turned = rotate_quaternions(_BODY_ROTATION[None], np.array([[0.0, 0.0, 0.0, 1.0]]))
     return cosines_from_quaternions(turned)[0]
 
 

@@ -13,7 +13,7 @@ import math
 from pathlib import Path
 
 from icofabric_sim.bag import BagRecorder
-from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.geometry.rotations import rotate_quaternions
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, Outputs, POSES, Topic, WEAVE
 from icofabric_sim.parameters.named_files import append_files
 from icofabric_sim.parameters.text import dump_parameters
@@ -47,7 +47,7 @@ def displaced(rest: Snapshot, motion: np.ndarray) -> Snapshot:
     """Return the configuration moved by (n, 6) displacements [m] and rotation vectors [rad]."""
     return replace(
         rest, position=rest.position + motion[:, :3],
-        orientation=turned_by(motion[:, 3:], rest.orientation))
+        orientation=rotate_quaternions(motion[:, 3:], rest.orientation))
 
 
 def write_gif(

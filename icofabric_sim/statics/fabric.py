@@ -16,7 +16,7 @@ import math
 from typing import Any
 
 from icofabric_sim import checks
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_quaternions
 from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.fields import add_coulomb_product
@@ -338,7 +338,7 @@ class Configuration:
         """Return the configuration displaced and rotated by a vector (n, 6)."""
         return Configuration(
             self.fabric, self.position + motion[:, :3],
-            turned_by(motion[:, 3:], self.orientation))
+            rotate_quaternions(motion[:, 3:], self.orientation))
 
     @cached_property
     def snapshot(self) -> Snapshot:

@@ -22,7 +22,7 @@ contact- and friction-boundary value problem in the theory of elasticity, Ing.-A
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from icofabric_sim.geometry.rotations import turned_axes
+from icofabric_sim.geometry.rotations import rotate_axes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.friction_state import TANGENTIAL
 from icofabric_sim.simulation.contact.pair_forces import FIRST_TOUCH
@@ -143,7 +143,7 @@ class FrictionPath:
                 moved[copy, :, end, k] += sign * _DIFFERENCE_STEP * self.half_edge
             else:
                 rotation = np.broadcast_to(sign * _DIFFERENCE_STEP * _EYE[k - 3], (count, 3))
-                turned[copy, :, end] = turned_axes(rotation, turns[:, end])
+                turned[copy, :, end] = rotate_axes(rotation, turns[:, end])
         copies = replace(self)
         for name in _OF_PAIRS:
             setattr(copies, name, np.concatenate([getattr(self, name)] * 24))
@@ -216,7 +216,7 @@ class FrictionPath:
         mean = np.where(
             planes[:, None], np.einsum('pi,pi->p', turn[:, 0], self.normal)[:, None]
             * 0.5 * self.normal, 0.5 * (turn[:, 0] + turn[:, 1]))
-        kept[:, :3] = turned_axes(mean, np.repeat(kept[:, None, :3], 3, axis=1))[:, 0]
+        kept[:, :3] = rotate_axes(mean, np.repeat(kept[:, None, :3], 3, axis=1))[:, 0]
         old = {pair: row for row, pair in enumerate(map(tuple, self.pairs.tolist()))}
         for row, pair in enumerate(map(tuple, there.pairs.tolist())):
             if pair in old:

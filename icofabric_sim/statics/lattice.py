@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from icofabric_sim.checks import renamed_attributes
-from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.geometry.rotations import rotate_quaternions
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
@@ -119,7 +119,8 @@ def deformed_configuration(
     angle = 2.0 * np.arctan2(size, turn[3])
     vector = turn[:3] * (angle / size if size > 0.0 else 0.0)
     return Configuration(
-        fabric, place @ gradient.T, turned_by(np.tile(vector, (len(woven), 1)), woven.copy()))
+        fabric, place @ gradient.T,
+        rotate_quaternions(np.tile(vector, (len(woven), 1)), woven.copy()))
 
 
 def hessian_along(here: Configuration, motions: np.ndarray) -> np.ndarray:
@@ -213,7 +214,7 @@ def _moved(
 ) -> tuple[Configuration, np.ndarray, np.ndarray]:
     """Return the configuration after a fraction of a step, its deformation and rotation."""
     after = (np.eye(3) + part * _strain(step[:6])) @ gradient
-    turned = turned_by(part * step[None, 6:], turn[None])[0]
+    turned = rotate_quaternions(part * step[None, 6:], turn[None])[0]
     return lattice.at(after, turned), after, turned
 
 

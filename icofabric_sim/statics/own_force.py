@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 
-from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.geometry.rotations import rotate_quaternions
 from icofabric_sim.kernels.external import call_function
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import Layout
@@ -68,7 +68,7 @@ class OwnForce:
     ) -> float:
         """Integrate the work [J] along a `motion` (n, 6) by Simpson's rule."""
         first, middle, last = (
-            self.wrench(position + part * motion[:, :3], turned_by(
+            self.wrench(position + part * motion[:, :3], rotate_quaternions(
                 part * motion[:, 3:], orientation)) for part in (0.0, 0.5, 1.0))
         return float(((first + 4.0 * middle + last) * motion).sum()) / 6.0
 
@@ -85,7 +85,7 @@ class OwnForce:
                 motion = np.zeros_like(blocks[:, 0])
                 motion[:, k] = times * step
                 there = self.wrench(
-                    position + motion[:, :3], turned_by(motion[:, 3:], orientation))
+                    position + motion[:, :3], rotate_quaternions(motion[:, 3:], orientation))
                 blocks[:, :, k] -= weight / step * there
         # Turning the body also rotates the torque; half of that is symmetric.
         torque = self.wrench(position, orientation)[:, 3:]
@@ -136,7 +136,8 @@ class OwnForce:
         there = np.where(moved[:, None], position + _DIFFERENCES.step * self._half_edge, position)
         turned = np.where(
             moved[:, None],
-            turned_by(np.full_like(position, _DIFFERENCES.step), orientation), orientation)
+            rotate_quaternions(np.full_like(position, _DIFFERENCES.step), orientation),
+            orientation)
         if not self._alike(*(
                 self._at(self._time, *state)[~moved]
                 for state in ((position, orientation), (there, turned)))):

@@ -150,7 +150,7 @@ def test_normals_and_areas(a):
         faces.normals * ico.inscribed_radius(a), faces.centroids, atol=1e-14 * a)
     height = ico.vertices(a) @ faces.normals.T
     assert height.max() < ico.inscribed_radius(a) * (1 + 1e-14)
-    np.testing.assert_allclose(faces.first_form / a ** 2, [[4, 2, 4]] * 20, rtol=1e-14)
+    np.testing.assert_allclose(faces.first_fundamental_form / a ** 2, [[4, 2, 4]] * 20, rtol=1e-14)
     # An equilateral triangle of edge 2a has the area sqrt(3) a^2.
     np.testing.assert_allclose(faces.area_elements / 2, np.sqrt(3) * a ** 2, rtol=1e-14)
 

@@ -349,15 +349,17 @@ def test_chosen_steps_of_small_kinked_motion_drift_less_than_the_limit(method, l
     for pieces in (1, 5):
         simulation = ico.compile_scene(scene)
         rate, seen = simulation.status.largest_frequency, []
-        for start, end in ((0.0, 5e3), (5e3, 2e4)):
+        for start, end in ((0.0, 1e2), (1e2, 5e3), (5e3, 2e4)):
             for piece in range(1, pieces + 1):
                 simulation.advance_to((start + (end - start) * piece / pieces) / rate)
                 simulation.snapshot()
             status = simulation.status
             seen.append((status.step * status.largest_frequency, simulation.balance.worst))
         ends.append(simulation.snapshot())
-    (first, _), (last, worst) = seen
-    # The energy drifts; the more of it is lost the shorter are the steps.
+    (initial, _), (first, _), (last, worst) = seen
+    # The energy drifts, and steps become shorter than at the start. Those of `srkn8` vary by a
+    # tenth between measurements, so the last need not be the shortest.
     assert 1e-3 * limit < worst < 0.4 * limit, seen
-    assert last < first < METHODS[status.method_name].chosen, seen
+    assert max(first, last) < initial <= METHODS[status.method_name].chosen, seen
+    assert last < first or method == 'srkn8', seen
     assert same_state(*ends)

@@ -3,7 +3,7 @@
 """Second derivatives of contact in closed form: symmetry, differences, planes, stiff contacts."""
 
 import icofabric_sim as ico
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_axes
 from icofabric_sim.simulation.contact.pair_forces import PairForces, PAIRS
 from icofabric_sim.simulation.contact.setup import pack_contact
 import numpy as np
@@ -53,7 +53,7 @@ def by_differences(found, a, places, axes, which, step):
             else:
                 rotation = np.zeros((len(places), 3))
                 rotation[:, k - 3] = h
-                turned[:, 0] = turned_axes(rotation, turned[:, 0])
+                turned[:, 0] = rotate_axes(rotation, turned[:, 0])
             ends.append(found.wrenches(moved, turned, which)[0])
         columns.append((ends[1] - ends[0]) / (2.0 * step * (a if k < 3 else 1.0)))
     return np.stack(columns, axis=2)

@@ -178,18 +178,21 @@ def test_what_goes_slack_is_said_to_soon(size, ratio, angle):
     assert not slack.reason.startswith('the fabric goes')
 
 
-@pytest.mark.parametrize('variant, size, pairs', [
-    (2, [4, 5, 6], 80), pytest.param(0, [6, 6, 6], 100, marks=pytest.mark.long),
-    pytest.param(2, [6, 6, 6], 100, marks=pytest.mark.long)])
-def test_dense_slabs_whose_faces_meet_and_part_rest(variant, size, pairs):
+@pytest.mark.parametrize('length, variant, size, pairs', [
+    # At 0.88 this slab has an equilibrium without contact, too: round-off decides between them.
+    (0.88, 2, [4, 5, 6], 0), (0.84, 2, [4, 5, 6], 140),
+    pytest.param(0.88, 0, [6, 6, 6], 100, marks=pytest.mark.long),
+    pytest.param(0.88, 2, [6, 6, 6], 100, marks=pytest.mark.long)])
+def test_dense_slabs_whose_faces_meet_and_part_rest(length, variant, size, pairs):
     """Steps that know which shells will meet or part end where others go to and fro for ever."""
     woven = ico.Scene.from_parameters({
         'weave': {'size': size, 'variant': variant, 'connector_angle': -0.3}})
     tense = woven.with_changes({
-        'connector.natural_length': 0.88 * woven.geometry.connector_length})
+        'connector.natural_length': length * woven.geometry.connector_length})
     rest = ico.solve_equilibrium(tense)
     assert rest.converged and rest.residual < 1e-9 and rest.unstable_count == 0
-    assert len(rest.contact_state.pairs) > pairs and np.abs(rest.tension).max() > 1e-3
+    assert len(rest.contact_state.pairs) > pairs
+    assert not pairs or np.abs(rest.tension).max() > 1e-3
     # By forces that are found anew, in motion: nothing moves from there.
     simulation = ico.compile_scene(tense.with_changes({
         'contact.stiffness': rest.contact_state.stiffness}))

@@ -10,7 +10,7 @@ from pathlib import Path
 from fabrics import changed
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import vertices
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_axes
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_axes
 from icofabric_sim.scene.weave_geometry import geometry_from_angle, MINIMUM_ANGLE
 from icofabric_sim.statics.fabric import StaticFabric
 from icofabric_sim.statics.friction import FrictionPath, Relaxation
@@ -137,7 +137,7 @@ def test_forces_of_friction_are_the_gradient_of_their_energy():
     count, a = scene.body_count, scene.geometry.half_edge
     shift = 1e-4 * a * generator.standard_normal((count, 3))
     position = rest.position + shift
-    axes = turned_axes(
+    axes = rotate_axes(
         1e-3 * generator.standard_normal((count, 3)),
         cosines_from_quaternions(rest.orientation).reshape(-1, 3, 3))
     found = path.act(position, axes)
@@ -147,7 +147,7 @@ def test_forces_of_friction_are_the_gradient_of_their_energy():
         h = 1e-7
 
         def at(sign, dx=dx, turn=turn, h=h):
-            return position + sign * h * a * dx, turned_axes(sign * h * turn, axes)
+            return position + sign * h * a * dx, rotate_axes(sign * h * turn, axes)
 
         slope = (path.act(*at(1.0)).energy - path.act(*at(-1.0)).energy) / (2.0 * h)
         work = float((found.wrench[:, :3] * a * dx).sum() + (found.wrench[:, 3:] * turn).sum())
@@ -161,7 +161,7 @@ def test_forces_of_friction_are_the_gradient_of_their_energy():
         product[j] += both[6:]
     bend = float((product * motion).sum())
     h = 1e-6
-    energies = [path.act(position + s * h * a * dx, turned_axes(s * h * turn, axes)).energy
+    energies = [path.act(position + s * h * a * dx, rotate_axes(s * h * turn, axes)).energy
                 for s in (-1.0, 0.0, 1.0)]
     assert bend == pytest.approx(
         (energies[0] - 2.0 * energies[1] + energies[2]) / h**2, rel=2e-2)

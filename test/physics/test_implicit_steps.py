@@ -4,7 +4,7 @@
 
 from fabrics import BOTH_FORMS
 import icofabric_sim as ico
-from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.geometry.rotations import rotate_quaternions
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.velocity_matrix import VelocityMatrix
@@ -237,7 +237,7 @@ def test_the_matrix_knows_what_touches(form):
     rng = np.random.default_rng(1)
     shift, turn = (size * rng.normal(size=(scene.body_count, 3)) for size in (2e-4, 2e-2))
     position, orientation = (
-        scene.initial.position + shift, turned_by(turn, scene.initial.orientation))
+        scene.initial.position + shift, rotate_quaternions(turn, scene.initial.orientation))
     packed, g = pack_scene(scene, cosines=form == 'direction_cosines'), 1e-3
     held = np.zeros((scene.body_count, 6), bool)
     held[0] = True

@@ -8,7 +8,7 @@ import json
 from fabrics import changed, make_scene
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_by
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_quaternions
 from icofabric_sim.simulation.contact.pair_forces import PAIRS
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.statics.contacts import StaticContacts
@@ -63,7 +63,7 @@ def cell_energy(scene, gradient, vector):
     cell = make_cell(scene)
     piece, body = cell.scene, cell.body
     place = (piece.position - piece.position[body]) @ gradient.T
-    turned = turned_by(np.tile(vector, (piece.body_count, 1)), piece.orientation.copy())
+    turned = rotate_quaternions(np.tile(vector, (piece.body_count, 1)), piece.orientation.copy())
     axes = cosines_from_quaternions(turned)
     ahead = (piece.position - piece.position[body]) @ [1.0, np.pi, np.e**3] > 0.0
     energy, rest = 0.0, float(scene.parameters['connector.natural_length'])
@@ -101,7 +101,7 @@ def slip_energy(scene, rest, gradient, vector):
     for (_, other), normal, radius, push in zip(met.pairs, met.normal, met.radius, met.push):
         assert push > 0.0
         middle = 0.5 * rest.gradient @ lattice[other]
-        turned = turned_by(vector[None], np.array([[0.0, 0.0, 0.0, 1.0]]))
+        turned = rotate_quaternions(vector[None], np.array([[0.0, 0.0, 0.0, 1.0]]))
         turn = cosines_from_quaternions(turned)[0].T
         # Both bodies turn alike, so nothing turns about the normal.
         own, next_ = turn @ middle, gradient @ lattice[other] - turn @ middle

@@ -6,7 +6,7 @@ import math
 
 from fabrics import snapshot_of
 import icofabric_sim as ico
-from icofabric_sim.geometry.rotations import turned_by
+from icofabric_sim.geometry.rotations import rotate_quaternions
 from icofabric_sim.messages import decode_float64_multi_array
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.simulation.reports.load_cells import tensions_of
@@ -180,7 +180,7 @@ def test_the_tension_of_a_damped_connector_around_a_shell_is_not_known():
     assert np.isfinite(tensions_of(scene, woven)).all()
     turn = np.zeros_like(position)
     turn[::3, 2] = 1.5  # rad
-    wound = snapshot_of(scene, position, turned_by(turn, orientation))
+    wound = snapshot_of(scene, position, rotate_quaternions(turn, orientation))
     around = wound.obstructed != 0
     assert around.any() and not around.all()
     assert (np.isnan(tensions_of(scene, wound)) == around).all()

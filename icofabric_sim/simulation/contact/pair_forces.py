@@ -9,7 +9,7 @@ For searches of rest and for implicit steps, which need both in configurations o
 from collections.abc import Sequence
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
-from icofabric_sim.geometry.rotations import turned_axes
+from icofabric_sim.geometry.rotations import rotate_axes
 from icofabric_sim.kernels.contact.many import (
     separations_on,
     signed_distances,
@@ -157,7 +157,7 @@ class PairForces:
                 else:
                     rotation = np.zeros((len(places), 3))
                     rotation[:, k - 3] = sign * step[:, 0]
-                    turned[:, 0] = turned_axes(rotation, turned[:, 0])
+                    turned[:, 0] = rotate_axes(rotation, turned[:, 0])
                 sides.append(self.wrenches(moved, turned, which, edges)[0])
             part[:, :, k] = (sides[1] - sides[0]) / (
                 2.0 * step * (a if k < 3 else 1.0))

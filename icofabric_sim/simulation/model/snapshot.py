@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from icofabric_sim.checks import counted, renamed_attributes
-from icofabric_sim.geometry.rotations import cosines_from_quaternions, turned_since
+from icofabric_sim.geometry.rotations import cosines_from_quaternions, relative_rotation
 from icofabric_sim.kernels.fields import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
@@ -271,7 +271,7 @@ class Snapshot(AsTable):
             moments, ends = self.packed.moments, self.connector_ends
             orientation = self._frozen()[1]
             if moments.woven is not None:
-                orientation = turned_since(orientation, moments.woven)
+                orientation = relative_rotation(orientation, moments.woven)
             if self.broken_since is not None:
                 whole, ends = np.flatnonzero(self.intact), ends[self.intact]
                 moments = moments._replace(**{
