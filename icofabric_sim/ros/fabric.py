@@ -38,6 +38,7 @@ from icofabric_sim.running.diagnostics import (
     RECORDER_LAG,
     WRENCHES_DROPPED,
 )
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.recording import BagSink, summarise_run
 from icofabric_sim.running.run_records import Status
 from icofabric_sim.running.runner import Runner
@@ -206,12 +207,12 @@ class FabricNode(AnsweringNode):
             if name not in parameters and not is_foreign(name):
                 self.undeclare_parameter(name)
 
-    def _changed(self, parameters: Parameters, scene: Scene | None) -> None:
-        self._declare(parameters)
+    def _changed(self, change: ParameterChange) -> None:
+        self._declare(change.after)
         self._faults.pop('rejected change', None)
         # The service that requested the change waits for this future, see parameter_service.py.
-        self.build = Future()
-        self.runner.change(parameters, scene, self.build)
+        self.build = change.outcome
+        self.runner.apply_change(change)
 
     def _rebuilt(self, wanted: Parameters, reason: str) -> None:
         self.answers.hand_over(lambda: self._apply_outcome(wanted, reason))

@@ -4,11 +4,12 @@
 
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
 from icofabric_sim.checks import shown
-from icofabric_sim.parameters.changes import changed_names, rebuilds, require_changeable
+from icofabric_sim.parameters.changes import require_changeable
 from icofabric_sim.parameters.rcl_scalars import resolve_scalar
 from icofabric_sim.parameters.table import Change, FAMILIES, Specification
 from icofabric_sim.parameters.validation import (
@@ -18,6 +19,7 @@ from icofabric_sim.parameters.validation import (
     Parameters,
     validate_value,
 )
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.rate_limited_log import shortened
 from icofabric_sim.scene.scene import check_parameters, estimate_bodies, Scene
 from rcl_interfaces.msg import (
@@ -109,16 +111,15 @@ class ParameterGate:
     def __init__(
         self,
         parameters: Parameters,
-        on_change: Callable[[Parameters, Scene | None], None],
+        on_change: Callable[[ParameterChange], None],
         limit: Callable[[], float],
         held: Callable[[str], Any] = lambda name: None,
     ) -> None:
         """
-        Start from `parameters`; `on_change` is called with every accepted set.
+        Start from `parameters`; `on_change` is called with every accepted change.
 
-        The callback also receives the scene if validation has built one. `limit` returns the
-        stability limit [s] of the running fabric, `held` the values of parameters that ROS
-        declares.
+        `limit` returns the stability limit [s] of the running fabric, `held` the values of
+        parameters that ROS declares.
         """
         self.accepted = parameters
         self._on_change = on_change
@@ -130,20 +131,20 @@ class ParameterGate:
         """Validate `wanted` as one change; if valid, `store` it in the node and pass it on."""
         wanted = list(wanted)
         try:
-            changed, scene, stored = self._judge(wanted)
+            change, stored = self._judge(wanted)
         except Exception as error:  # no request may end the executor
             return _refusal(wanted, str(error) or type(error).__name__)
         result = store(stored)
         if not result.successful:
             return _refusal(wanted, result.reason)
-        if changed is not None:
-            self.accepted = changed
-            self._on_change(changed, scene)
+        if change is not None:
+            self.accepted = change.after
+            self._on_change(change)
         return result
 
     def _judge(
         self, wanted: list[Parameter]
-    ) -> tuple[Parameters | None, Scene | None, list[Parameter]]:
+    ) -> tuple[ParameterChange | None, list[Parameter]]:
         given: dict[str, Any] = dict(self.accepted.given())
         stored, touched, earlier = [], False, set()
         for parameter in wanted:
@@ -182,10 +183,9 @@ class ParameterGate:
             touched = True
             earlier.add(name)
         if not touched:
-            return None, None, stored
+            return None, stored
         self._check_size(wanted, given)
-        changed = make_parameters(given)
-        return changed, self._checked_scene(changed), stored
+        return self._checked(make_parameters(given)), stored
 
     def _check_size(self, wanted: list[Parameter], given: Mapping[str, Any]) -> None:
         """Reject a change that would take long to validate, now or with each later change."""
@@ -204,20 +204,19 @@ class ParameterGate:
                     name, f'{name}: the scene would have {have} {what}; at most {most} can be set '
                     'while the node runs; a file may hold more')
 
-    def _checked_scene(self, changed: Parameters) -> Scene | None:
-        """Reject a scene that cannot be built; return the scene if building it is quick."""
+    def _checked(self, changed: Parameters) -> ParameterChange:
+        """Reject a scene that cannot be built; return the change, with a small scene."""
         check_parameters(changed)
-        names = changed_names(self.accepted, changed)
-        step = changed['solver.step']
-        if names == {'solver.step'} and not step <= self._limit():
+        change, step = ParameterChange(self.accepted, changed), changed['solver.step']
+        if change.names == {'solver.step'} and not step <= self._limit():
             raise ParameterError(
                 'solver.step',
                 f'solver.step {step!r} s is beyond the stability limit {self._limit():.6g} s of '
                 'the running fabric; choose a smaller step, or 0 for the automatic one',
             )
-        if not rebuilds(self.accepted, changed) or estimate_bodies(changed) > _MAX_QUICK_BODIES:
-            return None
-        return Scene.from_parameters(changed)
+        if not change.rebuilds or estimate_bodies(changed) > _MAX_QUICK_BODIES:
+            return change
+        return replace(change, scene=Scene.from_parameters(changed))
 
 
 def restore_type(value: Any, default: Any) -> Any:

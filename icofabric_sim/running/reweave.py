@@ -11,6 +11,7 @@ others end and are reported by name.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 import threading
 import time
 from typing import NamedTuple, TYPE_CHECKING
@@ -20,6 +21,7 @@ from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.parameters.changes import rebuilds, with_immediate_changes
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.process.compile_notice import KernelsMissing
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.inputs.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
@@ -45,16 +47,8 @@ def lost_wrenches(before: Simulation, scene: Scene) -> list[str]:
         if not has_target(scene, target)]
 
 
-class _Request(NamedTuple):
-    """Requested change with all changes accepted before."""
-
-    parameters: Parameters
-    scene: Scene | None  # of these parameters, if already built
-    number: int
-
-
 class _Built(NamedTuple):
-    wish: _Request
+    change: ParameterChange
     simulation: Simulation
     outputs: Outputs | None  # its message layouts
 
@@ -70,7 +64,8 @@ class Reweaver:
     def __init__(
         self,
         post: Callable[[Callable[[], None]], object],
-        on_ready: Callable[[Parameters, Simulation | None, str, int], None],
+        on_ready: Callable[
+            [Parameters, Simulation | None, str, list[ParameterChange]], None],
         body_force: BodyForce | None = None,
         ranks: 'Ranks | None' = None,
         is_touching: Callable[[], bool] = lambda: False,
@@ -80,8 +75,8 @@ class Reweaver:
         Return results by `post`, which runs `on_ready` in the runner's thread.
 
         The result is the simulation, or None and the reason, after the requested parameters: their
-        output rates may be newer than those in the built scene. It includes the number of the last
-        request answered; a rejection may follow a successful build. `body_force` is kept, and
+        output rates may be newer than those in the built scene. The changes that it answers are
+        passed too; a rejection may follow a successful build. `body_force` is kept, and
         `ranks` share the steps of the new fabric. If shells of the running fabric are in contact
         (`is_touching`), those of the new fabric may be from its first step. `has_time`: the run
         has spare time.
@@ -90,42 +85,39 @@ class Reweaver:
         self._on_ready = on_ready
         self._body_force, self._ranks, self._is_touching = body_force, ranks, is_touching
         self._number = 0
-        # The latest request; the requests not built yet; the last one built, and the reason why a
-        # newer one was not.
-        self._newest: _Request | None = None
-        self._open: list[_Request] = []
+        # The latest request; the requests not built yet, and those not answered yet; the last one
+        # built, and the reason why a newer one was not.
+        self._newest: ParameterChange | None = None
+        self._open: list[ParameterChange] = []
+        self._unanswered: list[ParameterChange] = []
         self._built: _Built | None = None
         self._reason = ''
         self.outputs: Outputs | None = None  # messages of the last build
         self._free_at = 0.0  # earliest time of the next build
 
-    def want(self, parameters: Parameters, scene: Scene | None = None) -> int:
-        """
-        Build the simulation of `parameters`, from their `scene` if it exists.
-
-        Call from the runner's thread. Returns the number of the request.
-        """
+    def want(self, change: ParameterChange) -> None:
+        """Build the simulation of a change; call from the runner's thread."""
         idle = self._newest is None
         self._number += 1
-        self._newest = _Request(parameters, scene, self._number)
+        self._newest = replace(change, number=self._number)
         self._open.append(self._newest)
+        self._unanswered.append(self._newest)
         if idle:
             self._build(self._free_at - time.monotonic())
-        return self._number
 
     @property
     def wanted(self) -> Parameters | None:
         """
         Return the parameters being built, with all changes accepted meanwhile; None while idle.
         """
-        return None if self._newest is None else self._newest.parameters
+        return None if self._newest is None else self._newest.after
 
     def amend(self, parameters: Parameters) -> None:
         """Apply a change of output rates to a pending build, which need not restart for it."""
         if self._newest is None:
             return
-        before, self._newest = self._newest, self._newest._replace(
-            parameters=parameters, scene=None)
+        before, self._newest = self._newest, replace(
+            self._newest, after=parameters, scene=None)
         if self._open and self._open[-1] is before:
             self._open[-1] = self._newest
 
@@ -134,16 +126,16 @@ class Reweaver:
         now = self._open[-1]
 
         def build() -> None:
-            wish = now
+            change = now
             simulation: Simulation | None = None
             outputs: Outputs | None = None
             if delay > 0.0:
                 time.sleep(delay)
-                wish = self._open[-1]
+                change = self._open[-1]
             reason, began = '', time.thread_time()
             try:
                 simulation = self._compiled(
-                    wish.scene or Scene.from_parameters(wish.parameters))
+                    change.scene or Scene.from_parameters(change.after))
                 # Here, not in the thread of the run, because it is the longest part of a swap.
                 outputs = Outputs(simulation.scene)
                 outputs.weave(simulation.scene.parameters)
@@ -155,7 +147,7 @@ class Reweaver:
             share, longest = _PAUSE if self._has_time() else _BUSY_PAUSE
             self._free_at = time.monotonic() + min(
                 share * (time.thread_time() - began), longest)
-            self._post(lambda: self._finish(wish, simulation, reason, outputs))
+            self._post(lambda: self._finish(change, simulation, reason, outputs))
 
         threading.Thread(target=build, name='weave', daemon=True).start()
 
@@ -180,28 +172,36 @@ class Reweaver:
         return make()
 
     def _finish(
-        self, wish: _Request, simulation: Simulation | None, reason: str, outputs: Outputs | None
+        self, change: ParameterChange, simulation: Simulation | None, reason: str,
+        outputs: Outputs | None
     ) -> None:
         if simulation is None:
             self._reason = reason
-            self._open = [other for other in self._open if other.number != wish.number]
+            self._open = [other for other in self._open if other.number != change.number]
         else:
-            self._built = _Built(wish, simulation, outputs)
-            self._open = [other for other in self._open if other.number > wish.number]
+            self._built = _Built(change, simulation, outputs)
+            self._open = [other for other in self._open if other.number > change.number]
         if self._open and (self._built is None or rebuilds(
-                self._built.wish.parameters, self._open[-1].parameters)):
+                self._built.change.after, self._open[-1].after)):
             # At once, so that a moving slider does not hide all of its changes.
             self._build()
             return
         newest, built, reason = self._newest, self._built, self._reason
         assert newest is not None
         self._newest, self._open, self._built, self._reason = None, [], None, ''
-        is_whole = built is not None and not rebuilds(built.wish.parameters, newest.parameters)
+        is_whole = built is not None and not rebuilds(built.change.after, newest.after)
         if built is not None:
             self.outputs = built.outputs
-            wanted = newest.parameters if is_whole else with_immediate_changes(
-                built.wish.parameters, newest.parameters)
-            self._on_ready(
-                wanted, built.simulation, '', newest.number if is_whole else built.wish.number)
+            wanted = newest.after if is_whole else with_immediate_changes(
+                built.change.after, newest.after)
+            last = newest if is_whole else built.change
+            self._on_ready(wanted, built.simulation, '', self._answered(last))
         if not is_whole:
-            self._on_ready(newest.parameters, None, reason, newest.number)
+            self._on_ready(newest.after, None, reason, self._answered(newest))
+
+    def _answered(self, last: ParameterChange) -> list[ParameterChange]:
+        """Remove and return the changes up to `last` that are not answered yet."""
+        answered = [change for change in self._unanswered if change.number <= last.number]
+        self._unanswered = [
+            change for change in self._unanswered if change.number > last.number]
+        return answered

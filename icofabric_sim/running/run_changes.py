@@ -25,6 +25,7 @@ from icofabric_sim.parameters.changes import (
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast
 from icofabric_sim.running.equilibrium_solve import EquilibriumSolve
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.rate_limited_log import RateLimitedLog
 from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
@@ -33,7 +34,6 @@ from icofabric_sim.running.run_events import do_event, is_jump, replace_simulati
 from icofabric_sim.running.run_records import is_initial, Status
 from icofabric_sim.running.run_state import RunState
 from icofabric_sim.running.time_advance import TimeAdvance
-from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.inputs.input_types import has_target
 from icofabric_sim.simulation.simulation import Simulation
@@ -74,8 +74,6 @@ class RunChanges:
         # A slider sends fifty changes a second.
         self._log = RateLimitedLog(_LOGGER.info)
         self.equilibrium = EquilibriumSolve(state, time, broadcast, post)
-        # Futures of callers that wait for a build, by the number of the request.
-        self._builds: 'list[tuple[int, Future[str]]]' = []
 
     @property
     def wanted(self) -> Parameters | None:
@@ -192,27 +190,21 @@ class RunChanges:
             self._broadcast.event(state.now, 'record', on=True)
         return ', '.join(said)
 
-    def change(
-        self, parameters: Parameters, scene: Scene | None, built: 'Future[str]'
-    ) -> None:
-        """
-        Set other parameters, with their `scene` if the caller has built it.
-
-        `built` receives '' once they are in force, or the reason why they cannot be.
-        """
+    def change(self, change: ParameterChange) -> None:
+        """Set other parameters, at once or after a build."""
         state = self._state
-        before = self._reweaver.wanted or state.parameters
-        require_changeable(changed_names(before, parameters))
+        change = change.compared_with(self._reweaver.wanted or state.parameters)
+        require_changeable(change.names)
         # Output rates, real-time factor and duration change at once, also during a build.
-        rates = with_immediate_changes(state.parameters, parameters)
+        rates = with_immediate_changes(state.parameters, change.after)
         if rates is not state.parameters:
             self._take_rates(rates)
             self._broadcast.describe(state.now)
-        if rebuilds(before, parameters):
-            self._builds.append((self._reweaver.want(parameters, scene), built))
+        if change.rebuilds:
+            self._reweaver.want(change)
         else:
-            self._reweaver.amend(parameters)
-            built.set_result('')
+            self._reweaver.amend(change.after)
+            change.outcome.set_result('')
 
     def _write(
         self, checkpoint: 'Checkpoint', path: Path, time: int, saved: 'Future[Any]'
@@ -233,21 +225,18 @@ class RunChanges:
         self._real_time.set_target(parameters['real_time_factor'], self._state.now)
 
     def _swap(
-        self, wanted: Parameters, simulation: Simulation | None, reason: str, number: int
+        self, wanted: Parameters, simulation: Simulation | None, reason: str,
+        answered: list[ParameterChange]
     ) -> None:
-        """
-        Swap in another simulation, or report the error, to all callers waiting up to `number`.
-        """
-        builds = [built for wish, built in self._builds if wish <= number]
-        self._builds = [waits for waits in self._builds if waits[0] > number]
+        """Swap in another simulation, or report the error, as the outcome of `answered`."""
         try:
             reason = self._taken(wanted, simulation, reason)
         except BaseException as error:
             reason = str(error)
             raise
         finally:
-            for built in builds:
-                built.set_result(reason)
+            for change in answered:
+                change.outcome.set_result(reason)
 
     def _taken(self, wanted: Parameters, simulation: Simulation | None, reason: str) -> str:
         """Swap in another simulation, or return the reason why not."""

@@ -24,6 +24,7 @@ from icofabric_sim.messages.topics import BROKEN
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.broadcast import Broadcast, Sink
 from icofabric_sim.running.command_queue import CommandQueue
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
 from icofabric_sim.running.run_changes import RunChanges
@@ -33,7 +34,6 @@ from icofabric_sim.running.stall import StallWatch
 from icofabric_sim.running.step_limit_reason import StepLimit
 from icofabric_sim.running.time_advance import TimeAdvance
 from icofabric_sim.running.time_requests import AdvanceRequest, StepRequest
-from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.precompile import counted_as_compiling
 from icofabric_sim.simulation.simulation import Simulation
@@ -237,19 +237,18 @@ class Runner:
         self.post(lambda: self.changes.equilibrium.start(found))
         return found
 
-    def change(
-        self, parameters: Parameters, scene: Scene | None = None,
-        built: 'Future[str] | None' = None,
-    ) -> 'Future[Any]':
-        """
-        Set other parameters; a changed fabric is built in another thread and swapped in.
+    def change(self, parameters: Parameters) -> 'Future[Any]':
+        """Set other parameters, see `apply_change`."""
+        return self.apply_change(ParameterChange(self.parameters, parameters))
 
-        A `scene` that was built already, e.g. for validation, is used. Active or waiting wrenches
-        continue if the new fabric has their channel or body, see reweave.py; the others are listed
-        in a warning and an event. `built` receives '' once the parameters are in force, or the
-        reason why they cannot be.
+    def apply_change(self, change: ParameterChange) -> 'Future[Any]':
         """
-        return self.post(lambda: self.changes.change(parameters, scene, built or Future()))
+        Apply a change; a changed fabric is built in another thread and swapped in.
+
+        Active or waiting wrenches continue if the new fabric has their channel or body, see
+        reweave.py; the others are listed in a warning and an event.
+        """
+        return self.post(lambda: self.changes.change(change))
 
     def stop(self) -> None:
         """End `run` soon."""

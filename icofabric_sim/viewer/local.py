@@ -16,6 +16,7 @@ from icofabric_sim.messages.schedule import NANOSECONDS, seconds
 from icofabric_sim.messages.topics import Topic, VIEWS
 from icofabric_sim.parameters.table import with_kind
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.replay.player import Player
 from icofabric_sim.running.replay.replay_parameters import judge_option
 from icofabric_sim.running.run_records import Status
@@ -119,8 +120,10 @@ class RunActions:
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set a parameter; the reason of a rejection is in the ValueError or in the future."""
         runner = self._runner
-        wanted = (runner.changes.wanted or runner.parameters).with_changes(with_kind(name, value))
-        built: Future[str] = Future()
+        before = runner.changes.wanted or runner.parameters
+        wanted = before.with_changes(with_kind(name, value))
+        change = ParameterChange(before, wanted, Scene.from_parameters(wanted))
+        built = change.outcome
         answer: Future[str] = Future()
 
         def taken(done: 'Future[Any]') -> None:
@@ -128,7 +131,7 @@ class RunActions:
             if error is not None and not built.done():
                 built.set_exception(error)
 
-        runner.change(wanted, Scene.from_parameters(wanted), built).add_done_callback(taken)
+        runner.apply_change(change).add_done_callback(taken)
 
         def in_force(done: 'Future[str]') -> None:
             error = done.exception()

@@ -19,13 +19,15 @@ from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 def test_scene_that_judges_a_change_is_handed_on(changes, builds):
     heard = []
     gate = ParameterGate(
-        make_parameters({'weave.size': [2, 2, 2]}), lambda *change: heard.append(change),
+        make_parameters({'weave.size': [2, 2, 2]}), heard.append,
         lambda: 1.0)
     result = gate.set_atomically(
         [Parameter(name, value=value) for name, value in changes.items()],
         lambda stored: SetParametersResult(successful=True))
     assert result.successful, result.reason
-    [(parameters, scene)] = heard
+    [change] = heard
+    parameters, scene = change.after, change.scene
+    assert change.rebuilds == (builds or 'weave.size' in changes)
     assert all(parameters[name] == value for name, value in changes.items())
     assert (scene is not None) == builds and gate.accepted is parameters
     if builds:
@@ -36,7 +38,7 @@ def test_scene_that_judges_a_change_is_handed_on(changes, builds):
 def test_of_two_values_in_one_request_the_later_rules(values):
     heard = []
     gate = ParameterGate(
-        make_parameters({'publish_rate': 60.0}), lambda *change: heard.append(change[0]),
+        make_parameters({'publish_rate': 60.0}), lambda change: heard.append(change.after),
         lambda: 1.0)
     result = gate.set_atomically(
         [Parameter('publish_rate', value=value) for value in values],
@@ -61,7 +63,7 @@ def test_a_file_that_is_loaded_live_means_what_it_means_at_the_start(tmp_path):
     record.measured: y
     contact.mode: N
 """)
-    gate = ParameterGate(make_parameters({}), lambda *change: None, lambda: 1.0)
+    gate = ParameterGate(make_parameters({}), lambda change: None, lambda: 1.0)
     for message in parameter_dict_from_yaml_file(str(path)).values():
         result = gate.set_atomically(
             [Parameter.from_parameter_msg(message)],
@@ -81,7 +83,7 @@ def test_an_option_of_a_replay_is_taken_as_a_text():
 
 @pytest.mark.parametrize('text', ['[1e, 0, 0]', '[--, 0, 0]', '[., 0, 0]'])
 def test_a_text_that_is_no_list_of_numbers_is_refused_as_a_text(text):
-    gate = ParameterGate(make_parameters({}), lambda *change: None, lambda: 1.0)
+    gate = ParameterGate(make_parameters({}), lambda change: None, lambda: 1.0)
     result = gate.set_atomically(
         [Parameter('gravity', value=text)], lambda stored: SetParametersResult(successful=True))
     assert not result.successful and 'gravity must be' in result.reason

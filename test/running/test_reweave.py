@@ -7,6 +7,7 @@ import time
 import icofabric_sim as ico
 from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.reweave import lost_wrenches, Reweaver
 import pytest
@@ -50,10 +51,26 @@ def with_density(density):
     return BASE.with_changes({'shell.density': density})
 
 
+def change_to(parameters):
+    return ParameterChange(BASE, parameters)
+
+
+def want_all(reweaver, *wanted):
+    changes = [change_to(parameters) for parameters in wanted]
+    for change in changes:
+        reweaver.want(change)
+    return changes
+
+
+def outcomes(changes):
+    """Return the futures, which identify changes."""
+    return [change.outcome for change in changes]
+
+
 def test_result_is_a_simulation_of_the_wanted_scene():
     runner = Runner()
     wanted = BASE.with_changes({'weave.size': [3, 3, 3]})
-    runner.reweaver.want(wanted)
+    runner.reweaver.want(change_to(wanted))
     assert runner.results == []
     runner.run_one()
     [(parameters, simulation, reason)] = runner.results
@@ -64,12 +81,12 @@ def test_result_is_a_simulation_of_the_wanted_scene():
 
 def test_failure_is_a_reason():
     runner = Runner()
-    runner.reweaver.want(BASE.with_changes({'solver.step': 1.0}))
+    runner.reweaver.want(change_to(BASE.with_changes({'solver.step': 1.0})))
     runner.run_one()
     [(_, simulation, reason)] = runner.results
     assert simulation is None and 'solver.step' in reason
     # The next change has its turn.
-    runner.reweaver.want(with_density(2.0))
+    runner.reweaver.want(change_to(with_density(2.0)))
     runner.run_one()
     assert runner.results[1][1].scene.parameters['shell.density'] == 2.0
 
@@ -80,7 +97,7 @@ def test_any_error_while_building_is_a_reason(monkeypatch):
 
     monkeypatch.setattr(reweave.Scene, 'from_parameters', fail)
     runner = Runner()
-    runner.reweaver.want(BASE)
+    runner.reweaver.want(change_to(BASE))
     runner.run_one()
     assert runner.results[0][1:] == (None, 'MemoryError')
 
@@ -88,7 +105,7 @@ def test_any_error_while_building_is_a_reason(monkeypatch):
 def test_changes_during_a_build_become_one_more(builds):
     runner = Runner()
     for density in (2.0, 3.0, 4.0, 5.0):
-        runner.reweaver.want(with_density(density))
+        runner.reweaver.want(change_to(with_density(density)))
     runner.run_one()
     assert runner.results == []  # superseded while it was built
     runner.run_one()
@@ -104,36 +121,39 @@ def test_a_change_that_cannot_be_built_takes_no_other_with_it(builds):
     good = with_density(2.0)
     better = with_density(3.0)
     wrong = better.with_changes({'solver.step': 1.0})
-    numbers = [reweaver.want(wish) for wish in (good, better, wrong)]
+    changes = want_all(reweaver, good, better, wrong)
     reweaver.amend(wrong.with_changes({'publish_rate': 7.0}))
     while reweaver.wanted is not None:
         posted.get(timeout=60.0)()
     assert builds == [2.0, 3.0, 3.0]
-    (wanted, simulation, reason, number), (refused, none, why, last) = answers
+    (wanted, simulation, reason, first), (refused, none, why, last) = answers
     assert wanted['shell.density'] == simulation.scene.parameters['shell.density'] == 3.0
     assert wanted['publish_rate'] == 7.0 and wanted['solver.step'] == 0.0
-    assert reason == '' and number == numbers[1]
-    assert refused['solver.step'] == 1.0 and none is None and last == numbers[2]
+    assert reason == '' and outcomes(first) == outcomes(changes[:2])
+    assert refused['solver.step'] == 1.0 and none is None
+    assert outcomes(last) == outcomes(changes[2:])
     assert 'solver.step' in why
     # What was built first is there where all that came later is wrong.
     answers.clear()
-    numbers = [reweaver.want(wish) for wish in (good, wrong)]
+    changes = want_all(reweaver, good, wrong)
     while reweaver.wanted is not None:
         posted.get(timeout=60.0)()
-    assert [(answer[0]['shell.density'], answer[2] == '', answer[3]) for answer in answers] == [
-        (2.0, True, numbers[0]), (3.0, False, numbers[1])]
+    assert [
+        (answer[0]['shell.density'], answer[2] == '', outcomes(answer[3])) for answer in answers
+    ] == [(2.0, True, outcomes(changes[:1])), (3.0, False, outcomes(changes[1:]))]
     # One that mends the wrong one is built.
     answers.clear()
-    numbers = [reweaver.want(wish) for wish in (wrong, with_density(4.0))]
+    changes = want_all(reweaver, wrong, with_density(4.0))
     while reweaver.wanted is not None:
         posted.get(timeout=60.0)()
-    (wanted, simulation, reason, number), = answers
-    assert simulation.scene.parameters['shell.density'] == 4.0 and number == numbers[1]
+    (wanted, simulation, reason, answered), = answers
+    assert simulation.scene.parameters['shell.density'] == 4.0
+    assert outcomes(answered) == outcomes(changes)
 
 
 def test_rates_reach_a_build_under_way(builds):
     runner = Runner()
-    runner.reweaver.want(with_density(2.0))
+    runner.reweaver.want(change_to(with_density(2.0)))
     runner.reweaver.amend(with_density(2.0).with_changes({'publish_rate': 7.0}))
     # No second build: the fabric is the same.
     runner.run_one()
@@ -173,7 +193,7 @@ def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
     monkeypatch.setattr(
         reweave, 'compile_elsewhere', asked.append)
     runner = Runner()
-    runner.reweaver.want(with_density(900.0))
+    runner.reweaver.want(change_to(with_density(900.0)))
     runner.run_one()
     [(wanted, simulation, reason)] = runner.results
     assert reason == '' and simulation.scene.parameters['shell.density'] == 900.0
@@ -184,10 +204,10 @@ def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
 def test_many_changes_a_second_become_few_builds(builds):
     """A slider does not take the processor from the run; its last value comes into force."""
     runner = Runner()
-    runner.reweaver.want(with_density(1000.0))
+    runner.reweaver.want(change_to(with_density(1000.0)))
     runner.run_one()
     for k in range(1, 31):
-        runner.reweaver.want(with_density(1000.0 + k))
+        runner.reweaver.want(change_to(with_density(1000.0 + k)))
         if not runner.is_idle():
             runner.run_one()
         time.sleep(0.002)
@@ -203,7 +223,7 @@ def test_a_run_that_has_no_time_is_changed_less_often(monkeypatch):
     monkeypatch.setattr(reweave, '_BUSY_PAUSE', (1e6, 100.0))
     for has_time in (True, False):
         runner, now = Runner(has_time=has_time), time.monotonic()
-        runner.reweaver.want(with_density(1000.0))
+        runner.reweaver.want(change_to(with_density(1000.0)))
         runner.run_one()
         free_at[has_time] = runner.reweaver._free_at - now
     assert 1.0 <= free_at[True] < 60.0 < 100.0 <= free_at[False]

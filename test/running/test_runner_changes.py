@@ -1,7 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """What interrupts a run: pause, steps, reset, failure, and changes of the scene."""
-from concurrent.futures import Future
 import json
 import threading
 
@@ -11,6 +10,7 @@ from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPI
 from icofabric_sim.running import reweave, run_changes, time_advance
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.time_requests import StepRequest
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import KernelsAwaited, SimulationError
@@ -188,9 +188,11 @@ def test_a_change_that_cannot_be_built_takes_none_with_it_that_was_accepted_befo
     wrong = light.with_changes({'solver.step': 1.0})
     with Beside(runner):
         # All are there before the first is built.
-        answers = [Future() for _ in range(3)]
-        for each, answer in zip((softer, light, wrong), answers):
-            runner.change(each, None, answer)
+        changes = [
+            ParameterChange(runner.parameters, each) for each in (softer, light, wrong)]
+        answers = [change.outcome for change in changes]
+        for change in changes:
+            runner.apply_change(change)
         assert answers[0].result(60.0) == answers[1].result(60.0) == ''
         assert 'solver.step' in answers[2].result(60.0)
     assert runner.simulation.scene.parameters == runner.parameters == light
@@ -285,7 +287,7 @@ def test_scene_that_was_built_to_judge_a_change_is_used(monkeypatch):
     wanted = runner.parameters.with_changes({'connector.stiffness': 300.0})
     scene = Scene.from_parameters(wanted)
     with Beside(runner) as beside:
-        runner.change(wanted, scene)
+        runner.apply_change(ParameterChange(runner.parameters, wanted, scene))
         beside.wait_for(lambda: told)
         assert runner.simulation.scene is scene and not built
         again = wanted.with_changes({'connector.stiffness': 400.0})
@@ -310,8 +312,8 @@ def test_scene_of_a_later_change_is_used_once_the_earlier_one_is_built(monkeypat
     second = first.with_changes({'gravity': [0.0, 0.0, -1.0]})
     scenes = [Scene.from_parameters(parameters) for parameters in (first, second)]
     with Beside(runner) as beside:
-        runner.change(first, scenes[0])
-        runner.change(second, scenes[1]).result(60.0)
+        runner.apply_change(ParameterChange(runner.parameters, first, scenes[0]))
+        runner.apply_change(ParameterChange(first, second, scenes[1])).result(60.0)
         held.set()
         beside.wait_for(lambda: told)
         assert runner.simulation.scene is scenes[1]
@@ -339,9 +341,9 @@ def test_a_change_that_fails_as_it_is_put_in_place_leaves_the_run_as_it_was(
         else:
             patched.setattr(run_changes, 'replace_simulation', fail)
         runner.take_steps().result(60.0)
-        built = Future()
-        runner.change(wanted, None, built).result(60.0)
-        reason = built.result(60.0)
+        change = ParameterChange(in_force, wanted)
+        runner.apply_change(change).result(60.0)
+        reason = change.outcome.result(60.0)
         assert reason == str(error) and told == [(wanted, reason)]
         assert runner.simulation is before and runner.parameters is in_force
         runner.take_steps().result(60.0)

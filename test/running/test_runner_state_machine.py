@@ -5,7 +5,6 @@ A runner against a plain model: random calls in random order, and every bag veri
 
 The run stands paused between the calls, so that the model knows its time to the nanosecond.
 """
-from concurrent.futures import Future
 from pathlib import Path
 import shutil
 import tempfile
@@ -23,6 +22,7 @@ from hypothesis.stateful import (  # noqa: E402
 import icofabric_sim as ico  # noqa: E402
 from icofabric_sim.bag.recorded_run import RecordedRun  # noqa: E402
 from icofabric_sim.parameters.validation import ParameterError  # noqa: E402
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.recording import BagSink, summarise_run  # noqa: E402
 from icofabric_sim.running.replay.verify import verify_run  # noqa: E402
 from icofabric_sim.running.runner import Runner  # noqa: E402
@@ -125,10 +125,10 @@ class RunnerMachine(RuleBasedStateMachine):
         {'connector.stiffness': 300.0}, {'shell.density': 1100.0}, {'weave.variant': 1},
         {'weave.variant': 0}, {'publish_rate': 250.0}, {'gravity': [0.0, 0.0, -1.0]}]))
     def change(self, wanted):
-        built = Future()
-        self.runner.change(
-            self.runner.parameters.with_changes(wanted), built=built).result(LIMIT)
-        assert built.result(LIMIT) == ''
+        before = self.runner.parameters
+        change = ParameterChange(before, before.with_changes(wanted))
+        self.runner.apply_change(change).result(LIMIT)
+        assert change.outcome.result(LIMIT) == ''
         self._stands()
         assert all(self.runner.parameters[name] == value for name, value in wanted.items())
 
