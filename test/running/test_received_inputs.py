@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs from outside: what is judged, what waits, and what no checkpoint holds."""
 
-from concurrent.futures import Future
 import json
 
 from fabrics import changed
@@ -10,6 +9,7 @@ import icofabric_sim as ico
 from icofabric_sim.messages import decode_string, TwistStampedBytes, WrenchStampedBytes
 from icofabric_sim.messages.input_topics import decode_input
 from icofabric_sim.messages.topics import EVENTS
+from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.received_inputs import judge
 import pytest
 from recorded_runs import DRIVEN_SCENE
@@ -120,10 +120,10 @@ def test_what_acts_in_a_changed_fabric_before_it_runs_is_recorded():
 
     with Beside(runner):
         assert runner.post(receive_while_held).result(60.0) == (1, 0)
-        built = Future()
-        runner.change(
-            runner.parameters.with_changes({'connector.stiffness': 700.0}), built=built)
-        assert built.result(60.0) == ''
+        change = ParameterChange(
+            runner.parameters, runner.parameters.with_changes({'connector.stiffness': 700.0}))
+        runner.apply_change(change)
+        assert change.outcome.result(60.0) == ''
     assert runner.inputs.acted == 1 and len(runner.inputs) == 0
     names = [topic if topic != EVENTS else json.loads(decode_string(data))['event']
              for topic, _, data in sink.messages]
