@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run the tests; return 1 if a scene is in a class that must not occur."""
     from icofabric_validation.stress.kinds import KINDS
-    from icofabric_validation.stress.scenes import LARGEST_SEED, seeds_of
+    from icofabric_validation.stress.scenes import MAX_SEED, seeds_of
     if arguments.predictability:
         return main_predictability(arguments)
     if arguments.map:
@@ -85,8 +85,8 @@ def main(arguments: argparse.Namespace) -> int:
         raise InputError(f'--processes must be from 1 to 256, got {arguments.processes}')
     if arguments.scenes is not None and not 1 <= arguments.scenes <= 10**6:
         raise InputError(f'--scenes must be from 1 to 1000000, got {arguments.scenes}')
-    if arguments.seed is not None and not 0 <= arguments.seed <= LARGEST_SEED:
-        raise InputError(f'--seed must be from 0 to {LARGEST_SEED}, got {arguments.seed}')
+    if arguments.seed is not None and not 0 <= arguments.seed <= MAX_SEED:
+        raise InputError(f'--seed must be from 0 to {MAX_SEED}, got {arguments.seed}')
     kinds = _kinds(arguments.kinds, len(KINDS))
     if arguments.list:
         for number in sorted(kinds):
@@ -105,7 +105,7 @@ def main(arguments: argparse.Namespace) -> int:
         seeds = [arguments.seed]
     elif arguments.peer is not None:
         from icofabric_validation.stress.peers import PEERS
-        drawn = seeds_of(arguments.seed or 0, LARGEST_SEED, kinds)
+        drawn = seeds_of(arguments.seed or 0, MAX_SEED, kinds)
         seeds = list(islice(
             filter(PEERS[arguments.peer].can_express, drawn), arguments.scenes or _SCENES))
     else:

@@ -3,8 +3,8 @@
 """
 The kinds of random scenes: their terms, and the method that integrates them.
 
-Each kind has separate kernels, so kinds are drawn before values. The number of a kind is fixed:
-add new kinds at the end, and a version of the seeds (`scenes.VERSIONS`).
+Each kind has separate kernels, so kinds are drawn before values. Add new kinds at the end: numbers
+of kinds are arguments of `--kinds`.
 """
 
 from collections.abc import Iterator

@@ -29,7 +29,7 @@ from icofabric_validation.stress.judge import (
 from icofabric_validation.stress.kinds import KINDS
 from icofabric_validation.stress.lammps_run import LammpsRun
 from icofabric_validation.stress.mujoco_run import MuJoCoRun
-from icofabric_validation.stress.scenes import draw_scene, StressScene, version_of
+from icofabric_validation.stress.scenes import draw_scene, kind_of, StressScene
 from icofabric_validation.stress.verdict import Finding, Verdict
 from icofabric_validation.stress.windows import fastest_rate, run_reference, Windows
 import numpy as np
@@ -43,8 +43,8 @@ _SHORTER_STEP_RATIOS = (1 / 4, 1 / 16)
 _WINDOWS_TIME_RATIO, _ALL_RUNS_TIME_RATIO = 0.6, 0.9
 # A scene is judged without windows if less than this fraction of its duration was simulated.
 _MIN_SIMULATED_RATIO = 0.25
-# Last version of seeds whose scenes have only the terms of their kinds.
-_VERSION = 2
+# Parameters that the programs do not support.
+_UNSUPPORTED = ('masses.',)
 
 
 PeerRun = MuJoCoRun | LammpsRun
@@ -68,10 +68,11 @@ class Peer(NamedTuple):
 
     def can_express(self, seed: int) -> bool:
         """Return True if both programs can run the scene of a seed, and no value is spoiled."""
-        if version_of(seed) > _VERSION:
+        if not {*KINDS[kind_of(seed)].terms} <= self.terms:
             return False
         scene = draw_scene(seed)
-        return not scene.spoiled and {*KINDS[scene.kind].terms} <= self.terms
+        return not (scene.spoiled or scene.change or any(
+            name.startswith(_UNSUPPORTED) for name in scene.parameters))
 
 
 PEERS: Final = {

@@ -24,11 +24,7 @@ from icofabric_sim.simulation.stepping.methods import IMPLICIT
 from icofabric_validation.stress.kinds import AUTO_DAMPED, Kind, KINDS
 import numpy as np
 
-# Versions of the seeds: upper limit of the seeds, and number of kinds that they draw from. More
-# kinds need a new version, so that each seed keeps its scene.
-VERSIONS: Final = ((2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-                   (2**38, 92), (2**39, 97), (2**40, 97))
-LARGEST_SEED: Final = VERSIONS[-1][0] - 1
+MAX_SEED: Final = 2**32 - 1
 # Fraction of scenes with a value that must be refused.
 _SPOILED_RATIO = 0.06
 # Fraction of scenes whose parameters change during the run, and fraction of these changes that
@@ -76,8 +72,7 @@ class StressScene:
         """Return the scene as a parameter file, with relative names of its files."""
         kind = KINDS[self.kind]
         head = (
-            f'# Seed {self.seed} of icofabric stress (seeds of version {version_of(self.seed)}), '
-            f'kind {self.kind}: {kind}.\n')
+            f'# Seed {self.seed} of icofabric stress, kind {self.kind}: {kind}.\n')
         if self.change:
             changed = ', '.join(f'{name}: {value}' for name, value in self.change.items())
             head += f'# After {self.change_at * self.duration!r} s: {changed}.\n'
@@ -106,8 +101,8 @@ class StressScene:
 
 
 def draw_scene(seed: int) -> StressScene:
-    """Return the scene of a seed, 0 to 2^40 - 1."""
-    seed = checks.count('seed', seed, 0, LARGEST_SEED)
+    """Return the scene of a seed, 0 to 2^32 - 1."""
+    seed = checks.count('seed', seed, 0, MAX_SEED)
     generator, kind = _draw_kind(seed)
     return _Draw(generator, KINDS[kind]).scene(seed, kind)
 
@@ -117,29 +112,16 @@ def kind_of(seed: int) -> int:
     return _draw_kind(seed)[1]
 
 
-def version_of(seed: int) -> int:
-    """Return the version of a seed, from 1."""
-    return next(number for number, (end, _) in enumerate(VERSIONS, 1) if seed < end)
-
-
 def _draw_kind(seed: int) -> tuple[np.random.Generator, int]:
     """Return the generator of a seed after its first draw, and the kind that this draw gave."""
-    version = version_of(seed)
-    generator = np.random.default_rng([version, seed])
-    return generator, int(generator.integers(VERSIONS[version - 1][1]))
+    generator = np.random.default_rng(seed)
+    return generator, int(generator.integers(len(KINDS)))
 
 
 def seeds_of(first: int, count: int, kinds: Collection[int]) -> Iterator[int]:
-    """
-    Yield the first `count` seeds from `first` on whose kinds are in `kinds`.
-
-    If only later versions draw all these kinds, the seeds start with the first such version.
-    """
+    """Yield the first `count` seeds from `first` on whose kinds are in `kinds`."""
     found, seed = 0, first
-    for end, drawn in VERSIONS:
-        if min(kinds) >= drawn:
-            seed = max(seed, end)
-    while found < count and seed <= LARGEST_SEED:
+    while found < count and seed <= MAX_SEED:
         if kind_of(seed) in kinds:
             found += 1
             yield seed
@@ -165,18 +147,13 @@ class _Draw:
         self._draw_weave()
         for term in self.kind.terms:
             getattr(self, f'_{term}')()
+        self._draw_charges_of_groups()
+        self._draw_masses()
+        self._draw_layers()
         self._draw_initial_state()
         self._draw_solver()
-        if version_of(seed) >= 3:
-            self._draw_version_3()
-        if version_of(seed) >= 4:
-            self._draw_version_4()
-        if version_of(seed) >= 5:
-            self._draw_version_5()
-        if version_of(seed) >= 9:
-            self._draw_version_9()
         change: dict[str, Any] = {}
-        if version_of(seed) >= 4 and self.chance(_CHANGED_RATIO):
+        if self.chance(_CHANGED_RATIO):
             change = self._draw_change()
         if change and self.chance(_SPOILED_CHANGE_RATIO):
             spoiled, change = self._draw_impossible_change()
@@ -243,7 +220,8 @@ class _Draw:
             self.inertia *= factor
             values['shell.mass'] = self.mass
         if self.chance(0.15):
-            self.inertia *= self.log(-0.7, 0.7)
+            # The vertices are 1.9 a from the centre, and some of the mass is nearer.
+            self.inertia = min(self.inertia * self.log(-0.7, 0.7), self.mass * self.a**2)
             values['shell.inertia'] = self.inertia
         if kind == 'bias':
             values['weave.boundary'] = self.choice('upright', 'fabric')
@@ -256,6 +234,9 @@ class _Draw:
             values['weave.region'] = self.choice(
                 f'sphere {0.6 * width!r}', f'cylinder {0.5 * width!r} {width!r}',
                 f'box {width!r} {0.8 * width!r} {width!r}')
+        if kind == 'orthogonal' and self.chance(0.1):
+            # A box as large as the fabric of that size.
+            values['weave.box'] = [self.length * n for n in size]
         # Ten decades of stiffness; most are soft enough for the scale of the shells.
         self.k = self.mass * (self.log(1.0, 7.0) if self.chance(0.6) else self.log(-1.0, 9.0))
         values['connector.stiffness'] = self.k
@@ -281,6 +262,8 @@ class _Draw:
         if self.chance(0.5):
             self.values['loads.push.point'] = self.vector(self.a)
         self._profile('loads.push')
+        if self.chance(0.3):
+            self.values['loads.push.profile'] = f'sine {self._frequency()!r}'
 
     def _profile(self, prefix: str) -> None:
         profile = self.choice('steady', 'ramp', 'half_sine', 'table')
@@ -363,6 +346,27 @@ class _Draw:
                 ('damping', 'damping', self.mass * self.rate)):
             if term in self.kind.terms and self.chance(0.5):
                 self.values[f'connector_groups.seam.{name}'] = unit * self.log(-2.0, 0.0)
+        if self.chance(0.5):
+            self.values['connector_groups.seam.direction'] = self.choice('up down', 'west east')
+        self._draw_group_laws()
+
+    def _draw_group_laws(self) -> None:
+        values, terms, seam = self.values, self.kind.terms, 'connector_groups.seam'
+        if 'bilinear' in terms and self.chance(0.7):
+            values[f'{seam}.stiffness_{self.choice("extension", "compression")}'] = (
+                self.k * self.log(-1.0, 0.0))
+        if 'breaking' in terms and self.chance(0.7):
+            natural = values.get(f'{seam}.natural_length', self.natural)
+            values[f'{seam}.break_length_extension'] = natural * (1.0 + self.log(-2.0, 0.0))
+            if self.chance(0.5):
+                values[f'{seam}.break_length_compression'] = natural * (
+                    1.0 - self.log(-2.0, -0.2))
+        if 'tabulated' in terms and self.chance(0.7):
+            lengths = self.length * np.array([0.1, 0.7, 1.0, 1.4, 3.0])
+            force = self.k * (lengths - self.length) * self.uniform(0.2, 1.0)
+            values[f'{seam}.law'] = self._file('seam.csv', lengths, force)
+            for name in ('stiffness', 'natural_length'):
+                values.pop(f'{seam}.{name}', None)
 
     def _damping(self) -> None:
         # Critical damping is at about 1; some values are far above.
@@ -423,12 +427,25 @@ class _Draw:
     def _charges(self) -> None:
         field = self.k * self.a * self.log(-4.0, -1.0) / self._draw_charge()
         self.values['field.electric'] = self.vector(field)
+        self._draw_field_profile()
 
     def _dipoles(self) -> None:
         moment = self.vector(1e-9 * self.a)
         turn = self.k * self.a**2 * self.log(-4.0, -1.0)
         self.values |= {
             'charge.dipole': moment, 'field.electric': self.vector(turn / math.hypot(*moment))}
+        self._draw_field_profile()
+
+    def _draw_field_profile(self) -> None:
+        if 'magnetic' in self.kind.terms:
+            return
+        values, period = self.values, 2.0 * math.pi / self.rate
+        if self.chance(0.5):
+            values['field.profile'] = self.choice(
+                f'sine {self._frequency()!r}', 'ramp', 'half_sine')
+            values['field.duration'] = period * self.log(0.0, 1.0)
+        if self.chance(0.3):
+            values['field.start'] = period * self.uniform(0.0, 2.0)
 
     def _magnetic(self) -> None:
         charge = self._draw_charge()
@@ -463,6 +480,29 @@ class _Draw:
         if self.chance(0.5):
             self.values['anchors.tie.velocity'] = self.vector(
                 self.a * self.rate * self.log(-4.0, -1.5))
+        elif self.chance(0.6):
+            times = 2.0 * math.pi / self.rate * np.cumsum(self.generator.uniform(0.3, 2.0, 5))
+            path = self.a * self.log(-3.0, -0.5) * self.generator.standard_normal((3, 5))
+            path[:, 0] = 0.0
+            self.values['anchors.tie.file'] = self._file('tie.csv', times - times[0], *path)
+        self._draw_anchor_law()
+
+    def _draw_anchor_law(self) -> None:
+        values, tie = self.values, 'anchors.tie'
+        if self.chance(0.7):
+            values[f'{tie}.stiffness'] = self.k * self.log(-1.0, 0.5)
+            if self.chance(0.4):
+                side = self.choice('extension', 'compression')
+                values[f'{tie}.stiffness_{side}'] = self.k * self.choice(
+                    0.0, self.log(-1.0, 0.5))
+            if self.chance(0.6):
+                values[f'{tie}.natural_length'] = self.length * self.uniform(0.3, 3.0)
+        if self.chance(0.6):
+            natural = values.get(f'{tie}.natural_length', self.natural)
+            values[f'{tie}.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
+            if self.chance(0.4):
+                values[f'{tie}.break_length_compression'] = natural * (
+                    1.0 - self.log(-1.5, 0.0))
 
     def _drives(self) -> None:
         motion = self.choice('hold', 'velocity', 'ramp', 'sine', 'table')
@@ -490,6 +530,8 @@ class _Draw:
             self.values[f'{prefix}.file'] = self._file('path.csv', times, *path)
         if motion != 'hold' and self.chance(0.4):
             self.values[f'{prefix}.start'] = period * self.uniform(0.0, 2.0)
+        if not self._is_stiff and self.chance(0.6):
+            self._restrict_drive()
 
     def _contact(self) -> None:
         self.values |= {
@@ -515,119 +557,62 @@ class _Draw:
             'bodies.ball.position': [0.0, 0.0, reach],
             'bodies.ball.linear_velocity': [0.0, 0.0, -self.a * self.rate * self.log(-2.5, -0.7)],
             'bodies.ball.angular_velocity': self.vector(self.rate * self.log(-3.0, -0.5))}
+        turn = self.generator.standard_normal(4)
+        self.values['bodies.ball.orientation'] = [
+            float(x) for x in turn / np.linalg.norm(turn)]
+        if self.chance(0.7):
+            self.values['bodies.ball.edge_length'] = 2.0 * self.a * self.log(-0.5, 0.3)
+        # Implicit steps support no individual masses.
+        if not self._is_stiff and self.chance(0.6):
+            self._draw_mass('bodies.ball', 2.0)
 
-    def _draw_version_3(self) -> None:
-        """Draw the parameters that seeds have since version 3."""
-        values, terms = self.values, self.kind.terms
-        if 'groups' in terms and self.chance(0.5):
-            values['connector_groups.seam.direction'] = self.choice('up down', 'west east')
-        if 'anchors' in terms and self.chance(0.7):
-            values['anchors.tie.stiffness'] = self.k * self.log(-1.0, 0.5)
-            if self.chance(0.4):
-                side = self.choice('extension', 'compression')
-                values[f'anchors.tie.stiffness_{side}'] = self.k * self.choice(
-                    0.0, self.log(-1.0, 0.5))
-            if self.chance(0.6):
-                values['anchors.tie.natural_length'] = self.length * self.uniform(0.3, 3.0)
-        if 'loads' in terms and self.chance(0.3):
-            values['loads.push.profile'] = f'sine {self._frequency()!r}'
-        if {'charges', 'dipoles'} & {*terms} and 'magnetic' not in terms:
-            if self.chance(0.5):
-                values['field.profile'] = self.choice(
-                    f'sine {self._frequency()!r}', 'ramp', 'half_sine')
-                values['field.duration'] = 2.0 * math.pi / self.rate * self.log(0.0, 1.0)
-            if self.chance(0.3):
-                values['field.start'] = 2.0 * math.pi / self.rate * self.uniform(0.0, 2.0)
-        if {'charges', 'coulomb', 'magnetic', 'dipoles'} & {*terms} and self.chance(0.5):
-            values |= {'groups.some': 'y_min', 'charges.some.group': 'some'}
-            if 'charge.per_body' in values and self.chance(0.7):
-                values['charges.some.charge'] = values['charge.per_body'] * self.uniform(-1.0, 1.0)
-            if 'charge.dipole' in values:
-                values['charges.some.dipole'] = [
-                    self.uniform(-1.0, 1.0) * part for part in values['charge.dipole']]
-        if self._is_stiff:
-            return  # implicit steps support none of the following
-        if 'drives' in terms and self.chance(0.6):
-            self._restrict_drive()
-        if self.chance(0.3):
-            values |= {
-                'groups.others': self.choice('x_max', 'z_max', 'ids 0'),
-                'masses.others.group': 'others',
-                'masses.others.mass': (mass := self.mass * self.log(-1.0, 1.0))}
-            if self.chance(0.4):
-                values['masses.others.inertia'] = mass * self.inertia / self.mass * self.log(
-                    -0.7, 0.0)
-        if 'bodies' in terms and self.chance(0.6):
-            values['bodies.ball.mass'] = (mass := self.mass * self.log(-1.0, 2.0))
-            if self.chance(0.4):
-                values['bodies.ball.inertia'] = mass * self.inertia / self.mass * self.log(
-                    -0.7, 0.0)
+    def _draw_mass(self, prefix: str, power: float) -> None:
+        """Draw a mass of up to 10 to the power of `power` shells, and sometimes an inertia."""
+        mass = self.values[f'{prefix}.mass'] = self.mass * self.log(-1.0, power)
+        if self.chance(0.4):
+            self.values[f'{prefix}.inertia'] = mass * self.inertia / self.mass * self.log(
+                -0.7, 0.0)
 
-    def _draw_version_4(self) -> None:
-        """Draw the parameters that seeds have since version 4."""
-        values, terms, seam = self.values, self.kind.terms, 'connector_groups.seam'
-        if 'groups' in terms and 'bilinear' in terms and self.chance(0.7):
-            values[f'{seam}.stiffness_{self.choice("extension", "compression")}'] = (
-                self.k * self.log(-1.0, 0.0))
-        if 'groups' in terms and 'breaking' in terms and self.chance(0.7):
-            natural = values.get(f'{seam}.natural_length', self.natural)
-            values[f'{seam}.break_length_extension'] = natural * (1.0 + self.log(-2.0, 0.0))
-            if self.chance(0.5):
-                values[f'{seam}.break_length_compression'] = natural * (
-                    1.0 - self.log(-2.0, -0.2))
-        if 'groups' in terms and 'tabulated' in terms and self.chance(0.7):
-            lengths = self.length * np.array([0.1, 0.7, 1.0, 1.4, 3.0])
-            force = self.k * (lengths - self.length) * self.uniform(0.2, 1.0)
-            values[f'{seam}.law'] = self._file('seam.csv', lengths, force)
-            for name in ('stiffness', 'natural_length'):
-                values.pop(f'{seam}.{name}', None)
-        if 'anchors' in terms and self.chance(0.4):
-            times = 2.0 * math.pi / self.rate * np.cumsum(self.generator.uniform(0.3, 2.0, 5))
-            path = self.a * self.log(-3.0, -0.5) * self.generator.standard_normal((3, 5))
-            path[:, 0] = 0.0
-            values['anchors.tie.file'] = self._file('tie.csv', times - times[0], *path)
-            values.pop('anchors.tie.velocity', None)
-        if 'bodies' in terms:
-            turn = self.generator.standard_normal(4)
-            values['bodies.ball.orientation'] = [
-                float(x) for x in turn / np.linalg.norm(turn)]
-        if values['weave.kind'] == 'orthogonal' and self.chance(0.1):
-            # A box as large as the fabric of that size.
-            values['weave.box'] = [self.length * n for n in values['weave.size']]
-
-    def _draw_version_5(self) -> None:
-        """Draw breakable anchors and layered shells, which seeds have since version 5."""
+    def _draw_charges_of_groups(self) -> None:
         values = self.values
-        if 'anchors' in self.kind.terms and self.chance(0.6):
-            natural = values.get('anchors.tie.natural_length', self.natural)
-            values['anchors.tie.break_length_extension'] = natural * (1.0 + self.log(-0.3, 1.3))
-            if self.chance(0.4):
-                values['anchors.tie.break_length_compression'] = natural * (
-                    1.0 - self.log(-1.5, 0.0))
-        if self.chance(0.2):
-            # Layers of about the same mean density, so that the scales of the fabric remain.
-            faces = maximum_thickness(self.a)
-            inner = faces - values['shell.thickness'] if 'shell.thickness' in values else (
-                faces * values['shell.inner_edge_length'] / values['shell.edge_length'])
-            count = 2 + int(self.generator.integers(4))
-            # Some thick shells have a core.
-            cored = inner < 0.5 * faces and self.chance(0.5)
-            distances = np.linspace(0.0 if cored else inner, faces, count)
-            values['shell.layers'] = self._file(
-                'layers.csv', distances,
-                values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
+        if not {'charges', 'coulomb', 'magnetic', 'dipoles'} & {*self.kind.terms} or (
+                self.chance(0.5)):
+            return
+        values |= {'groups.some': 'y_min', 'charges.some.group': 'some'}
+        if 'charge.per_body' in values and self.chance(0.7):
+            values['charges.some.charge'] = values['charge.per_body'] * self.uniform(-1.0, 1.0)
+        if 'charge.dipole' in values:
+            values['charges.some.dipole'] = [
+                self.uniform(-1.0, 1.0) * part for part in values['charge.dipole']]
 
-    def _draw_version_9(self) -> None:
-        """Draw individual shell sizes, which seeds have since version 9."""
+    def _draw_masses(self) -> None:
         values = self.values
-        if 'shell.inertia' in values:
-            # The vertices are 1.9 a from the centre, and some of the mass is nearer.
-            values['shell.inertia'] = min(values['shell.inertia'], self.mass * self.a**2)
-        if 'bodies' in self.kind.terms and self.chance(0.7):
-            values['bodies.ball.edge_length'] = 2.0 * self.a * self.log(-0.5, 0.3)
-        if ('masses.others.group' in values and 'tractions.wind.group' not in values
-                and values.get('connector.obstruction') != 'wrap' and self.chance(0.7)):
+        # Implicit steps support no individual masses.
+        if self._is_stiff or not self.chance(0.3):
+            return
+        values |= {
+            'groups.others': self.choice('x_max', 'z_max', 'ids 0'),
+            'masses.others.group': 'others'}
+        self._draw_mass('masses.others', 1.0)
+        if 'tractions' not in self.kind.terms and 'wrapped' not in self.kind.terms and (
+                self.chance(0.7)):
             values['masses.others.edge_length'] = 2.0 * self.a * self.log(-0.3, 0.1)
+
+    def _draw_layers(self) -> None:
+        values = self.values
+        if not self.chance(0.2):
+            return
+        # Layers of about the same mean density, so that the scales of the fabric remain.
+        faces = maximum_thickness(self.a)
+        inner = faces - values['shell.thickness'] if 'shell.thickness' in values else (
+            faces * values['shell.inner_edge_length'] / values['shell.edge_length'])
+        count = 2 + int(self.generator.integers(4))
+        # Some thick shells have a core.
+        cored = inner < 0.5 * faces and self.chance(0.5)
+        distances = np.linspace(0.0 if cored else inner, faces, count)
+        values['shell.layers'] = self._file(
+            'layers.csv', distances,
+            values['shell.density'] * self.generator.uniform(0.2, 2.0, count))
 
     def _frequency(self) -> float:
         return self.rate / (2.0 * math.pi) * self.log(-1.5, 0.3)

@@ -8,6 +8,7 @@ from functools import partial
 import json
 import math
 import os
+from pathlib import Path
 import time
 from types import SimpleNamespace
 
@@ -24,7 +25,7 @@ from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
 from icofabric_validation.stress import judge as judge_module
-from icofabric_validation.stress import refusals, report, scenes, windows, workers
+from icofabric_validation.stress import refusals, report, windows, workers
 from icofabric_validation.stress import shrink as shrink_module
 from icofabric_validation.stress.judge import judge
 from icofabric_validation.stress.kinds import Kind, KINDS, MAX_KINDS, TERMS
@@ -51,6 +52,13 @@ PLAIN = StressScene(0, KINDS.index(Kind('dop8')), {
     'initial_random.spin_sigma': 5.0, 'initial_random.seed': 1, 'duration': 0.02}, {})
 
 
+def stored_scene(name):
+    """A scene of an earlier generator, in which the judge or the program had a fault."""
+    path = Path(__file__).parent / 'scenes' / f'{name}.json'
+    stored = json.loads(path.read_text())
+    return StressScene(0, **stored | {'spoiled_with': tuple(stored['spoiled_with'])})
+
+
 def with_values(**changes):
     """The plain scene with other values; names with __ for dots."""
     return replace(PLAIN, parameters=PLAIN.parameters | {
@@ -70,33 +78,9 @@ def test_a_seed_is_one_scene():
         seed for seed in range(3, 1000) if kind_of(seed) in (7, 9)][:5]
 
 
-PINNED_LATER = (
-    (2**32, 27, 1.89597), (2**32 + 221, 56, 0.0253176), (5 * 10**9, 18, 0.356136),
-    (2**34 - 1, 46, 0.00460553), (2**34, 42, 0.0620332), (2**35 + 7, 24, 2.15926),
-    (2**36 - 1, 0, 0.0316662), (2**36 + 7, 62, 58.0744), (2**37 - 1, 8, 0.00659132),
-    (2**37, 91, 0.111259), (2**37 + 3, 45, 3.4006), (2**38 - 1, 46, 0.0340889),
-    (2**38, 40, 0.589876), (2**38 + 4, 34, 1.13909),
-    (2**39 - 1, 49, 0.472187), (2**39, 96, 0.314303), (2**39 + 5, 36, 0.0104128))
-
-
-def test_seeds_mean_what_they_meant(monkeypatch):
-    pinned = (
-        (0, 26, 0.0518346), (1, 28, 0.312626), (154, 0, 0.00983245), (300, 28, 1.347),
-        (1946, 3, 0.444586), (2**32 - 1, 47, 1.90257), *PINNED_LATER)
-    for grown in (KINDS, (*KINDS, Kind('dop8', ('coulomb',)))):
-        monkeypatch.setattr(scenes, 'KINDS', grown)
-        for seed, kind, duration in pinned:
-            assert kind_of(seed) == kind, seed
-            assert draw_scene(seed).duration == pytest.approx(duration, rel=1e-4), seed
-    # A longer list needs another version, so that every kind is drawn and no seed changes alone.
-    assert scenes.VERSIONS == (
-        (2**32, 55), (2**33, 65), (2**34, 65), (2**35, 66), (2**36, 78), (2**37, 82),
-        (2**38, 92), (2**39, 97), (2**40, len(KINDS)))
-    assert [scenes.version_of(seed) for seed in (
-        2**32 - 1, 2**32, 2**33, 2**34, 2**35, 2**36, 2**37, 2**38, 2**39)] == [
-            1, 2, 3, 4, 5, 6, 7, 8, 9]
-    # Kinds that only later seeds draw are found there.
-    assert next(seeds_of(0, 1, {60})) >= 2**32 > next(seeds_of(0, 1, {54, 60}))
+def test_every_kind_is_drawn():
+    assert {kind_of(seed) for seed in range(2000)} == {*range(len(KINDS))}
+    assert [scene.kind for scene in map(draw_scene, range(50))] == [*map(kind_of, range(50))]
 
 
 def test_kinds_are_few_and_their_terms_are_known():
@@ -108,9 +92,7 @@ def test_kinds_are_few_and_their_terms_are_known():
 
 
 def test_scenes_reach_all_of_the_physics():
-    seeds = [*range(3000), *range(2**33, 2**33 + 1000), *range(2**35, 2**35 + 300),
-             *range(2**37, 2**37 + 600), *range(2**39, 2**39 + 600)]
-    findings = [Finding(seed, kind_of(seed), Verdict.WITHIN) for seed in seeds]
+    findings = [Finding(seed, kind_of(seed), Verdict.WITHIN) for seed in range(6000)]
     rows = dict(reversed(line.split()) for line in report.coverage_lines(findings))
     never = {name for name, count in rows.items() if int(count) == 0}
     # Each of these is another way to say, or to fill, what is drawn.
@@ -207,9 +189,11 @@ def test_stops_are_right_where_they_were_asked_for():
 @pytest.mark.long
 def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkeypatch):
     # Two bodies, one of which turns through the other.
-    found = judge(draw_scene(30673))
+    found = judge(stored_scene('length_jump'))
     assert found.verdict is Verdict.STOPPED and 'connector 0 ' in found.detail
-    run = compile_scene(ico.Scene.from_parameters(draw_scene(30673).parameters))
+    # The first row of the table in docs/stability.md.
+    assert 'energy by -9.58e-05 J' in found.detail, found.detail
+    run = compile_scene(ico.Scene.from_parameters(stored_scene('length_jump').parameters))
     assert not did_length_jump(found.detail, run)
     with pytest.raises(SimulationError) as caught:
         run.advance_to(0.03)
@@ -221,26 +205,26 @@ def test_a_length_that_jumps_between_overlapping_shells_is_a_right_reason(monkey
 
 @pytest.mark.long
 def test_a_given_step_too_long_for_lengths_that_jump_is_a_right_reason(monkeypatch):
-    for seed in (200288, 200617):
-        found = judge(draw_scene(seed))
+    for number in (1, 2):
+        found = judge(stored_scene(f'step_too_long_for_jumps_{number}'))
         assert found.verdict is Verdict.STOPPED and 'around them jump' in found.detail
     # It is the runs with shorter steps that say so.
     monkeypatch.setattr(judge_module, 'did_length_jump', lambda text, run: False)
-    assert judge(draw_scene(200288)).verdict is Verdict.WRONGLY_STOPPED
+    assert judge(stored_scene('step_too_long_for_jumps_1')).verdict is Verdict.WRONGLY_STOPPED
 
 
 @pytest.mark.long
 def test_charges_that_meet_are_a_right_reason(monkeypatch):
-    found = judge(draw_scene(203984))
+    found = judge(stored_scene('charges_pass'))
     assert found.verdict is Verdict.STOPPED and 'bodies 16 and 21, whose charges' in found.detail
     monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
-    assert judge(draw_scene(203984)).verdict is Verdict.WRONGLY_STOPPED
+    assert judge(stored_scene('charges_pass')).verdict is Verdict.WRONGLY_STOPPED
 
 
 @pytest.mark.long
 def test_steps_through_forces_of_bands_that_jump_are_within_the_promise():
     """As at kinks, their estimates are up to twice too small: 1.8 times the promise was added."""
-    finding = judge(draw_scene(1))
+    finding = judge(stored_scene('wrapped_steps'))
     assert finding.verdict is Verdict.WITHIN and finding.unjudged == 0 < finding.windows, finding
 
 
@@ -282,36 +266,35 @@ def test_a_change_that_loses_the_motion_is_found(plant):
 @pytest.mark.long
 def test_steps_that_contacts_to_come_kept_short_are_measured_before_they_grow():
     """They became four times as long, with an error that was that of the short ones."""
-    found = judge(draw_scene(18000010277))
+    found = judge(stored_scene('steps_before_contacts'))
     assert found.verdict is Verdict.WITHIN and found.added < 0.5 * found.promised, found
 
 
-@pytest.mark.parametrize('seed', [18000010235, 18000010650])
-def test_refusals_that_chance_brings_in_changes_are_right(seed):
-    assert judge(draw_scene(seed)).verdict is Verdict.REFUSED
+@pytest.mark.parametrize('name', ['refused_change_1', 'refused_change_2'])
+def test_refusals_that_chance_brings_in_changes_are_right(name):
+    assert judge(stored_scene(name)).verdict is Verdict.REFUSED
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('seed', [34359760037, 68719600142])
-def test_a_run_up_to_a_change_that_has_too_long_a_step_stops(seed):
+@pytest.mark.parametrize('name', ['stop_before_change_1', 'stop_before_change_2'])
+def test_a_run_up_to_a_change_that_has_too_long_a_step_stops(name):
     """
     The first went on from places that are not finite, into an error of the factorisation.
 
     The second has a connector in a shell with shorter steps, which ends any run.
     """
-    found = judge(draw_scene(seed))
+    found = judge(stored_scene(name))
     assert found.verdict is Verdict.STOPPED and 'solver.step' in found.detail, found
 
 
-def test_later_seeds_change_scenes_while_they_run():
-    drawn = [draw_scene(2**34 + seed) for seed in range(400)]
+def test_scenes_change_while_they_run():
+    drawn = [draw_scene(seed) for seed in range(400)]
     changing = [scene for scene in drawn if scene.change]
     assert 0.6 < len(changing) / len(drawn) < 0.8
     assert 0.02 < sum(bool(scene.spoiled) for scene in changing) / len(changing) < 0.15
     assert all(0.1 <= scene.change_at <= 0.7 for scene in changing)
     names = {name for scene in changing for name in scene.change}
     assert {'weave.size', 'weave.variant', 'connector.stiffness', 'gravity'} < names
-    assert not any(draw_scene(seed).change for seed in range(50))
     some = next(scene for scene in changing if len(scene.change) == 3 and not scene.spoiled)
     smaller = [scene.change.keys() for scene in shrink_module._all_smaller(some, 0.0)]
     assert smaller.count(some.change.keys()) == len(smaller) - 4 > 0 and {}.keys() in smaller
@@ -460,14 +443,14 @@ def test_a_run_that_goes_on_where_the_tighter_one_stops_is_not_within(text, verd
 
 def test_a_stop_after_the_end_is_right_where_the_tighter_run_comes_to_it_too():
     """The last window ends after the run; there the bodies sink too deep into a soft floor."""
-    finding = judge(draw_scene(679))
+    finding = judge(stored_scene('late_stop'))
     assert finding.verdict is Verdict.STOPPED and 'plane floor overlap' in finding.detail, finding
-    assert finding.time > draw_scene(679).duration
+    assert finding.time > stored_scene('late_stop').duration
 
 
 def test_a_given_step_that_is_too_long_before_a_stop_of_the_bodies_is_no_wrong_reason():
     """A shorter one comes to what ends the tighter run: shells of 0.4 km, deep in each other."""
-    scene = draw_scene(20354)
+    scene = stored_scene('deep_overlap')
     # It drew more inertia than its mass can have.
     finding = judge(replace(scene, parameters={**scene.parameters, 'shell.inertia': 3e16}))
     assert finding.verdict is Verdict.STOPPED and 'solver.step' in finding.detail, finding
@@ -707,7 +690,9 @@ def test_a_spoiled_scene_keeps_what_spoils_it():
         return Finding(scene.seed, scene.kind, Verdict.SILENT)
 
     for name in ('loads.lost.group', 'solver.method', 'shell.thickness'):
-        seed = next(seed for seed in range(9000) if draw_scene(seed).spoiled == name)
+        seed = next(
+            seed for seed in range(9000) if draw_scene(seed).spoiled == name
+            and not draw_scene(seed).change)
         scene = draw_scene(seed)
         small, _ = shrink(scene, judge_one)
         assert {name, *scene.spoiled_with} <= {*small.parameters} < {*scene.parameters}
@@ -769,7 +754,9 @@ def test_words_that_make_no_sense(words, status, said, capsys):
 
 def test_one_scene_by_the_command_and_its_table(tmp_path, capsys):
     # Refused, so no kernels are needed.
-    seed = next(seed for seed in range(1000) if draw_scene(seed).spoiled == 'weave.size')
+    seed = next(
+        seed for seed in range(9000) if draw_scene(seed).spoiled == 'weave.size'
+        and not draw_scene(seed).change)
     assert main(['stress', '--seed', str(seed)]) == 0
     assert 'refused with the right name' in capsys.readouterr().out
     table = tmp_path / 'table.csv'
@@ -797,7 +784,7 @@ def test_kinds_are_listed(capsys):
 def test_a_step_whose_forces_are_no_numbers_is_refused():
     # Connectors that pull 7,000 times as stiffly as they push: steps grow while all are pushed,
     # and one of 0.5 s leaves the range of numbers. Its error was taken for none.
-    finding = judge(draw_scene(201574))
+    finding = judge(stored_scene('not_finite_step'))
     assert finding.verdict in (Verdict.WITHIN, Verdict.CHAOTIC), finding
 
 
