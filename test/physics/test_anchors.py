@@ -5,7 +5,8 @@
 import math
 
 from analytical import rotation_quaternion
-from fabrics import changed, make_scene, packed_state, RANDOM, same_state
+from balance_orders import require_fourth_order
+from fabrics import make_scene, packed_state, RANDOM, same_state
 import icofabric_sim as ico
 from icofabric_sim.kernels.anchors import look_at_anchors
 from icofabric_sim.messages import decode_marker_points
@@ -176,23 +177,7 @@ def hung(table, **changes):
 
 
 def test_balance_and_motion_converge_with_the_order_of_the_method(table):
-    scene, end = hung(table), 0.012
-    reference = ico.compile_scene(changed(scene, {
-        'solver.method': 'dop8', 'solver.tolerance': 1e-10}))
-    reference.advance_to(end)
-    exact = reference.snapshot()
-    assert reference.balance.worst < 1e-10
-    errors, balances = [], []
-    for step in (8e-5, 4e-5):
-        simulation = ico.compile_scene(changed(scene, {'solver.step': step}))
-        simulation.advance_to(end)
-        snapshot = simulation.snapshot()
-        errors.append(np.abs(snapshot.position - exact.position).max() / scene.shell.half_edge)
-        balances.append(simulation.balance.worst)
-        assert snapshot.energy['work_in'] == pytest.approx(exact.energy['work_in'], rel=1e-3)
-    assert abs(exact.energy['work_in']) > 0.01 * exact.energy['kinetic']
-    assert 12.0 < errors[0] / errors[1] < 22.0
-    assert balances[1] < balances[0] / 8.0 and balances[0] < 1e-5
+    require_fourth_order(hung(table), 0.012, (8e-5, 4e-5), 1e-3)
 
 
 @pytest.mark.parametrize('method', ['srkn4', 'dop8'])

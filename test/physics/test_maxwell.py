@@ -4,6 +4,7 @@
 
 import math
 
+from balance_orders import require_balance_order
 from fabrics import (
     changed,
     make_scene,
@@ -249,19 +250,8 @@ def test_pulls_and_power_against_their_formula(cosines):
 
 
 def test_the_balance_closes_at_the_order_of_the_method():
-    scene = make_scene((3, 3, 2), {**ARMS, 'connector.maxwell_time': 2.0 / RATE}, **RANDOM)
-    steps, errors = 1.6e-3 * 0.5 ** np.arange(4), []
-    for step in steps:
-        simulation = ico.compile_scene(changed(scene, {'solver.step': float(step)}))
-        simulation.advance_to(1.6e-2)
-        energy = simulation.snapshot().energy
-        errors.append(abs(energy['balance_error']))
-        simulation.advance_to(1.6e-2 + 0.37 * float(step))
-        assert abs(simulation.snapshot().energy['balance_error']) < 2.0 * errors[-1] + 1e-14
-    assert energy['dissipated'] > 0.1 * energy['total']
-    order = np.diff(np.log(errors)) / np.diff(np.log(steps))
-    print('orders of the balance', order, errors)
-    assert order[:2].mean() > 7.0
+    require_balance_order(make_scene(
+        (3, 3, 2), {**ARMS, 'connector.maxwell_time': 2.0 / RATE}, **RANDOM))
 
 
 def test_the_same_bits_by_pieces_threads_and_from_a_checkpoint():

@@ -10,7 +10,6 @@ distance a on its axes, which give its state, and one for each end of a connecto
 first four atoms, by `fix external`.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 import tempfile
 from typing import Any
@@ -20,10 +19,10 @@ from icofabric_sim.geometry.rotations import (
     quaternions_from_cosines,
 )
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.errors import Interrupted, SimulationError
+from icofabric_sim.simulation.errors import SimulationError
 from icofabric_validation.stress import lammps_engine
-from icofabric_validation.stress.peer_loads import PeerLoads
-from icofabric_validation.stress.peer_state import State, Steps
+from icofabric_validation.stress.peer_run import number_words, PeerRun
+from icofabric_validation.stress.peer_state import State
 import numpy as np
 
 # Terms of kinds that LAMMPS computes with the same forces.
@@ -32,14 +31,14 @@ DISTRIBUTION, INSTALL = lammps_engine.DISTRIBUTION, lammps_engine.INSTALL
 METHOD = 'LAMMPS rigid/nve'
 # Error of the method in a radian of an oscillation, over (step times frequency)^order.
 ERROR, ORDER = 1.0 / 24.0, 2
-# Largest number of steps between two checks for non-finite positions.
-_CHECK_PERIOD_STEPS = 64
 # Atoms of each body that mark its centre and axes.
 _MARKERS = 4
 
 
-class LammpsRun:
-    """A run of a scene in LAMMPS with fixed steps, from its start."""
+class LammpsRun(PeerRun):
+    """A run of a scene in LAMMPS."""
+
+    check_period_steps = 64
 
     def __init__(self, scene: Scene, step: float, rate: float) -> None:
         """
@@ -47,15 +46,9 @@ class LammpsRun:
 
         Raises ValueError if LAMMPS rejects the scene.
         """
-        self.scene = scene
-        self.should_stop: Callable[[], bool] | None = None
-        self.step, self.step_count = step, 0
-        self._length, self._rate = scene.geometry.half_edge, rate
-        self._loads = PeerLoads(scene)
-        self._steps = Steps(step, self._loads.ends)
+        super().__init__(scene, step, rate)
         # Interval of the current steps, and the number of the first of them.
         self._interval = self._first = 0
-        self._intact = np.ones(scene.connector_count, dtype=bool)
         ends = scene.connectors.bodies
         # Body of each atom: markers of all bodies, then both ends of each connector.
         self._bodies = np.concatenate([
@@ -67,25 +60,9 @@ class LammpsRun:
             self.close()
             raise ValueError(f'LAMMPS: {error}') from error
 
-    @property
-    def time(self) -> float:
-        """Time [s] of the current state."""
-        return self._steps.time(self.step_count)
-
-    def advance_to(self, time: float) -> None:
-        """Advance by whole steps until the first step that ends at or after `time` [s]."""
-        while self.time < time:
-            self.advance_steps(self._steps.count_until(self.step_count, time, _CHECK_PERIOD_STEPS))
-
-    def advance_steps(self, count: int) -> None:
-        """Advance by `count` steps; raise SimulationError or Interrupted."""
-        if self.should_stop is not None and self.should_stop():
-            raise Interrupted
-        end = self.step_count + count
+    def _advance(self, end: int) -> None:
         try:
-            while self.step_count < end:
-                count = self._steps.count_equal(self.step_count, end - self.step_count)
-                self._advance_equal(count)
+            super()._advance(end)
         except Exception as error:
             raise SimulationError(f'LAMMPS at t = {self.time:.9g} s: {error}') from error
         if not np.isfinite(self._gather('x')).all():
@@ -94,7 +71,6 @@ class LammpsRun:
                 'positions are not finite')
 
     def _advance_equal(self, count: int) -> None:
-        """Advance by equal steps in one interval, in which no load jumps."""
         interval, again = self._steps.interval(self.step_count), 'no'
         if interval != self._interval:
             # Recompute forces at the start of the step, which belong to the new interval.
@@ -172,7 +148,7 @@ class LammpsRun:
                 for number, (stiffness, length) in enumerate(laws)] or ['bond_coeff 1 0.0 1.0']
             lines += ['neigh_modify once yes', 'group centres type 2']
             if gravity.any():
-                lines.append('fix gravity centres addforce ' + _numbers(gravity))
+                lines.append('fix gravity centres addforce ' + number_words(gravity))
             if self._loads.bodies.size:
                 lines.append('fix loads all external pf/callback 1 1')
             lines += [
@@ -224,7 +200,7 @@ class LammpsRun:
         lines += ['', 'Masses', '', '1 1.0', '2 1.0', '', 'Atoms # bond', '']
         for atom, (body, place) in enumerate(zip(self._bodies.tolist(), atoms.tolist())):
             kind = 2 if atom < _MARKERS * scene.body_count and atom % _MARKERS == 0 else 1
-            lines.append(f'{atom + 1} {body + 1} {kind} ' + _numbers(place))
+            lines.append(f'{atom + 1} {body + 1} {kind} ' + number_words(place))
         if scene.connector_count:
             first = _MARKERS * scene.body_count + 1
             lines += ['', 'Bonds', '']
@@ -239,12 +215,8 @@ class LammpsRun:
         inertia = scene.shell.inertia / (scene.shell.mass * a**2)
         start, rows = scene.initial, [str(scene.body_count)]
         for body in range(scene.body_count):
-            rows.append(f'{body + 1} 1.0 ' + _numbers([
+            rows.append(f'{body + 1} 1.0 ' + number_words([
                 *start.position[body] / a, *([inertia] * 3), 0.0, 0.0, 0.0,
                 *start.linear_velocity[body] / (a * rate),
                 *inertia * start.angular_velocity[body] / rate]) + ' 0 0 0')
         path.write_text('\n'.join(rows) + '\n')
-
-
-def _numbers(values: Any) -> str:
-    return ' '.join(repr(float(value)) for value in values)

@@ -9,16 +9,15 @@ rejects masses below 1e-15. Loads act by the callback for passive forces, which 
 each stage.
 """
 
-from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.libraries import install_command
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.errors import Interrupted, SimulationError
-from icofabric_validation.stress.peer_loads import PeerLoads
-from icofabric_validation.stress.peer_state import State, Steps
+from icofabric_sim.simulation.errors import SimulationError
+from icofabric_validation.stress.peer_run import number_words, PeerRun
+from icofabric_validation.stress.peer_state import State
 import numpy as np
 
 # Terms of kinds that MuJoCo computes with the same forces.
@@ -27,12 +26,12 @@ DISTRIBUTION, INSTALL = 'mujoco', install_command('mujoco')
 METHOD = 'MuJoCo RK4'
 # Error of the method in a radian of an oscillation, over (step times frequency)^order.
 ERROR, ORDER = 1.0 / 120.0, 4
-# Largest number of steps between two checks for warnings.
-_CHECK_PERIOD_STEPS = 16
 
 
-class MuJoCoRun:
-    """A run of a scene in MuJoCo with fixed steps, from its start."""
+class MuJoCoRun(PeerRun):
+    """A run of a scene in MuJoCo."""
+
+    check_period_steps = 16
 
     def __init__(self, scene: Scene, step: float, rate: float) -> None:
         """
@@ -40,38 +39,16 @@ class MuJoCoRun:
 
         Raises ValueError if MuJoCo rejects the scene.
         """
-        self.scene = scene
-        self.should_stop: Callable[[], bool] | None = None
-        self.step, self.step_count = step, 0
+        super().__init__(scene, step, rate)
         self._mujoco = import_module('mujoco')
-        self._length, self._rate = scene.geometry.half_edge, rate
         self._cosines = cosines_from_quaternions(scene.initial.orientation)
         self._model = self._mujoco.MjModel.from_xml_string(self._mjcf())
-        self._loads = PeerLoads(scene)
-        self._steps = Steps(step, self._loads.ends)
         self._data = self._mujoco.MjData(self._model)
         self._shown = self._mujoco.MjData(self._model)
         self._start()
-        self._intact = np.ones(scene.connector_count, dtype=bool)
 
-    @property
-    def time(self) -> float:
-        """Time [s] of the current state."""
-        return self._steps.time(self.step_count)
-
-    def advance_to(self, time: float) -> None:
-        """Advance by whole steps until the first step that ends at or after `time` [s]."""
-        while self.time < time:
-            self.advance_steps(self._steps.count_until(self.step_count, time, _CHECK_PERIOD_STEPS))
-
-    def advance_steps(self, count: int) -> None:
-        """Advance by `count` steps; raise SimulationError for MuJoCo warnings, or Interrupted."""
-        if self.should_stop is not None and self.should_stop():
-            raise Interrupted
-        end = self.step_count + count
-        while self.step_count < end:
-            count = self._steps.count_equal(self.step_count, end - self.step_count)
-            self._advance_equal(count)
+    def _advance(self, end: int) -> None:
+        super()._advance(end)
         for kind in range(self._mujoco.mjtWarning.mjNWARNING):
             if self._data.warning[kind].number:
                 words = self._mujoco.mju_warningText(
@@ -80,7 +57,6 @@ class MuJoCoRun:
                     f'MuJoCo at t = {self.time:.9g} s, after steps of {self.step:.6g} s: {words}')
 
     def _advance_equal(self, count: int) -> None:
-        """Advance by equal steps in one interval, in which no load jumps."""
         mujoco, first = self._mujoco, self.step_count
         self._model.opt.timestep = self._steps.length(first) * self._rate
         if self._loads.bodies.size:
@@ -139,7 +115,7 @@ class MuJoCoRun:
         for number, pair in enumerate(ends):
             for side, body in enumerate(pair):
                 sites[body] += (
-                    f'<site name="s{number}_{side}" pos="{_numbers(points[number, side])}"/>')
+                    f'<site name="s{number}_{side}" pos="{number_words(points[number, side])}"/>')
         for body in range(scene.body_count):
             place, (x, y, z, w) = start.position[body] / a, start.orientation[body]
             moving, turning = self._free_axes(body)
@@ -152,12 +128,13 @@ class MuJoCoRun:
                     axes = self._cosines[body].T
                 # Joint axes are in the initial frame of the body.
                 joints += ''.join(
-                    f'<joint type="slide" axis="{_numbers(axes[axis])}"/>'
+                    f'<joint type="slide" axis="{number_words(axes[axis])}"/>'
                     for axis in range(3) if moving[axis])
                 joints += '<joint type="ball"/>' if turning else ''
             bodies += (
-                f'<body name="b{body}" pos="{_numbers(place)}" quat="{_numbers(quat)}">{joints}'
-                f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{_numbers([inertia] * 3)}"/>'
+                f'<body name="b{body}" pos="{number_words(place)}" quat="{number_words(quat)}">'
+                f'{joints}<inertial pos="0 0 0" mass="{mass!r}" '
+                f'diaginertia="{number_words([inertia] * 3)}"/>'
                 f'{sites[body]}</body>')
         unit = scene.shell.mass * rate**2
         stiffness, length, damping = (
@@ -171,7 +148,7 @@ class MuJoCoRun:
         gravity = np.array(scene.parameters['gravity'], dtype=float) / (a * rate**2)
         return (
             '<mujoco><compiler balanceinertia="false" boundmass="0" boundinertia="0"/>'
-            f'<option gravity="{_numbers(gravity)}" integrator="RK4" jacobian="sparse"><flag '
+            f'<option gravity="{number_words(gravity)}" integrator="RK4" jacobian="sparse"><flag '
             'contact="disable" constraint="disable" sensor="disable" actuation="disable" '
             'limit="disable" equality="disable" frictionloss="disable"/></option>'
             f'<worldbody>{bodies}</worldbody><tendon>{tendons}</tendon></mujoco>')
@@ -211,7 +188,3 @@ class MuJoCoRun:
                 data.qpos[q:q + 4] = w, x, y, z
                 data.qvel[v:v + 3] = spin
         self._mujoco.mj_forward(model, data)
-
-
-def _numbers(values: Any) -> str:
-    return ' '.join(repr(float(value)) for value in values)

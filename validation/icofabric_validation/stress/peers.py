@@ -29,6 +29,7 @@ from icofabric_validation.stress.judge import (
 from icofabric_validation.stress.kinds import KINDS
 from icofabric_validation.stress.lammps_run import LammpsRun
 from icofabric_validation.stress.mujoco_run import MuJoCoRun
+from icofabric_validation.stress.peer_run import PeerRun
 from icofabric_validation.stress.scenes import draw_scene, kind_of, StressScene
 from icofabric_validation.stress.verdict import Finding, Verdict
 from icofabric_validation.stress.windows import fastest_rate, run_reference, Windows
@@ -45,9 +46,6 @@ _WINDOWS_TIME_RATIO, _ALL_RUNS_TIME_RATIO = 0.6, 0.9
 _MIN_SIMULATED_RATIO = 0.25
 # Parameters that the programs do not support.
 _UNSUPPORTED = ('masses.',)
-
-
-PeerRun = MuJoCoRun | LammpsRun
 
 
 class Peer(NamedTuple):
