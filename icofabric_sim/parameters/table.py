@@ -122,7 +122,7 @@ STATIC: tuple[Specification, ...] = (
        RESTARTS, minimum=0.0),
     _s('weave.azimuth', 0.0, 'rad', 'bias only: rotation about the vertical', RESTARTS),
     _s('weave.boundary', 'upright', '',
-       'bias only: upright fills an axis-aligned box, fabric turns the whole slab',
+       'bias only: box that the weave fills; upright: axis-aligned, fabric: turned with the weave',
        RESTARTS, choices=('upright', 'fabric')),
     _s('weave.region', '', '',
        'region to cut the weave to, centred on the fabric: sphere R, cylinder R H, box X Y Z [m], '
@@ -141,7 +141,8 @@ STATIC: tuple[Specification, ...] = (
     _s('connector.stiffness_extension', -1.0, 'N/m',
        'stiffness k_e above the natural length (eq 2); negative: connector.stiffness'),
     _s('connector.stiffness_compression', -1.0, 'N/m',
-       'stiffness k_c below the natural length (eq 2); negative: connector.stiffness; 0: slack'),
+       'stiffness k_c below the natural length (eq 2); negative: connector.stiffness; 0: the '
+       'connector goes slack'),
     _s('connector.natural_length', 0.0, 'm',
        'natural length D; 0: the length L as woven', minimum=0.0),
     _s('connector.break_length_extension', 0.0, 'm',
@@ -215,15 +216,16 @@ STATIC: tuple[Specification, ...] = (
        minimum=0.0),
     _s('contact.damping', 0.0, 's/m',
        'c: the normal force of a contact is multiplied by 1 + c times the rate of overlap, and '
-       'is never attractive; contact.damping_for computes c for a coefficient of restitution',
+       'is never attractive; the Python function icofabric_sim.contact.damping_for computes c for '
+       'a coefficient of restitution',
        minimum=0.0),
     _s('contact.friction', 0.0, '',
        'coefficient of friction mu: bodies in contact stick by a tangential spring up to mu '
        'times the normal force, then slide',
        minimum=0.0),
     _s('pull.strength', 1.0, '',
-       'drag force scale: stiffness and largest force of ~/pull, relative to the values chosen '
-       'for the fabric',
+       'scale of ~/pull, by which you pull at a body: stiffness and largest force, relative to '
+       'the values chosen for the fabric',
        **_positive(maximum=1000.0)),
     _s('initial_random.velocity_sigma', 0.0, 'm/s',
        'random start: standard deviation of each velocity component', minimum=0.0),
@@ -233,8 +235,8 @@ STATIC: tuple[Specification, ...] = (
     _s('equilibrium.objective', 'energy', '',
        'quantity that an equilibrium solve minimises; energy: potential energy, with contacts as '
        'springs; '
-       'resultants: force and moment resultants without overlap, as the document states (no '
-       'follower loads)',
+       'resultants: force and moment resultants without overlap, as in the document of '
+       'M. A. Martin (no follower loads)',
        AT_ONCE, choices=OBJECTIVES),
     _s('duration', 0.0, 's',
        'simulated time after which the node ends; 0: runs until stopped',
@@ -299,13 +301,14 @@ STATIC: tuple[Specification, ...] = (
        FIXED),
     _s('start_paused', False, '', 'start paused', FIXED),
     _s('reset_time', False, '', 'a reset also sets the time to 0', AT_ONCE),
-    _s('step_count', 1, '', 'solver steps per call of ~/step', AT_ONCE, minimum=1, maximum=10**6),
+    _s('step_count', 1, '', 'steps per call of the service ~/step',
+       AT_ONCE, minimum=1, maximum=10**6),
     _s('advance_duration', 0.01, 's',
-       'simulated time per call of ~/advance, in whole nanoseconds',
+       'simulated time per call of the service ~/advance, in whole nanoseconds',
        AT_ONCE, minimum=1e-9, maximum=_MAX_TIME_S),
     _s('input_horizon', 1.0, 's',
-       'how far the stamp of an input may lie ahead of simulated time; inputs with later stamps '
-       'act at once',
+       'how far the stamp of an input may lie ahead of simulated time; later stamps are taken for '
+       'those of another clock, and the input acts at once',
        AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S),
     _s('input_reliability', 'reliable', '',
        'QoS reliability of the subscriptions for wrenches and twists; best_effort also matches '
@@ -385,7 +388,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     ),
     'masses': (
         _s('group', '', '',
-           'group of bodies with an individual mass, inertia or shell size',
+           'group of bodies whose mass, inertia or size differs from shell.*',
            RESTARTS, required=True),
         _s('edge_length', 0.0, 'm',
            'outer edge length 2a of each shell; 0: shell.edge_length; attachment points of '
