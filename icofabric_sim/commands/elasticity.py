@@ -125,7 +125,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         print(f'{name}: no constants of a periodic fabric, because {why}')
     else:
         print(f'{name}: periodic fabric')
-        aside = rest_text(scene) if constants.rest is None else lattice_text(constants.rest, scene)
+        aside = rest_text(scene) if constants.relaxed_state is None else lattice_text(
+            constants.relaxed_state, scene)
         print('\n'.join([*constants_text(constants, judged), *aside]))
     parts = np.arange(1, arguments.points + 1) / arguments.points
     cases = LoadCases(
@@ -179,13 +180,14 @@ def _numbers(
     import numpy as np
     return {
         'order': _VOIGT, 'stiffness_pa': constants.stiffness, 'stress_pa': constants.stress,
-        'density_kg_m3': constants.density, 'soft_strain_count': len(constants.soft_strains),
+        'density_kg_m3': constants.density,
+        'zero_energy_strain_count': len(constants.zero_energy_strains),
         'young_modulus_pa': {
             label: constants.young_modulus(np.array(direction, float))
             for label, direction in _DIRECTIONS.items()},
         'bulk_modulus_pa': constants.bulk_modulus,
         'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)},
-        'directions': elastic_directions.numbers(judged), **_rest_numbers(constants.rest)}
+        'directions': elastic_directions.numbers(judged), **_rest_numbers(constants.relaxed_state)}
 
 
 def _rest_numbers(rest: 'LatticeRest | None') -> dict[str, Any]:
@@ -372,10 +374,10 @@ def _branch_text(
     lines.append(f'  bulk modulus              {constants.bulk_modulus:12.6g} Pa')
     lines += elastic_directions.text(judged)
     lines.append(f'  density {constants.density:.6g} kg/m^3')
-    if len(constants.soft_strains):
+    if len(constants.zero_energy_strains):
         lines.append(
-            f'  {len(constants.soft_strains)} strains have zero energy: a pull that excites one '
-            'has modulus 0')
+            f'  {len(constants.zero_energy_strains)} strains have zero energy: '
+            'a pull that excites one has modulus 0')
     return lines
 
 

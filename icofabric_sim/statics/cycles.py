@@ -93,9 +93,10 @@ def measure_cycles(
     -----
     The work is the sum over the steps of mean force times displacement. A step leads from the
     state after the breaks of the previous step to the state before its own breaks. So the area of
-    a loop without breaks is 0 up to round-off, and the error with breaks is of second order in the
-    step size. For exact steps `loop_area` equals `released_energy` plus `energy_gain`, or exceeds
-    this sum if the slab snaps through.
+    a loop without breaks, friction and snap-through is 0 up to round-off, and the error with
+    breaks is of second order in the step size. For exact steps `loop_area` equals
+    `released_energy` plus `energy_gain`, or exceeds this sum if the slab snaps through or contacts
+    slide.
     """
     if progress is not None:
         checks.function('progress', progress)

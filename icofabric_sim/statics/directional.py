@@ -18,7 +18,7 @@ class Directional(NamedTuple):
     """Moduli and Poisson's ratios for one direction of the periodic fabric, world axes."""
 
     direction: np.ndarray  # (3,) unit vector
-    young_modulus: float  # [Pa]; 0 if a zero-energy strain yields
+    young_modulus: float  # [Pa]; 0 if the load does work on a zero-energy strain
     # Smallest and largest Poisson's ratio, and their lateral directions; NaN if the modulus is 0.
     poisson_ratio: tuple[float, float]
     poisson_across: np.ndarray  # (2, 3) unit vectors
@@ -46,14 +46,14 @@ def unit_shear(n: np.ndarray, m: np.ndarray) -> np.ndarray:
     return voigt(product + np.swapaxes(product, -1, -2))
 
 
-def works_on_soft(stress: np.ndarray, soft: np.ndarray) -> np.ndarray:
+def excites_zero_energy(stress: np.ndarray, soft: np.ndarray) -> np.ndarray:
     """Return the mask (...) of stresses (..., 6) that do work on zero-energy strains (z, 6)."""
     return np.abs(stress @ soft.T).max(axis=-1, initial=0.0) > _ZERO_WORK
 
 
-def yield_reason(stress: np.ndarray, soft: np.ndarray) -> str:
+def undefined_reason(stress: np.ndarray, soft: np.ndarray) -> str:
     """Describe the zero-energy strain on which a stress (6,) does work, or return ''."""
-    if not works_on_soft(stress, soft):
+    if not excites_zero_energy(stress, soft):
         return ''
     strain = soft.T @ (soft @ stress)
     strain = strain / strain[np.argmax(np.round(np.abs(strain), 9))]
@@ -72,7 +72,7 @@ def directional(compliance: np.ndarray, soft: np.ndarray, n: np.ndarray) -> Dire
     """
     across = _plane(n)
     pull = unit_tension(n)
-    undefined = yield_reason(pull, soft)
+    undefined = undefined_reason(pull, soft)
     modulus, ratios, sides = 0.0, np.full(2, np.nan), across
     if not undefined:
         strain = compliance @ pull

@@ -125,16 +125,16 @@ class Equilibrium(AsTable):
     # Zero-energy motions, including rigid motions of the whole; -1: not counted, because the
     # fabric is not in equilibrium or has more than 400,000 degrees of freedom.
     mechanism_count: int
-    unstable_count: int  # motions that lower the energy; -1: not counted; large fabrics: 1 = some
+    unstable_count: int  # motions that lower the energy; -1: not counted; large: 1 = at least one
     force_scale: float  # [N] largest acting force
     unbalanced_wrench: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
     tension: np.ndarray  # (c,) [N], positive in extension
     contact_state: ContactState | None  # contacts without friction; None: the scene has no contact
-    reaction: np.ndarray  # (n, 6) forces [N] and torques [N m] of supports and drives on bodies
+    reaction: np.ndarray  # (n, 6) [N], [N m] wrench of supports and drives on each body
     step_count: int
-    product_count: int
+    product_count: int  # Hessian-vector products
     # Connectors, by number, and anchors, by name, at their natural length with k_e other than k_c.
-    # The counts above are then those of motions that are independent of the side.
+    # The counts above are then those of the stiffest choice of k_e or k_c in each; see `branches`.
     at_kink: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     anchors_at_kink: tuple[str, ...] = ()
     # Counts of zero-energy and unstable motions with k_e in all of these ('pull') and with k_c
@@ -147,7 +147,7 @@ class Equilibrium(AsTable):
     reason: str = ''
     # Reactions of supports, drives, anchors and planes, by name.
     reactions: Reactions | None = None
-    # Friction on a path of states; None without friction.
+    # Friction springs on a path of states; None without friction.
     friction: ContactFriction | None = None
     # Force, torques and point of each contact, including friction; None without contact.
     contacts: ContactForces | None = None
@@ -227,8 +227,8 @@ def solve_equilibrium(
     With friction the equilibrium depends on the load path; `step_loads` follows a path. This
     function finds one possible equilibrium in two steps.
 
-    1. It finds a configuration in which all contacts stick. If that needs more friction than
-       available, it searches without friction.
+    1. It finds a configuration in which all contacts stick. If sticking needs a friction
+       coefficient above `contact.friction`, it searches without friction.
     2. It computes contact forces within the friction cones that balance all loads and maximise
        the smallest margin (`contacts.margin`, see admissible.py).
 

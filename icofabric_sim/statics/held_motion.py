@@ -70,9 +70,9 @@ class HeldMotion:
 
     def conjugate(self, amount: float, reaction: np.ndarray) -> float:
         """
-        Return the derivative of the energy by the amount [J], from reactions (n, 6) at an amount.
+        Return the derivative of the energy with respect to the amount [J], from reactions (n, 6).
 
-        For an angle the derivative is a moment [N m].
+        `reaction` is that at the amount. For an angle the derivative is a moment [N m].
         """
         return float((reaction[self.moved] * self.at(amount).rate).sum())
 

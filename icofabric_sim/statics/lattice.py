@@ -67,11 +67,11 @@ class LatticeRest(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Stability against strains and rotations: 'stable', 'with soft strains', 'unstable'."""
+        """Stability against uniform motions: 'stable', 'with zero-energy strains', 'unstable'."""
         least = _RELAX.zero_ratio * float(np.abs(self.curvature).max())
         if self.curvature[0] < -least:
             return 'unstable'
-        return 'with soft strains' if self.curvature[0] <= least else 'stable'
+        return 'with zero-energy strains' if self.curvature[0] <= least else 'stable'
 
 
 class Lattice:

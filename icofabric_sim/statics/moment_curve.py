@@ -30,7 +30,7 @@ class MomentCurvePoint(NamedTuple):
     """State of the slab at one angle."""
 
     angle: float  # [rad] between the ends
-    moment: float  # [N m] derivative of the energy by the angle
+    moment: float  # [N m] derivative of the energy with respect to the angle
     # [N m^2] moment less `rest_moment`, over curvature or twist per length: bending stiffness EI,
     # or torsional stiffness GJ.
     rigidity: float
@@ -43,7 +43,7 @@ class MomentCurvePoint(NamedTuple):
     contact_pairs: int  # pairs of shells in contact
     sliding_pairs: int  # of these, sliding pairs (contact.friction)
     at_kink: int  # connectors at their natural length with k_e other than k_c
-    # Connectors at their kink at angle 0, or on the other side since then.
+    # Connectors at their kink at angle 0, or that have crossed their natural length since then.
     past_kink: int
     rest_moment: float  # [N m] at angle 0, from natural lengths; NaN: no equilibrium
     end_force: tuple[float, float, float]  # [N] on the moved end, world axes
@@ -106,9 +106,9 @@ def measure_moment_curve(
 
     Notes
     -----
-    `moment` is the derivative of the energy by the angle. In a bend it includes the work of the
-    end force, because the arc brings the ends closer. So it differs from the component of
-    `end_moment`, which is about the centre of the end, in second order of the angle.
+    `moment` is the derivative of the energy with respect to the angle. In a bend it includes the
+    work of the end force, because the arc brings the ends closer. It differs from the component
+    of `end_moment`, about the centre of the end, by a term of second order in the angle.
     """
     return Results(MOMENT_CURVE_COLUMNS, moment_curve_points(
         scene, kind, angles, axis=axis, about=about, body_force=body_force, progress=progress))

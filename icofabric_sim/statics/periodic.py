@@ -4,10 +4,10 @@
 Periodic fabric: dispersion of Bloch waves, and effective elastic constants.
 
 All bodies of a weave have the same twelve neighbours and the same connectors to them. The lattice
-is face-centred cubic with one body, six degrees of freedom and six connectors per unit cell: as
-many constraints as degrees of freedom. A wave u = w exp(i k.x) satisfies D(k) w = omega^2 M w with
-the dynamical matrix D(k) = sum_R H(0, R) exp(i k.R) over a body and its neighbours (Born and Huang
-1954, Dynamical Theory of Crystal Lattices, 24).
+is face-centred cubic with one body, six degrees of freedom and six connectors per primitive cell:
+as many constraints as degrees of freedom. A wave u = w exp(i k.x) satisfies D(k) w = omega^2 M w
+with the dynamical matrix D(k) = sum_R H(0, R) exp(i k.R) over a body and its neighbours (Born and
+Huang 1954, Dynamical Theory of Crystal Lattices, 24).
 """
 
 from collections.abc import Mapping
@@ -26,10 +26,10 @@ from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.statics.directional import (
     Directional,
     directional,
+    excites_zero_energy,
     LABELS,
     unit_shear,
     unit_tension,
-    works_on_soft,
 )
 from icofabric_sim.statics.fabric import Configuration, StaticFabric
 from icofabric_sim.statics.friction import FrictionPath
@@ -49,7 +49,7 @@ import numpy as np
 _CELL_SLAB_SIZE = [5, 5, 5]
 _CELL_PARAMETERS = ('shell.', 'connector.', 'connector_groups.', 'weave.kind', 'weave.azimuth',
                     'weave.connector_length', 'weave.connector_angle')
-# Stiffnesses and energies below this ratio to the largest are zero.
+# Stiffnesses and energies below this ratio to the largest count as zero.
 _ZERO_RATIO = 1e-9
 # Ratio of stiffnesses above which a warning about round-off is logged.
 _ROUNDED_RATIO = 1e7
@@ -65,22 +65,23 @@ class Cell:
     neighbours: np.ndarray  # (m,) the body itself, its twelve neighbours, and others in contact
     offsets: np.ndarray  # (m, 3) [m] from its centre, as woven
     stiffness: np.ndarray  # (m, 6, 6) second derivatives H(0, R) of the energy
-    root: np.ndarray  # (6,) square roots of mass and the smallest moment of inertia
-    inverse_root: np.ndarray  # (6, 6) M^-1/2 with all moments, world axes
+    sqrt_mass: np.ndarray  # (6,) square roots of mass and the smallest moment of inertia
+    inverse_sqrt_mass: np.ndarray  # (6, 6) M^-1/2 with all moments, world axes
     # Connectors are at their natural length, and k_e differs from k_c.
     at_kink: bool
-    rest: LatticeRest | None = None  # equilibrium; None: as woven
+    relaxed_state: LatticeRest | None = None  # equilibrium; None: as woven
 
     @property
     def volume(self) -> float:
         """Volume [m^3] per body: that of every second point of a grid of pitch W, deformed."""
-        deformed = 1.0 if self.rest is None else float(np.linalg.det(self.rest.gradient))
+        deformed = 1.0 if self.relaxed_state is None else float(
+            np.linalg.det(self.relaxed_state.gradient))
         return 2.0 * float(self.scene.geometry.pitch) ** 3 * deformed
 
     @property
     def density(self) -> float:
         """Mass per volume [kg/m^3]."""
-        return float(self.root[0]) ** 2 / self.volume
+        return float(self.sqrt_mass[0]) ** 2 / self.volume
 
 
 def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False) -> Cell:
@@ -88,7 +89,7 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
     Return the unit cell of the periodic fabric with the shell, connectors and weave of a scene.
 
     The size, loads, supports and groups of bodies of the scene have no effect. `branch` is the
-    side of connectors at their kink in second derivatives, 'push' (None) or 'pull'. `relaxed`
+    stiffness of connectors at their natural length: 'push' (None) is k_c, 'pull' is k_e. `relaxed`
     uses the equilibrium of the fabric, with contact unless `contact.mode` is never, and with
     sticking contacts if there is `contact.friction`; otherwise the state is as woven, without
     contact.
@@ -160,11 +161,11 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
             blocks[number, :, freedom] = here.times(vector)[body]
     return Cell(
         piece, body, neighbours, piece.position[neighbours] - piece.position[body], blocks,
-        fabric.root, _inverse_root(fabric, here, body),
+        fabric.root, _inverse_sqrt_mass(fabric, here, body),
         bool((bodies[here.at_kink] == body).any()), rest)
 
 
-def _inverse_root(fabric: StaticFabric, here: Configuration, body: int) -> np.ndarray:
+def _inverse_sqrt_mass(fabric: StaticFabric, here: Configuration, body: int) -> np.ndarray:
     """Return M^-1/2 (6, 6) of a body on world axes."""
     inverse: np.ndarray = np.diag(1.0 / fabric.root)
     moments = fabric.scene.principal_inertia
@@ -214,8 +215,8 @@ def solve_bands(
 
     Notes
     -----
-    The k-th frequency of every mixture of connectors in extension and compression lies between
-    those of the two branches.
+    If k_e - k_c has the same sign in all connectors, the k-th frequency of every mixture of
+    connectors in extension and compression lies between those of the two branches.
 
     References
     ----------
@@ -234,7 +235,7 @@ def solve_bands(
             "do not superpose there; give branch='pull' or branch='push' for the waves of a "
             'fabric with all connectors in extension or all in compression')
     phase = np.exp(1j * wave_vectors @ cell.offsets.T)
-    scaled = cell.inverse_root @ cell.stiffness @ cell.inverse_root
+    scaled = cell.inverse_sqrt_mass @ cell.stiffness @ cell.inverse_sqrt_mass
     matrix = np.einsum('mr,rij->mij', phase, scaled)
     values = np.linalg.eigvalsh(0.5 * (matrix + np.conj(np.swapaxes(matrix, 1, 2))))
     largest = float(np.abs(scaled).sum(axis=(0, 2)).max())
@@ -271,7 +272,7 @@ def band_path(scene: Scene, points: int = 40) -> tuple[np.ndarray, np.ndarray, l
 
 
 def sample_zone(scene: Scene, count: int) -> np.ndarray:
-    """Return wave vectors (count^3, 3) [rad/m] on a grid of the Brillouin zone without zero."""
+    """Return wave vectors (count^3, 3) [rad/m] on a grid of a reciprocal cell without k = 0."""
     require_scene(scene)
     count = checks.count('count', count, 1)
     pitch = float(scene.geometry.pitch)
@@ -290,7 +291,9 @@ def _grid_axes(scene: Scene) -> np.ndarray:
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
-@renamed_attributes(pulled='uniaxial_response', along='directional_moduli')
+@renamed_attributes(
+    pulled='uniaxial_response', along='directional_moduli', rest='relaxed_state',
+    soft_strains='zero_energy_strains')
 @dataclass(frozen=True, repr=False)
 class Elasticity(AsTable):
     """Elastic constants of the periodic fabric, world axes."""
@@ -298,26 +301,27 @@ class Elasticity(AsTable):
     stiffness: np.ndarray  # (6, 6) [Pa], Voigt's order xx yy zz yz xz xy
     density: float  # [kg/m^3]
     # Orthonormal basis (z, 6) of the zero-energy strains.
-    soft_strains: np.ndarray
+    zero_energy_strains: np.ndarray
     # [Pa] stress of the state, Voigt's order; not 0 for woven fabrics under pre-stress.
     stress: np.ndarray
     energy: CellEnergy
     volume: float  # [m^3] of a cell
     # Connectors of a cell at their natural length with k_e other than k_c. There is no single
-    # tangent there: stiffness, soft strains and moduli are those of the `branch`, 'push' (k_c) or
-    # 'pull' (k_e in all of them); '' if no connector is at its kink.
+    # tangent there: stiffness, zero-energy strains and moduli are those of the `branch`, 'push'
+    # (k_c) or 'pull' (k_e in all of them); '' if no connector is at its kink.
     at_kink: int = 0
     branch: str = ''
     # Both branches by name; empty if no connector is at its kink.
     branches: Mapping[str, 'Elasticity'] = field(default_factory=dict)
-    rest: LatticeRest | None = None  # equilibrium that the constants refer to; None: as woven
+    # Equilibrium that the constants refer to; None: as woven.
+    relaxed_state: LatticeRest | None = None
 
     def __repr__(self) -> str:
         """Return a summary without arrays."""
         kink = f', {self.branch} of {self.at_kink:,} connectors at their kink' if (
             self.branch) else ''
         return (f'<Elasticity: stiffness up to {np.abs(self.stiffness).max():.6g} Pa, '
-                f'{len(self.soft_strains)} zero-energy strains{kink}>')
+                f'{len(self.zero_energy_strains)} zero-energy strains{kink}>')
 
     def table(self) -> dict[str, list[Any]]:
         """Return the stiffness, a row for each stress and a column for each strain."""
@@ -405,14 +409,14 @@ class Elasticity(AsTable):
         Returns
         -------
         ndarray
-            Moduli (...) [Pa]; 0 if a zero-energy strain yields.
+            Moduli (...) [Pa]; 0 if the load does work on a zero-energy strain.
         """
         n = checks.directions('direction', direction)
         pull = unit_tension(n)
-        yields = works_on_soft(pull, self.soft_strains)
+        excited = excites_zero_energy(pull, self.zero_energy_strains)
         with np.errstate(divide='ignore'):
             modulus = 1.0 / np.einsum('...i,ij,...j', pull, self._compliance, pull)
-        return np.where(yields, 0.0, modulus)
+        return np.where(excited, 0.0, modulus)
 
     def poisson_ratio(self, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
         """
@@ -428,17 +432,17 @@ class Elasticity(AsTable):
         Returns
         -------
         ndarray
-            Ratios (...); NaN if a zero-energy strain yields.
+            Ratios (...); NaN if the load does work on a zero-energy strain.
         """
         n, m = (
             checks.directions(name, value)
             for name, value in (('direction', direction), ('across', across)))
         checks.alike_rows('direction', n, 'across', m)
         pull, side = unit_tension(n), unit_tension(m)
-        yields = works_on_soft(pull, self.soft_strains)
+        excited = excites_zero_energy(pull, self.zero_energy_strains)
         along = np.einsum('...i,ij,...j', pull, self._compliance, pull)
         ratio = -np.einsum('...i,ij,...j', side, self._compliance, pull) / along
-        return np.where(yields, np.nan, ratio)
+        return np.where(excited, np.nan, ratio)
 
     def shear_modulus(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
         """
@@ -454,7 +458,7 @@ class Elasticity(AsTable):
         Returns
         -------
         ndarray
-            Moduli (...) [Pa]; 0 if a zero-energy strain yields.
+            Moduli (...) [Pa]; 0 if the load does work on a zero-energy strain.
 
         Raises
         ------
@@ -471,10 +475,10 @@ class Elasticity(AsTable):
                 'along must be perpendicular to normal, because planes slide within themselves; '
                 f'the cosine between them is up to {slant:.3g}')
         shear = unit_shear(n, m)
-        yields = works_on_soft(shear, self.soft_strains)
+        excited = excites_zero_energy(shear, self.zero_energy_strains)
         with np.errstate(divide='ignore'):
             modulus = 1.0 / np.einsum('...i,ij,...j', shear, self._compliance, shear)
-        return np.where(yields, 0.0, modulus)
+        return np.where(excited, 0.0, modulus)
 
     def directional_moduli(self, direction: np.ndarray) -> Directional:
         """
@@ -493,13 +497,13 @@ class Elasticity(AsTable):
             undefined.
         """
         n = checks.directions('direction', direction, single=True)
-        return directional(self._compliance, self.soft_strains, n)
+        return directional(self._compliance, self.zero_energy_strains, n)
 
     @property
     def bulk_modulus(self) -> float:
-        """Bulk modulus [Pa]: pressure over relative loss of volume; 0 if a soft strain yields."""
+        """Bulk modulus [Pa]: pressure over relative loss of volume; 0 if that costs no energy."""
         alike = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-        if works_on_soft(alike, self.soft_strains):
+        if excites_zero_energy(alike, self.zero_energy_strains):
             return 0.0
         return float(1.0 / (alike @ self._compliance @ alike))
 
@@ -519,13 +523,14 @@ def homogenise(
     scene
         Scene with the shell, connectors and weave; its size, loads and supports have no effect.
     branch
-        Side of connectors at their kink in the constants: 'push' (None) or 'pull'. The methods
-        `response` and `uniaxial_response` of the result are exact for small strains of one sign.
+        Stiffness of connectors at their natural length: 'push' (None) is k_c, 'pull' is k_e. The
+        methods `response` and `uniaxial_response` of the result are exact for a given small
+        strain or load.
     relaxed
-        Refer to the equilibrium of the periodic fabric (`rest` of the result), with contact unless
-        `contact.mode` is never, instead of the woven state. Contacts at first touch are left out
-        (`rest.first_touches`). With `contact.friction` loaded contacts stick, as they do up to the
-        first slip.
+        Refer to the equilibrium of the periodic fabric (`relaxed_state` of the result), with
+        contact unless `contact.mode` is never, instead of the woven state. Contacts at first touch
+        are left out (`relaxed_state.first_touches`). With `contact.friction` loaded contacts
+        stick, as they do up to the first slip.
 
     Returns
     -------
@@ -539,20 +544,20 @@ def homogenise(
 
     Notes
     -----
-    Every body is displaced by the same strain, x -> x + eps x, and turned by the same rotation,
-    which minimises the energy. With one body per unit cell nothing else can relax. The constants
-    are the second derivative of the energy of a cell by symmetric displacement gradients, exact
-    for all terms of the connectors and under pre-stress.
+    All bodies are displaced by the same strain, x -> x + eps x, and rotated by a common rotation
+    that minimises the energy. With one body per primitive cell nothing else can relax. The
+    constants are second derivatives of the cell energy with respect to symmetric displacement
+    gradients, exact for all terms of the connectors and under pre-stress.
 
     """
     cell = make_cell(scene, branch, relaxed=relaxed)
     touches = relaxed and scene.parameters['contact.mode'] != 'never'
     lattice, gradient = Lattice(cell.scene, cell.body, contact=touches), np.eye(3)
-    if cell.rest is None:
+    if cell.relaxed_state is None:
         here = lattice.fabric.start
     else:
-        gradient = cell.rest.gradient
-        here = lattice.at(gradient, cell.rest.turn)
+        gradient = cell.relaxed_state.gradient
+        here = lattice.at(gradient, cell.relaxed_state.turn)
         _stick(here)
     motions = lattice.motions(gradient)
     energy = _cell_energy(here, motions)
@@ -575,7 +580,8 @@ def _constants(
     soft = vectors[:, np.abs(values) <= _ZERO_RATIO * np.abs(strain).max() / cell.volume].T
     stress = -np.einsum('inf,nf->i', motions[:6], here.force) / cell.volume
     return Elasticity(
-        stiffness, cell.density, soft, stress, cell_energy, cell.volume, rest=cell.rest)
+        stiffness, cell.density, soft, stress, cell_energy, cell.volume,
+        relaxed_state=cell.relaxed_state)
 
 
 def _cell_energy(here: Configuration, motions: np.ndarray) -> CellEnergy:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Choice between two stiffnesses of a connector at its natural length.
+Choice between two stiffnesses (sides) of a connector at its natural length.
 
 If k_e differs from k_c, the tension has a kink there. Small motions are resisted by k_e if they
 lengthen the connector and by k_c if they shorten it, so there is no single tangent. Two branches

@@ -34,7 +34,7 @@ class Step(NamedTuple):
 
     amount: float
     found: Equilibrium
-    conjugate: float  # derivative of the energy by the amount [J]
+    conjugate: float  # derivative of the energy with respect to the amount [J]
     before_breaks: float  # this derivative before breaks at this amount [J]
     breaks: tuple[Break, ...]  # at this amount, in order
 

@@ -53,10 +53,10 @@ class CurvePoint(NamedTuple):
     contact_pairs: int  # pairs of shells in contact
     sliding_pairs: int  # of these, sliding pairs (contact.friction)
     at_kink: int  # connectors at their natural length with k_e other than k_c
-    # Connectors at their kink without strain, or on the other side since then. If there are any,
+    # Connectors at their kink at strain 0, or past their natural length since. If there are any,
     # the response depends on their initial distance from the kink.
     past_kink: int
-    rest_stress: float  # [Pa] without strain, from natural lengths; NaN: no equilibrium
+    rest_stress: float  # [Pa] at strain 0, natural and woven lengths differ; NaN: no equilibrium
     # Strains xx, yy, zz of the middle third between the ends: slopes of displacements over woven
     # positions. NaN if all its bodies have the same position along that axis.
     middle_strain: tuple[float, float, float]
@@ -133,7 +133,7 @@ def measure_curve(
     quasi-static order of de Arcangelis, Redner and Herrmann 1985, J. Phys. Lett. 46, L585).
 
     Each point has the number of connectors past their kink. If it is 0, a change of 1e-9 in angle
-    or stiffness changes `stress - rest_stress` by less than a fraction of 1e-6. Lateral strains
+    or stiffness changes `stress - rest_stress` by less than 1e-6 of its value. Lateral strains
     are in `middle_strain`.
     """
     return Results(CURVE_COLUMNS, curve_points(

@@ -334,7 +334,7 @@ def _modes(phrases: Sequence[Phrase], scene: Scene, at: Any) -> list[Column]:
 def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.periodic import homogenise
     found = homogenise(scene, relaxed=is_relaxed(phrases))
-    rest = found.rest
+    rest = found.relaxed_state
     columns = [] if rest is None else [
         Column('rest', '', rest.verdict),
         Column('contact_pairs', '', len(rest.contact_vectors)),
@@ -342,7 +342,7 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
         Column('size', '', float(np.cbrt(np.linalg.det(rest.gradient))))]
     columns += [
         Column('density', 'kg/m^3', float(found.density)),
-        Column('soft_strains', '', len(found.soft_strains)),
+        Column('soft_strains', '', len(found.zero_energy_strains)),
         Column('at_kink', '', int(found.at_kink))]
     for row, first in enumerate(_VOIGT):
         for column in range(row, 6):

@@ -278,7 +278,7 @@ def test_waves_know_the_moments(relaxed):
     cell = make_cell(scene, relaxed=relaxed)
     turn = axes_of(scene.orientation[:1])[0]
     if relaxed:
-        turn = turn @ Rotation.from_quat(cell.rest.turn).as_matrix().T
+        turn = turn @ Rotation.from_quat(cell.relaxed_state.turn).as_matrix().T
     masses = block_diag(scene.shell.mass * np.eye(3), turn.T @ np.diag(MOMENTS) @ turn)
     waves = np.random.default_rng(1).uniform(-3.0, 3.0, (20, 3)) / scene.geometry.pitch
     found = ico.solve_bands(scene, waves, relaxed=relaxed)

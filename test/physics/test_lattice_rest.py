@@ -50,8 +50,9 @@ def test_point_springs_rest_as_a_weave_of_their_natural_length(kind, angle, part
     assert found.density == pytest.approx(expected.density, rel=1e-9)
     ratio = float(woven.geometry.pitch / scene.geometry.pitch)
     assert abs(ratio - 1.0) > 0.01
-    assert found.rest.gradient == pytest.approx(ratio * np.eye(3), abs=1e-9)
-    assert found.rest.verdict == 'with soft strains' and not len(found.rest.contact_vectors)
+    assert found.relaxed_state.gradient == pytest.approx(ratio * np.eye(3), abs=1e-9)
+    assert found.relaxed_state.verdict == 'with zero-energy strains'
+    assert not len(found.relaxed_state.contact_vectors)
     waves = sample_zone(scene, 2)
     # Wave vectors are those of the lattice as woven.
     assert ico.solve_bands(scene, waves, relaxed=True) == pytest.approx(
@@ -119,7 +120,7 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(
         angle, part, contact, friction):
     scene = fabric(angle, part, contact, contact__friction=friction)
     found = ico.homogenise(scene, relaxed=True)
-    rest = found.rest
+    rest = found.relaxed_state
     # Each of the twelve neighbours, of which six belong to the cell.
     assert rest.verdict == 'stable' and len(rest.contact_vectors) == 6
     assert 0.0 < rest.overlap < 0.01 * scene.geometry.half_edge and rest.first_touches == 0
@@ -150,7 +151,8 @@ def test_faces_that_press_make_the_least_energy_and_its_curvature(
     expected = (strain - mixed @ np.linalg.inv(turn) @ mixed.T) / volume
     if friction:
         smooth = ico.homogenise(changed(scene, {'contact.friction': 0.0}), relaxed=True)
-        assert found.rest.gradient == pytest.approx(smooth.rest.gradient, abs=1e-12)
+        assert found.relaxed_state.gradient == pytest.approx(
+            smooth.relaxed_state.gradient, abs=1e-12)
         assert found.stiffness[3, 3] > 1.2 * smooth.stiffness[3, 3]
     assert found.stiffness == pytest.approx(expected, abs=2e-3 * np.abs(expected).max() / contact)
 
@@ -169,7 +171,7 @@ def test_long_waves_run_as_the_constants_say(friction):
         n = direction / np.linalg.norm(direction)
         speeds = np.sqrt(np.linalg.eigvalsh(
             np.einsum('ijmn,j,n->im', tensor, n, n) / found.density))
-        wave = found.rest.gradient.T @ (0.1 * n)
+        wave = found.relaxed_state.gradient.T @ (0.1 * n)
         frequencies = ico.solve_bands(scene, wave[None], relaxed=True)[0, :3]
         assert frequencies / 0.1 == pytest.approx(speeds, rel=1e-5)
 
@@ -180,8 +182,8 @@ def test_contact_makes_a_structure_of_the_densest_weave():
     pressed = fabric(LEAST, 0.97, 200.0)
     found = ico.homogenise(pressed, relaxed=True)
     unit = K / float(pressed.geometry.pitch)
-    assert abs(alone.stiffness[3, 3]) < 1e-9 * unit and len(alone.soft_strains) == 3
-    assert 2.5 * unit < found.stiffness[3, 3] < 3.5 * unit and not len(found.soft_strains)
+    assert abs(alone.stiffness[3, 3]) < 1e-9 * unit and len(alone.zero_energy_strains) == 3
+    assert 2.5 * unit < found.stiffness[3, 3] < 3.5 * unit and not len(found.zero_energy_strains)
     assert ico.solve_bands(pressed, sample_zone(pressed, 3), relaxed=True).min() > 100.0
     # As woven, or without contact, nothing of that shows.
     for other in (ico.homogenise(pressed), ico.homogenise(

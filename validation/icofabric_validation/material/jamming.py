@@ -167,7 +167,7 @@ def _tables(found: Results) -> list[Table]:
             'largest stress W / k', 'at'), far),
         Table('The periodic fabric at equilibrium', (
             'angle', 'contact', 'D / L', 'size over woven', 'C11 W / k', 'C12 W / k', 'C44 W / k',
-            'neighbours in contact', 'soft strains', 'waves'), [
+            'neighbours in contact', 'zero-energy strains', 'waves'), [
                 _endless_row(row) for row in found['endless']])]
 
 

@@ -40,7 +40,7 @@ def _wave(scene: Scene, wave_vector: np.ndarray) -> _Wave:
     """Return the wave, by perturbation theory of the matrix of the unit cell."""
     cell = make_cell(scene)
     phase = np.exp(1j * cell.offsets @ wave_vector)
-    blocks = cell.stiffness / np.outer(cell.root, cell.root)
+    blocks = cell.stiffness / np.outer(cell.sqrt_mass, cell.sqrt_mass)
     matrix = np.einsum('r,rij->ij', phase, blocks)
     slopes = np.einsum('rk,r,rij->kij', 1j * cell.offsets, phase, blocks)
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.conj().T))
