@@ -30,6 +30,7 @@ from icofabric_validation.stress import shrink as shrink_module
 from icofabric_validation.stress.judge import judge
 from icofabric_validation.stress.kinds import Kind, KINDS, MAX_KINDS, TERMS
 from icofabric_validation.stress.refusals import (
+    did_charges_pass,
     did_length_jump,
     first_parameter,
     is_right_refusal,
@@ -215,10 +216,19 @@ def test_a_given_step_too_long_for_lengths_that_jump_is_a_right_reason(monkeypat
 
 @pytest.mark.long
 def test_charges_that_meet_are_a_right_reason(monkeypatch):
-    found = judge(stored_scene('charges_pass'))
+    scene = stored_scene('charges_pass')
+    found = judge(scene)
     assert found.verdict is Verdict.STOPPED and 'bodies 16 and 21, whose charges' in found.detail
+    run = compile_scene(ico.Scene.from_parameters(scene.parameters))
+    with pytest.raises(SimulationError) as caught:
+        run.advance_to(scene.duration)
+
+    def reference():
+        return compile_reference(windows.reference_scene(run.scene, windows.fastest_rate(run)))
+
+    assert did_charges_pass(str(caught.value), run, reference)
     monkeypatch.setattr(refusals, 'depths_of', lambda *poses: np.array([-1e-9]))
-    assert judge(stored_scene('charges_pass')).verdict is Verdict.WRONGLY_STOPPED
+    assert not did_charges_pass(str(caught.value), run, reference)
 
 
 @pytest.mark.long
