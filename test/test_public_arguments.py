@@ -339,9 +339,9 @@ def table(t):
         'Simulation.set_state': (
             simulation.set_state, {**state, 'relaxed': flag(False, np.True_)}),
         'Simulation.reset': (simulation.reset, {'time': later}),
-        'Simulation.take_over': (simulation.take_over, {
+        'Simulation.continue_from': (simulation.continue_from, {
             'previous': some(ico.Simulation, t.other), 'keep_motion': flag(False, np.True_)}),
-        'Simulation.break_like': (simulation.break_like, {
+        'Simulation.copy_breaks': (simulation.copy_breaks, {
             'other': Argument([t.other], [*NO_OBJECT, ico.compile_scene(
                 make_scene((2, 2, 2), **SECTIONS))])}),
         'Simulation.prepare_contacts': (simulation.prepare_contacts, {

@@ -71,7 +71,7 @@ def replace_simulation(
     or SimulationError if `built` cannot continue from that state.
     """
     restarts = restarts_motion(before, after)
-    built.take_over(previous, keep_motion=not restarts)
+    built.continue_from(previous, keep_motion=not restarts)
     # A failed run is at a time before its last output.
     built.advance_to(seconds(nanoseconds))
     return restarts

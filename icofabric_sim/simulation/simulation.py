@@ -10,7 +10,7 @@ import subprocess
 from typing import NoReturn, TYPE_CHECKING
 
 from icofabric_sim import checks
-from icofabric_sim.checks import counted
+from icofabric_sim.checks import counted, renamed_attributes
 from icofabric_sim.parameters.table import ROTATIONS
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.process.interrupts import DeferredInterrupt
@@ -122,6 +122,7 @@ def use_all_kernels(simulation: 'Simulation') -> None:
     _ = snapshot.energy, snapshot.obstructed, simulation.balance
 
 
+@renamed_attributes(take_over='continue_from', break_like='copy_breaks')
 class Simulation:
     """Motion of one scene from its initial state; only one thread may use it at a time."""
 
@@ -490,7 +491,7 @@ class Simulation:
         self._event_loop.driver.forget()
         self.reset()
 
-    def take_over(self, previous: 'Simulation', *, keep_motion: bool) -> None:
+    def continue_from(self, previous: 'Simulation', *, keep_motion: bool) -> None:
         """
         Continue from the time and the wrenches of a simulation of an earlier scene.
 
@@ -531,7 +532,7 @@ class Simulation:
         else:
             self._event_loop.begin_at(previous.time)
 
-    def break_like(self, other: 'Simulation') -> None:
+    def copy_breaks(self, other: 'Simulation') -> None:
         """
         Break the connectors and anchors that are broken in another simulation; repair all others.
 

@@ -142,19 +142,19 @@ def test_a_changed_scene_keeps_what_is_broken_and_a_new_weave_does_not():
     run.advance_to(0.2)
     gone = ~run.snapshot().anchor_intact
     going = ico.compile_scene(hung({'connector.damping': 0.1}))
-    going.take_over(run, keep_motion=True)
+    going.continue_from(run, keep_motion=True)
     assert np.array_equal(~going.snapshot().anchor_intact, gone)
     going.advance_to(0.21)
     assert (~going.snapshot().anchor_intact)[gone].all()
     anew = ico.compile_scene(hung({'shell.density': 1000.0}))
-    anew.take_over(run, keep_motion=False)
+    anew.continue_from(run, keep_motion=False)
     assert anew.snapshot().anchor_intact.all()
 
 
 def test_a_companion_has_the_same_anchors_broken():
     run, other = ico.compile_scene(hung()), ico.compile_scene(hung())
     run.advance_to(0.05)
-    other.break_like(run)
+    other.copy_breaks(run)
     gone = ~run.snapshot().anchor_intact
     assert gone.any() and np.array_equal(~other.snapshot().anchor_intact, gone)
     # They do not pull it either.

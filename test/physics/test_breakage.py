@@ -229,7 +229,7 @@ def test_a_change_that_keeps_the_motion_keeps_what_is_broken(change):
     old = ico.compile_scene(scene)
     old.advance_to(0.005)
     new = ico.compile_scene(changed(scene, change))
-    new.take_over(old, keep_motion=True)
+    new.continue_from(old, keep_motion=True)
     before = old.snapshot()
     assert not before.intact.all()
     assert np.array_equal(new.snapshot().break_time, before.break_time, equal_nan=True)
@@ -244,7 +244,7 @@ def test_a_change_that_keeps_the_motion_keeps_what_is_broken(change):
     new.restore(kept)
     assert np.array_equal(new.snapshot().break_time, s.break_time, equal_nan=True)
     fresh = ico.compile_scene(changed(scene, change))
-    fresh.take_over(old, keep_motion=False)
+    fresh.continue_from(old, keep_motion=False)
     assert fresh.snapshot().intact.all()
 
 

@@ -414,7 +414,7 @@ def test_no_stretch_leads_across_a_jump_of_the_state():
     before = ico.compile_scene(scene)
     before.advance_to(0.01)
     after = ico.compile_scene(scene.with_changes({'connector.stiffness': 3000.0}))
-    after.take_over(before, keep_motion=True)
+    after.continue_from(before, keep_motion=True)
     assert after.time == before.time and after.error_estimate < 1e-6
     after.advance_to(0.02)
     after.reset()

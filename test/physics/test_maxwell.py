@@ -293,21 +293,21 @@ def test_what_sets_a_state_and_what_forgets():
     assert np.array_equal(simulation.snapshot().rest_length, before.rest_length)
     # Brought to rest, as by the service of a node, no arm pulls.
     at_rest = ico.compile_scene(scene)
-    at_rest.take_over(simulation, keep_motion=True)
+    at_rest.continue_from(simulation, keep_motion=True)
     assert np.array_equal(at_rest.snapshot().rest_length, before.rest_length)
     do_event(at_rest, 0, 'equilibrium', {
         'position': before.position, 'orientation': before.orientation})
     assert np.abs(at_rest.snapshot().maxwell_tension).max() < 1e-12 * ARM * length.max()
     # Other parameters, the same motion.
     other = ico.compile_scene(changed(scene, {'connector.maxwell_stiffness': 0.5 * ARM}))
-    other.take_over(simulation, keep_motion=True)
+    other.continue_from(simulation, keep_motion=True)
     assert np.array_equal(other.snapshot().rest_length, before.rest_length)
     without = ico.compile_scene(changed(scene, {'connector.maxwell_stiffness': 0.0}))
-    without.take_over(other, keep_motion=True)
+    without.continue_from(other, keep_motion=True)
     assert without.snapshot().rest_length is None
     assert not without.snapshot().maxwell_tension.any()
     back = ico.compile_scene(scene)
-    back.take_over(without, keep_motion=True)
+    back.continue_from(without, keep_motion=True)
     np.testing.assert_allclose(
         back.snapshot().rest_length, before.connector_length, rtol=1e-14)
     simulation.reset()

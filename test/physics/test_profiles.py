@@ -239,13 +239,13 @@ def test_profile_goes_on_where_a_change_keeps_the_motion():
     before = ico.compile_scene(scene)
     before.advance_to(0.25)
     after = ico.compile_scene(changed(scene, {'solver.tolerance': 1e-7}))
-    after.take_over(before, keep_motion=True)
+    after.continue_from(before, keep_motion=True)
     after.advance_to(1.0)
     got = after.snapshot().linear_velocity[0] * scene.shell.mass / FORCE
     assert got == pytest.approx(0.25 + 0.4, rel=1e-12)
     # Other bodies begin at rest, and so does what acts on them.
     anew = ico.compile_scene(scene)
-    anew.take_over(before, keep_motion=False)
+    anew.continue_from(before, keep_motion=False)
     anew.advance_to(1.25)
     got = anew.snapshot().linear_velocity[0] * scene.shell.mass / FORCE
     assert got == pytest.approx(0.25 + 0.4, rel=1e-12)

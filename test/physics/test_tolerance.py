@@ -105,7 +105,7 @@ def added_in_steps(run, reference, end):
     total, scale = 0.0, run.scene.geometry.half_edge * run.status.largest_frequency
     while run.time < end:
         reference.reset_time()
-        reference.take_over(run, keep_motion=True)
+        reference.continue_from(run, keep_motion=True)
         run.advance_steps(1)
         reference.advance_to(run.time)
         one, other = run.snapshot(), reference.snapshot()
@@ -130,7 +130,7 @@ def measured(scene, generator, periods, moments=MOMENTS):
         reference = ico.compile_scene(changed(scene, {
             'solver.method': 'srkn8' if required_method(scene) is None else 'dop8',
             'solver.step': longest, 'solver.energy_limit': 1e3}))
-        reference.take_over(run, keep_motion=True)
+        reference.continue_from(run, keep_motion=True)
         kept = run.checkpoint()
         run.advance_to(start.time + 2.0 * np.pi / run.status.largest_frequency)
         run.advance_steps(1)

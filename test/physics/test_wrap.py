@@ -535,7 +535,7 @@ def test_what_is_left_for_jumps_is_not_used_by_smooth_steps():
     for _ in range(5):
         start = run.time
         finer.reset_time()
-        finer.take_over(run, keep_motion=True)
+        finer.continue_from(run, keep_motion=True)
         run.advance_to(start + 2.0 * np.pi / run.status.largest_frequency)
         run.advance_steps(1)
         finer.advance_to(run.time)

@@ -137,7 +137,7 @@ def test_what_broke_before_stays_broken_on_a_device():
     ends = []
     for device in ('cpu', 'warp_cpu'):
         simulation = compiled('damped, given', device, gravity=[0.0, 0.0, -200.0])
-        simulation.take_over(torn, keep_motion=True)
+        simulation.continue_from(torn, keep_motion=True)
         simulation.advance_to(0.035)
         ends.append(simulation.snapshot())
         assert (~ends[-1].intact).sum() == broken

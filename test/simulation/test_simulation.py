@@ -379,7 +379,7 @@ def test_changed_scene_takes_over_the_motion():
     old = ico.compile_scene(START)
     old.advance_to(0.01)
     new = ico.compile_scene(changed(START, {'gravity': [0.0, 0.0, -9.81]}))
-    new.take_over(old, keep_motion=True)
+    new.continue_from(old, keep_motion=True)
     assert new.time == 0.01
     assert same_state(new.snapshot(), old.snapshot())
     for each in (old, new):
@@ -387,9 +387,9 @@ def test_changed_scene_takes_over_the_motion():
     fallen = (old.snapshot().position - new.snapshot().position)[:, 2]
     assert fallen.mean() == pytest.approx(0.5 * 9.81 * 0.01**2, rel=1e-3)
     with pytest.raises(ValueError, match='motion of 4 bodies cannot go on with 14'):
-        ico.compile_scene(make_scene((3, 3, 3))).take_over(old, keep_motion=True)
+        ico.compile_scene(make_scene((3, 3, 3))).continue_from(old, keep_motion=True)
     fresh = ico.compile_scene(make_scene((3, 3, 3)))
-    fresh.take_over(old, keep_motion=False)
+    fresh.continue_from(old, keep_motion=False)
     assert fresh.time == 0.02 and np.array_equal(fresh.snapshot().position, fresh.scene.position)
     fresh.advance_to(0.03)
 

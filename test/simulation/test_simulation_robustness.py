@@ -212,7 +212,7 @@ def test_a_changed_scene_says_once_what_is_known_already(caplog):
     with caplog.at_level(logging.WARNING):
         old.advance_to(0.01)
         assert len(warnings_said(caplog)) == 1
-        new.take_over(old, keep_motion=True)
+        new.continue_from(old, keep_motion=True)
         new.advance_to(0.02)
     assert new.status.proximity is old.status.proximity and len(warnings_said(caplog)) == 1
     assert np.abs(new.snapshot().position - old.snapshot().position).max() > 0.0
@@ -228,7 +228,7 @@ def test_received_wrenches_outlive_a_change_and_steady_loads_follow_the_scene():
     # Received, though it equals the steady load.
     old.apply_wrench('push', force=(0.0, 0.0, 1.0))
     old.advance_to(0.01)
-    new.take_over(old, keep_motion=True)
+    new.continue_from(old, keep_motion=True)
     assert new.status.active_loads['push'].force.tolist() == [0.0, 0.0, 1.0]
     assert new.status.active_loads['pull'].force.tolist() == [2.0, 0.0, 0.0]
 
@@ -265,7 +265,7 @@ def test_warming_up_takes_no_step(method):
     old.advance_to(0.01)
     # Wrenches that go over act from the first step on.
     for simulation in (cold, warm):
-        simulation.take_over(old, keep_motion=False)
+        simulation.continue_from(old, keep_motion=False)
         simulation.advance_to(0.02)
     assert same_bits(cold, warm)
 
@@ -292,7 +292,7 @@ def test_a_fabric_woven_anew_owes_no_errors_for_the_time_before():
         if start:
             old = make()
             old.advance_to(start)
-            simulation.take_over(old, keep_motion=False)
+            simulation.continue_from(old, keep_motion=False)
         simulation.advance_to(start + 0.3)
         return simulation
 
@@ -304,7 +304,7 @@ def test_what_overlaps_in_a_fabric_woven_anew_does_so_from_then_on():
                'bodies': {'near': {'position': [0.0, 0.0, -0.0305]}}}
     old, new = make(), make(**crowded)
     old.advance_to(2.5)
-    new.take_over(old, keep_motion=False)
+    new.continue_from(old, keep_motion=False)
     assert new.status.proximity.time == 2.5
 
 

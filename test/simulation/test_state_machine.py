@@ -121,7 +121,7 @@ def repeated(kind, calls):
         else:
             changes, keep = call
             other = ico.compile_scene(simulation.scene.with_changes(changes))
-            other.take_over(simulation, keep_motion=keep)
+            other.continue_from(simulation, keep_motion=keep)
             simulation = other
         wanted = simulation.time
     if wanted > simulation.time:
@@ -257,7 +257,7 @@ class SimulationMachine(RuleBasedStateMachine):
     def change(self, changes, keep, then):
         other = ico.compile_scene(self.simulation.scene.with_changes(changes))
         before = figures(self.simulation)
-        other.take_over(self.simulation, keep_motion=keep)
+        other.continue_from(self.simulation, keep_motion=keep)
         assert unlike(before, figures(self.simulation)) == []
         assert other.time == self.simulation.time
         if keep:
@@ -287,8 +287,8 @@ class SimulationMachine(RuleBasedStateMachine):
         ('orientation', Call('set_state', orientation=np.zeros((4, 4)))),
         ('linear_velocity', Call('set_state', linear_velocity=np.full((4, 3), NAN))),
         ('time', Call('reset', time=-1.0)), ('checkpoint', Call('restore', b'')),
-        ('previous', Call('take_over', None, keep_motion=True)),
-        ('other', Call('break_like', 3)), ('point', Call('pull', 1, (NAN, 0.0, 0.0))),
+        ('previous', Call('continue_from', None, keep_motion=True)),
+        ('other', Call('copy_breaks', 3)), ('point', Call('pull', 1, (NAN, 0.0, 0.0))),
     ]))
     def refuse(self, call):
         name, wrong = call

@@ -167,7 +167,7 @@ class Companion:
 
     def _beside(self, scene: Scene) -> Simulation:
         simulation = compile_scene(scene)
-        simulation.take_over(self.simulation, keep_motion=True)
+        simulation.continue_from(self.simulation, keep_motion=True)
         return simulation
 
     def _compare(self) -> None:
@@ -178,7 +178,7 @@ class Companion:
         self._note(distance * self._factor)
         if distance > LARGEST_DISTANCE:
             part = DISPLACEMENT / distance
-            self._displaced.break_like(self._reference)
+            self._displaced.copy_breaks(self._reference)
             self._put(_between(one, two, part))
             distance = distance_between(one, self._displaced.snapshot(), self._half_edge)
             self._factor = self._history[-1][1] / distance

@@ -245,8 +245,9 @@ def test_with_another_number_of_threads(method, monkeypatch):
 
 
 @pytest.mark.parametrize('method', ['auto', 'dop8'])
-@pytest.mark.parametrize('deed', ['set_state', 'reset', 'reset_time', 'take_over', 'weave anew',
-                                  'wrench', 'wrench on a body', 'interrupt'])
+@pytest.mark.parametrize('deed', [
+    'set_state', 'reset', 'reset_time', 'continue_from', 'weave anew', 'wrench',
+    'wrench on a body', 'interrupt'])
 def test_right_after_something_was_done_to_the_run(deed, method):
     scene = everything(solver__method=method)
     run = ico.compile_scene(scene)
@@ -258,13 +259,13 @@ def test_right_after_something_was_done_to_the_run(deed, method):
         run.reset()
     elif deed == 'reset_time':
         run.reset_time()
-    elif deed in ('take_over', 'weave anew'):
+    elif deed in ('continue_from', 'weave anew'):
         before = run
         before.apply_wrench('steady', (0.0, 0.0, 0.7))
         before.apply_wrench('follower', (0.0, 0.9, 0.7), time=0.02)
         run = ico.compile_scene(changed(scene, {'gravity': [0.0, 0.0, -3.0]}))
         run.warm_up()
-        run.take_over(before, keep_motion=deed == 'take_over')
+        run.continue_from(before, keep_motion=deed == 'continue_from')
     elif deed == 'wrench':
         run.apply_wrench('steady', (0.0, 0.0, 0.7))
     elif deed == 'wrench on a body':

@@ -164,7 +164,7 @@ def test_what_acts_on_single_bodies_goes_on_in_another_simulation():
     first.pull(BODY, (1.0, 0.0, 0.0))
     first.advance_to(0.01)
     other = ico.compile_scene(scene)
-    other.take_over(first, keep_motion=True)
+    other.continue_from(first, keep_motion=True)
     before = other.snapshot().position[BODY, 0]
     other.advance_to(0.1)
     assert other.inputs.pulls.bodies == [BODY]

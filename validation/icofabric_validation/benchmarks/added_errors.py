@@ -157,7 +157,7 @@ def judge(
                 run.advance_steps(1)
             start = run.time
             reference.reset_time()
-            reference.take_over(run, keep_motion=True)
+            reference.continue_from(run, keep_motion=True)
             run.advance_to(max(start + 0.999 * period, run.time))
             run.advance_steps(1)
             reference.advance_to(run.time)

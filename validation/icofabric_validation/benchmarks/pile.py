@@ -92,7 +92,7 @@ def come_to_rest(
         return seen, simulation
     calmer = ico.compile_scene(ico.Scene.from_parameters(
         {**simulation.scene.parameters, 'solver.tolerance': calm}))
-    calmer.take_over(simulation, keep_motion=True)
+    calmer.continue_from(simulation, keep_motion=True)
     last = settle(calmer, longest - simulation.time, show=show, peak=seen['peak'])
     last['steps'] += seen['steps']
     last['wall'] += seen['wall']

@@ -319,7 +319,7 @@ class _Judge:
         if self._before is not None:
             earlier = compile_scene(self._before)
             earlier.advance_to(self._start)
-            run.take_over(earlier, keep_motion=not restarts_motion(
+            run.continue_from(earlier, keep_motion=not restarts_motion(
                 self._before.parameters, scene.parameters))
         return run
 

@@ -133,7 +133,7 @@ def did_charges_pass(text: str, run: Simulation, reference_of: Callable[[], Simu
     one, two = (int(number) for number in named.groups())
     start, reference = run.time, reference_of()
     reference.reset_time()
-    reference.take_over(run, keep_motion=True)
+    reference.continue_from(run, keep_motion=True)
     for part in range(1, _SEARCHED_STATES + 1):
         try:
             reference.advance_to(start + (moment - start) * part / _SEARCHED_STATES)

@@ -56,7 +56,7 @@ class Run(Protocol):
         """Take whole steps."""
 
     def snapshot(self) -> Any:
-        """The state: position, orientation, intact."""
+        """Return the state: position, orientation, intact."""
 
 
 class AddedError(NamedTuple):
@@ -111,7 +111,7 @@ def is_physical_stop(text: str) -> bool:
 def continue_from(run: Simulation, other: Simulation) -> float:
     """Let `other` continue from the state of a run; return by how much its clock is behind [s]."""
     other.reset_time()
-    other.take_over(run, keep_motion=True)
+    other.continue_from(run, keep_motion=True)
     return 0.0
 
 

@@ -266,8 +266,8 @@ def test_a_change_that_cannot_be_is_refused_with_its_name():
 
 def test_a_change_that_loses_the_motion_is_found(plant):
     scene = changed_while_it_runs(connector__stiffness=700.0)
-    take_over = Simulation.take_over
-    plant(Simulation, 'take_over', lambda run, previous, keep_motion: take_over(
+    continue_from = Simulation.continue_from
+    plant(Simulation, 'continue_from', lambda run, previous, keep_motion: continue_from(
         run, previous, keep_motion=False))
     found = judge(scene)
     assert found.verdict is Verdict.SILENT and 'changed position[0]' in found.detail, found
@@ -486,7 +486,7 @@ class Aside:
     def reset_time(self):
         return
 
-    def take_over(self, other, keep_motion):
+    def continue_from(self, other, keep_motion):
         self.time = other.time
 
 
@@ -592,7 +592,7 @@ def test_moments_in_sentences_are_those_of_stops(text, moment):
 def test_a_run_that_no_other_can_take_over_is_left_to_its_own_checks(monkeypatch):
     """On the way to infinity: chosen steps cannot begin there, which is no stop of the run."""
     class Refusing(Aside):
-        def take_over(self, other, keep_motion):
+        def continue_from(self, other, keep_motion):
             raise SimulationError('the motion is too fast for any step')
 
     scene = ico.Scene.from_parameters(PLAIN.parameters)
