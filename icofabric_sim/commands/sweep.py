@@ -26,7 +26,7 @@ from icofabric_sim.terminal import (
 
 if TYPE_CHECKING:
     from icofabric_sim.sweeps.single_run import Outcome
-    from icofabric_sim.sweeps.sweep import How, Study
+    from icofabric_sim.sweeps.sweep import Executor, Study
 
 _NAME = 'icofabric sweep'
 _STORE = 'runs/sweep'
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene_arguments(parser, 'STUDY|SCENE')
     parser.add_argument(
         '--vary', metavar='NAME:=VALUES', action='append', default=[],
-        help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 in 13 steps, "
+        help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 for 13 values, "
              '1..1000/7log with logarithmic spacing, 0.1..0.7 to be sampled; repeat for '
              'a grid; NAME[1] is one element of a list')
     parser.add_argument(
@@ -48,13 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='sample COUNT points from ranges without a count: sobol, halton, latin, random')
     parser.add_argument(
         '--verb', dest='verbs', action='append', metavar='VERB',
-        help='computation of each run: run (default), statics, modes (about the equilibrium '
-             'with statics), elasticity, bands, curve; may be repeated')
+        help='computation of each run: run (default), statics, modes (about the equilibrium if '
+             'statics is also given), elasticity, bands, curve, mechanisms; may be repeated')
     parser.add_argument(
         '--keep', action='append', metavar='PHRASE',
         help="results to keep: energies, extremes, bag, 'displacement GROUP', tension, "
-             "'reaction GROUP', 'frequencies COUNT', moduli, gap, 'curve KIND STRAIN POINTS "
-             "AXIS'; may be repeated")
+             "'reaction GROUP', 'frequencies COUNT', moduli, gap, 'curve KIND STRAIN [POINTS "
+             "[AXIS]]'; all: docs/howto/sweep.md; may be repeated")
     parser.add_argument(
         '--duration', type=float, metavar='S', help='simulated time [s] of each run')
     who = parser.add_mutually_exclusive_group()
@@ -88,21 +88,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run what the store lacks; return 1 if a run has failed."""
-    from icofabric_sim.sweeps.sweep import how_to_run
+    from icofabric_sim.sweeps.sweep import make_executor
     with bad_input():
-        how = how_to_run(arguments.workers, arguments.scheduler)
+        executor = make_executor(arguments.workers, arguments.scheduler)
     require_place('--store', Path(arguments.store).expanduser(), is_folder=True)
     name, study = _study(arguments)
     output, picture = _places(arguments, name)
     if arguments.list:
         return _list(name, study)
-    say(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}, '
-        f'{_counted(study.kinds, "kind")} of scenes; the first run of a kind compiles its kernels '
-        'unless they are on disk, and the others wait for it')
+    say(f'{name}: {_counted(len(study.requests), "run")} of {", ".join(study.work.verbs)}, '
+        f'{_counted(study.kernel_variant_count, "kernel variant")}; the first run of each '
+        'compiles its kernels unless they are on disk, and the others wait for it')
     began = time.monotonic()
     outcomes: list[Outcome] = []
     try:
-        _gather(arguments, study, how, outcomes, output)
+        _gather(arguments, study, executor, outcomes, output)
     except KeyboardInterrupt:
         say(f'{_NAME}: {_save_finished(study, output)}')
         raise
@@ -118,11 +118,11 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
-    """Return name and plan, from a study file or a scene, with the options."""
+    """Return name and plan, from a sweep file or a scene, with the options."""
     from icofabric_sim.parameters.example_scenes import example_scenes
     from icofabric_sim.parameters.file import parse_parameter_override
     from icofabric_sim.parameters.validation import make_parameters
-    from icofabric_sim.sweeps.study_file import is_study, read_study
+    from icofabric_sim.sweeps.study_file import is_sweep_file, read_sweep_file
     from icofabric_sim.sweeps.sweep import Study
 
     path = Path(arguments.scene).expanduser()
@@ -130,12 +130,12 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
     cases = sample = keep = None
     verbs: Any = ['run']
     with bad_input():
-        if arguments.scene not in example_scenes() and is_study(path):
-            text = read_study(path)
+        if arguments.scene not in example_scenes() and is_sweep_file(path):
+            file = read_sweep_file(path)
             name = path.stem
-            given = dict(text.given)
-            vary, cases, sample = text.vary or {}, text.cases, text.sample
-            verbs, keep = text.verbs, text.keep
+            given = dict(file.parameters)
+            vary, cases, sample = file.vary or {}, file.cases, file.sample
+            verbs, keep = file.verbs, file.keep
             for rule in arguments.parameter:
                 parameter, value = parse_parameter_override(rule)
                 given[parameter] = value
@@ -147,14 +147,14 @@ def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
         if not isinstance(vary, dict):
             raise ValueError(f'vary must be a dictionary of parameters and values, got {vary!r}')
         try:
-            with _planning() as judged:
+            with _planning() as on_validated:
                 study = Study.from_parameters(
                     parameters, {**vary, **dict(map(_varied, arguments.vary))}, cases=cases,
                     sample=sample if arguments.sample is None else _sample(arguments.sample),
                     verbs=arguments.verbs or verbs, keep=arguments.keep or keep,
-                    store=arguments.store, judged=judged)
+                    store=arguments.store, on_validated=on_validated)
         except TypeError as error:
-            # A study file may give a number in place of a list.
+            # A sweep file may give a number in place of a list.
             raise InputError(str(error)) from error
     return name, study
 
@@ -165,12 +165,12 @@ def _planning() -> Iterator[Callable[[int, int], None]]:
     with ExitStack() as stack:
         shown: list[Progress] = []
 
-        def judged(done: int, total: int) -> None:
+        def show(done: int, total: int) -> None:
             if not shown:
                 shown.append(stack.enter_context(Progress(total, 'runs validated')))
             shown[0].update(done)
 
-        yield judged
+        yield show
 
 
 def _varied(rule: str) -> tuple[str, Any]:
@@ -218,30 +218,30 @@ def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None
 def _list(name: str, study: 'Study') -> int:
     done = study.finished()
     failed = sum(bool(outcome.reason) for outcome in done.values())
-    print(f'{name}: {_counted(len(study.orders), "run")} of {", ".join(study.work.verbs)}; kept: '
-          f'{", ".join(map(str, study.work.keep))}')
+    print(f'{name}: {_counted(len(study.requests), "run")} of {", ".join(study.work.verbs)}; '
+          f'kept: {", ".join(map(str, study.work.keep))}')
     print(f'{len(done):,} finished in {study.store.path}, of which {failed:,} failed')
-    for order in study.orders[:_PRINTED_ROWS]:
-        state = done[order.number].state.value if order.number in done else 'planned'
-        print(f'  {state:6}  {order.key}  {study.plan.describe(order.number)}')
-    if len(study.orders) > _PRINTED_ROWS:
-        print(f'  ... and {len(study.orders) - _PRINTED_ROWS:,} more')
+    for request in study.requests[:_PRINTED_ROWS]:
+        state = done[request.number].state.value if request.number in done else 'planned'
+        print(f'  {state:6}  {request.key}  {study.plan.describe(request.number)}')
+    if len(study.requests) > _PRINTED_ROWS:
+        print(f'  ... and {len(study.requests) - _PRINTED_ROWS:,} more')
     return 0
 
 
 def _gather(
-    arguments: argparse.Namespace, study: 'Study', how: 'How', outcomes: list['Outcome'],
-    output: Path
+    arguments: argparse.Namespace, study: 'Study', executor: 'Executor',
+    outcomes: list['Outcome'], output: Path
 ) -> None:
     """Collect outcomes as they finish, and update the table on disk."""
     from icofabric_sim.sweeps.dask_runs import SchedulerLost
     from icofabric_sim.sweeps.single_run import State, WorkersDiffer
-    total = len(study.orders)
+    total = len(study.requests)
     written, pause = time.monotonic(), _WRITE_AFTER
     with Progress(total, 'runs') as progress, notes(progress, _NAME):
         try:
             with bad_input():
-                for outcome in study.outcomes(how, retry=arguments.retry):
+                for outcome in study.outcomes(executor, retry=arguments.retry):
                     if outcome.state is State.DONE and not any(
                             one.state is State.DONE for one in outcomes):
                         _require_columns(arguments, study, outcome)
@@ -284,7 +284,7 @@ def _save_finished(study: 'Study', output: Path) -> str:
     """
     found = study.finished()
     _save(study, list(found.values()), output)
-    return (f'{len(found):,} of {_counted(len(study.orders), "run")} are finished and kept in '
+    return (f'{len(found):,} of {_counted(len(study.requests), "run")} are finished and kept in '
             f'{study.store.path}; the same command continues')
 
 

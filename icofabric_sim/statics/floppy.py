@@ -32,7 +32,7 @@ class Floppy(NamedTuple):
 
     counts: Counts
     content: np.ndarray  # (n,) degrees of freedom, 0 to 6; their sum is the number of mechanisms
-    turning: np.ndarray  # (n,) the part of `content` in rotations
+    rotation_content: np.ndarray  # (n,) the part of `content` in rotations
     place: np.ndarray  # (n,) number in PLACES; -1: the fabric is not an orthogonal slab
     depth: np.ndarray  # (n,) layers below the nearest face
 

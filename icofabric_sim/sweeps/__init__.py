@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Parameter studies: many runs of one scene that differ in some parameters.
+Parameter sweeps: many runs of one scene that differ in some parameters.
 
-`plan` says which runs; `outcomes` what is kept of each; `run_key` names a run by all that it
-depends on; `store` keeps what is done; `single_run` does one; `dask_runs` hands runs to the
-workers of Dask; `table` has the results; `sweep` is the way in.
+`plan` lists the runs; `outcomes` extracts the results of a run; `run_key` computes its key;
+`store` holds finished runs; `single_run` computes one run; `dask_runs` distributes runs to Dask
+workers; `table` collects the results; `sweep` is the public entry point.
 """

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs handed to the workers of Dask: a local cluster, or any scheduler by its address.
+Runs on Dask workers: a local cluster, or any scheduler by its address.
 
-Dask carries orders and outcomes, and begins a run again whose worker died. It keeps nothing: a
-worker writes what it has found to the store before it answers.
+Dask carries requests and outcomes, and restarts runs of workers that died. Results are in the
+store: a worker writes them before it returns the outcome.
 """
 
 from collections import deque
@@ -24,13 +24,13 @@ from typing import Any, Final
 import uuid
 
 from icofabric_sim.libraries import import_library
-from icofabric_sim.sweeps.run_key import surroundings
+from icofabric_sim.sweeps.run_key import run_environment
 from icofabric_sim.sweeps.single_run import (
     lost,
-    Order,
     Outcome,
     perform,
     require_same,
+    RunRequest,
     State,
     store_unseen,
     WorkersDiffer,
@@ -44,12 +44,12 @@ WORKERS_WITHIN: Final = 120.0  # wall time [s] to wait for a worker, at the star
 class DaskSettings:
     """Tunables of runs on workers of a Dask scheduler."""
 
-    # Orders at the scheduler for each thread of a worker, and at least, so that workers stay busy.
-    orders_per_thread: int = 8
-    min_orders: int = 32
+    # Requests at the scheduler per worker thread, and the minimum, so that workers stay busy.
+    requests_per_thread: int = 8
+    min_requests: int = 32
     poll_interval_s: float = 0.5  # wall time between polls of the scheduler
-    retry_interval_s: float = 0.2  # wall time until a run of another study is queried again
-    # Wall time within which a scheduler hands over an outcome; its worker may have died since.
+    retry_interval_s: float = 0.2  # wall time until a run of another process is queried again
+    # Wall time within which a scheduler returns an outcome; its worker may have died since.
     answer_timeout_s: float = 5.0
 
 
@@ -58,95 +58,96 @@ _CONNECT = '10s'
 
 
 class SchedulerLost(RuntimeError):
-    """The scheduler or all workers are gone, or never came; what is finished is in the store."""
+    """The scheduler or all workers were lost, or no worker connected; finished runs are stored."""
 
 
 class Pool:
     """Workers of one scheduler."""
 
     def __init__(self, client: Any, cluster: Any = None) -> None:
-        """Wrap a client of Dask, and the local `cluster` whose workers are started again."""
+        """Wrap a Dask client, and the local `cluster` if its workers are to be restarted."""
         self._client, self._cluster = client, cluster
 
     def check(self, store: Path, within: float = WORKERS_WITHIN) -> None:
         """
-        Wait for the first worker, and refuse workers that would give other results.
+        Wait for the first worker, and check that all workers reproduce the runs.
 
-        Raises WorkersDiffer, or SchedulerLost where none comes.
+        Raise WorkersDiffer if they do not, or SchedulerLost if no worker connects.
         """
         with self._scheduler_needed():
             try:
                 self._client.wait_for_workers(1, timeout=within)
             except TimeoutError as error:
                 raise SchedulerLost(
-                    f'no worker came to the scheduler {self._address} within {within:g} s; start '
-                    f'some: dask worker {self._address} --nthreads 1') from error
+                    f'no worker connected to the scheduler {self._address} within {within:g} s; '
+                    f'start one: dask worker {self._address} --nthreads 1') from error
             answers: Mapping[str, Any] = self._client.run(
-                _about, str(store), Store(store).identity, on_error='return')
+                _fingerprint, str(store), Store(store).identity, on_error='return')
         for address, answer in answers.items():
             if isinstance(answer, BaseException):
                 raise WorkersDiffer(
-                    f'the worker {address} cannot do runs: {answer}; install icofabric_sim there')
-            around, sees_store = answer
-            require_same(surroundings(), around, f'the worker {address}')
-            if not sees_store:
+                    f'the worker {address} cannot compute runs: {answer}; install icofabric_sim '
+                    'there')
+            environment, has_store = answer
+            require_same(run_environment(), environment, f'the worker {address}')
+            if not has_store:
                 raise store_unseen(f'the worker {address}', Store(store))
 
     def perform(
-        self, leaders: Sequence[Order], followers: Mapping[int, Sequence[Order]]
+        self, leaders: Sequence[RunRequest], followers: Mapping[int, Sequence[RunRequest]]
     ) -> Iterator[Outcome]:
         """
-        Yield outcomes as they come.
+        Yield outcomes as runs finish.
 
-        `leaders` are of different kinds of scenes; `followers[i]` need the kernels that leader i
-        compiles, so they wait for it. The very first leader runs alone.
+        `leaders` are of different kernel variants; `followers[i]` need the kernels that leader i
+        compiles, so they wait for leader i. The first leader runs alone.
         """
-        waiting: deque[Order] = deque(leaders[:1])
-        later: dict[str, list[Order]] = {
+        waiting: deque[RunRequest] = deque(leaders[:1])
+        later: dict[str, list[RunRequest]] = {
             leader.key: list(followers.get(place, ())) for place, leader in enumerate(leaders)}
         if leaders:
             later[leaders[0].key] = [*leaders[1:], *later[leaders[0].key]]
-        busy: deque[tuple[float, Order]] = deque()
-        came: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        running: dict[Any, Order] = {}
-        ahead, looked, manned = _DASK.min_orders, 0.0, time.monotonic()
+        busy: deque[tuple[float, RunRequest]] = deque()
+        finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        running: dict[Any, RunRequest] = {}
+        max_running, polled, had_workers = _DASK.min_requests, 0.0, time.monotonic()
         try:
             while waiting or busy or running or any(later.values()):
                 now = time.monotonic()
-                if now - looked >= _DASK.poll_interval_s:
-                    looked = now
+                if now - polled >= _DASK.poll_interval_s:
+                    polled = now
                     threads = self._threads()
-                    ahead = max(_DASK.min_orders, _DASK.orders_per_thread * threads)
+                    max_running = max(_DASK.min_requests, _DASK.requests_per_thread * threads)
                     # Between the death of a worker and the start of the next there may be none.
                     if threads:
-                        manned = now
+                        had_workers = now
                     if self._cluster is not None:
                         # Workers that died while they started are not replaced otherwise.
                         self._cluster.scale(len(self._cluster.worker_spec))
-                    if now - manned >= WORKERS_WITHIN:
+                    if now - had_workers >= WORKERS_WITHIN:
                         raise SchedulerLost(
-                            f'no worker is left at the scheduler {self._address}, for '
-                            f'{now - manned:.0f} s; start some: dask worker {self._address} '
+                            f'the scheduler {self._address} has had no workers for '
+                            f'{now - had_workers:.0f} s; start one: dask worker {self._address} '
                             '--nthreads 1')
                 while busy and busy[0][0] <= now:
                     waiting.append(busy.popleft()[1])
-                while waiting and len(running) < ahead:
-                    order = waiting.popleft()
+                while waiting and len(running) < max_running:
+                    request = waiting.popleft()
                     with self._scheduler_needed():
                         future = self._client.submit(
-                            _perform, order, pure=False,
-                            key=f'icofabric-{order.key}-{uuid.uuid4().hex[:8]}')
-                    running[future] = order
-                    future.add_done_callback(came.put)
-                for future in _drain(came, (
+                            _perform, request, pure=False,
+                            key=f'icofabric-{request.key}-{uuid.uuid4().hex[:8]}')
+                    running[future] = request
+                    future.add_done_callback(finished.put)
+                for future in _drain(finished, (
                         _DASK.poll_interval_s if running else _DASK.retry_interval_s)):
-                    order = running.pop(future)
-                    outcome = self._outcome(order, future)
+                    request = running.pop(future)
+                    outcome = self._outcome(request, future)
                     if outcome.state is State.BUSY:
-                        busy.append((time.monotonic() + _DASK.retry_interval_s, order))
+                        busy.append((time.monotonic() + _DASK.retry_interval_s, request))
                         continue
-                    # Also where the leader failed: one of the others compiles then.
-                    waiting.extend(later.pop(order.key, ()))
+                    # Also if the leader failed: then one of its followers compiles.
+                    waiting.extend(later.pop(request.key, ()))
                     yield outcome
         finally:
             with suppress(Exception):
@@ -161,7 +162,7 @@ class Pool:
         return self._client.status in ('running', 'newly-created')
 
     def _gone(self) -> SchedulerLost:
-        return SchedulerLost(f'the scheduler {self._address} is gone')
+        return SchedulerLost(f'the connection to the scheduler {self._address} is lost')
 
     @contextmanager
     def _scheduler_needed(self) -> Iterator[None]:
@@ -175,17 +176,17 @@ class Pool:
             raise self._gone() from error
 
     def _threads(self) -> int:
-        """Count the threads of all workers; SchedulerLost where none answers."""
+        """Count the threads of all workers. Raise SchedulerLost without an answer."""
         if not self._is_alive:
             raise self._gone()
         with self._scheduler_needed():
             return sum(self._client.nthreads().values())
 
-    def _outcome(self, order: Order, future: Any) -> Outcome:
+    def _outcome(self, request: RunRequest, future: Any) -> Outcome:
         """Return the outcome of a future. Raise if the scheduler is lost or a worker differs."""
         if future.status == 'cancelled' or not self._is_alive:
             raise self._gone()
-        again = Outcome(order.number, order.key, State.BUSY)
+        again = Outcome(request.number, request.key, State.BUSY)
         if future.status == 'lost':
             return again
         try:
@@ -194,18 +195,18 @@ class Pool:
             raise
         except CancelledError as error:
             raise self._gone() from error
-        except Exception as error:  # noqa: BLE001 - a fault of one run; the others go on
+        except Exception as error:  # noqa: BLE001 - an error of one run; the others continue
             if not self._is_alive:
                 raise self._gone() from error
             if isinstance(error, TimeoutError) and future.status != 'error':
-                # What was found went with its worker, but for what is in the store.
+                # The outcome was lost with its worker, unless the result is in the store.
                 future.cancel()
                 return again
-            outcome = lost(order, error)
+            outcome = lost(request, error)
             if type(error).__name__ == 'KilledWorker':
                 outcome = outcome._replace(reason=(
-                    'its workers died, one after the other: of too little memory, or by a fault '
-                    'that takes the process along'))
+                    'every worker that tried this run died, e.g. for lack of memory or by a '
+                    'crash'))
             return outcome
 
 
@@ -214,18 +215,18 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
     """
     Yield the workers of a new local cluster or of a running scheduler.
 
-    `scheduler`: an address (tcp://host:8786), or the scheduler file of Dask (.json). ValueError
-    where Dask is not installed, or none answers there; SchedulerLost where no processes can be
-    started.
+    `scheduler`: an address (tcp://host:8786), or the scheduler file of Dask (.json). Raise
+    ValueError if Dask is not installed or no scheduler answers at the address; SchedulerLost if
+    the processes cannot be started.
     """
     distributed = import_library(
-        'distributed', 'a study on several workers',
-        without='with workers 0 (--workers 0) runs are done in this process, one by one')
+        'distributed', 'a sweep on several workers',
+        without='with workers 0 (--workers 0) this process computes the runs one by one')
     dask = import_module('dask')
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         stack.enter_context(dask.config.set({
-            # A worker that compiles, or solves, may be silent for minutes.
+            # A worker may not answer for minutes while it compiles or solves.
             'distributed.scheduler.worker-ttl': None,
             'distributed.comm.timeouts.connect': _CONNECT,
             'distributed.admin.tick.limit': '1h',
@@ -240,8 +241,8 @@ def pool(*, workers: int, scheduler: str) -> Iterator[Pool]:
                     address, set_as_default=False, timeout=_CONNECT)))
             except (OSError, TimeoutError, ValueError) as error:
                 raise ValueError(
-                    f'scheduler: none answers at {address}: {" ".join(str(error).split())}; '
-                    'start one with dask scheduler, and give the address that it prints'
+                    f'no scheduler answers at {address}: {" ".join(str(error).split())}; '
+                    'start one with dask scheduler, and give the printed address'
                 ) from error
         yield Pool(client, cluster)
 
@@ -251,7 +252,7 @@ def _local_client(distributed: Any, workers: int, stack: ExitStack) -> tuple[Any
     try:
         cluster = stack.enter_context(_closed_quietly(distributed.LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True,
-            # Any free port: on the default one the second of two studies would be warned.
+            # Any free port: with the default port, the second of two sweeps would log a warning.
             dashboard_address='127.0.0.1:0', memory_limit=0, host='127.0.0.1',
             silence_logs=logging.CRITICAL)))
         client = stack.enter_context(_closed_quietly(
@@ -260,8 +261,8 @@ def _local_client(distributed: Any, workers: int, stack: ExitStack) -> tuple[Any
     except (RuntimeError, OSError, TimeoutError) as error:
         raise SchedulerLost(
             f'the workers could not be started ({" ".join(str(error).split())}): they import the '
-            "program that starts them, so a script calls sweep below if __name__ == '__main__': "
-            'only; with workers 0 (--workers 0) all runs are done in this process') from error
+            "program that starts them, so a script must call sweep inside if __name__ == "
+            "'__main__':; with workers 0 (--workers 0) this process computes all runs") from error
     return client, cluster
 
 
@@ -281,8 +282,8 @@ def _address_of(scheduler: str) -> str:
         found = said.get('address') if isinstance(said, Mapping) else None
         if not isinstance(found, str):
             raise ValueError(
-                f'{where} has no address, so it is not the file that dask scheduler '
-                '--scheduler-file writes')
+                f'{where} contains no address; give the file written by dask scheduler '
+                '--scheduler-file')
         address = found
     try:
         scheme, place = addressing.parse_address(address)
@@ -297,7 +298,7 @@ def _address_of(scheduler: str) -> str:
 
 @contextmanager
 def _closed_quietly(thing: Any) -> Iterator[Any]:
-    """Close a client or a cluster; what it says of a scheduler that is gone has been said."""
+    """Close a client or a cluster without a second error about a lost scheduler."""
     try:
         yield thing
     finally:
@@ -306,32 +307,32 @@ def _closed_quietly(thing: Any) -> Iterator[Any]:
 
 
 def _work_alone() -> None:
-    """In a worker of a local cluster: an interrupt is for the process that began it."""
+    """Ignore SIGINT in a worker of a local cluster; the process that started it handles SIGINT."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _perform(order: Order) -> Outcome:
-    """In a worker: it has one core, so nothing is compiled beside a run, and it is quiet."""
+def _perform(request: RunRequest) -> Outcome:
+    """Compute a run in a worker of one core: without compiling ahead, and without a log."""
     os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'
     logger = logging.getLogger('icofabric_sim')
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())
     worker = import_module('distributed').get_worker()
-    return perform(order, f'the worker {worker.address}')
+    return perform(request, f'the worker {worker.address}')
 
 
-def _about(store: str, identity: str) -> tuple[dict[str, str], bool]:
-    return surroundings(), Store(store).is_one(identity)
+def _fingerprint(store: str, identity: str) -> tuple[dict[str, str], bool]:
+    return run_environment(), Store(store).is_one(identity)
 
 
-def _drain(came: 'queue.SimpleQueue[Any]', patience: float) -> list[Any]:
-    """Return all finished futures; wait at most `patience` [s] for the first."""
+def _drain(finished: 'queue.SimpleQueue[Any]', timeout_s: float) -> list[Any]:
+    """Return all finished futures; wait at most `timeout_s` for the first."""
     found = []
     with suppress(queue.Empty):
-        found.append(came.get(timeout=patience))
+        found.append(finished.get(timeout=timeout_s))
         while True:
-            found.append(came.get_nowait())
+            found.append(finished.get_nowait())
     return found
 
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Energies of a small slab by SciPy's minimiser and forces that are written anew, beside the engine.
+Independent check: energies of a slab by SciPy's minimiser with separately written forces.
 
-Nothing of the engine's forces, second derivatives or search is used: only the places of the
+The forces, second derivatives and equilibrium solver of this package are not used, only the
 attachment points, the vertices of the icosahedron and the numbers of the scene. Springs are
 lengths between points. Contact is the potential of docs/contact.md in another form. With the
 slacks s_f = h_f - n_f . x of the 40 faces of two shells, min(p_A, p_B) is the least slack, so
@@ -34,8 +34,8 @@ from scipy.spatial.transform import Rotation
 class ReferenceSettings:
     """Tunables of the independent minimisation by SciPy."""
 
-    max_free_bodies: int = 12  # the energy of a pair takes 20 ms
-    min_depth_ratio: float = 1e-9  # depth over a below which shells are apart
+    max_free_bodies: int = 12  # limits the time: the energy of a pair takes 20 ms
+    min_depth_ratio: float = 1e-9  # overlap over a below which shells do not overlap
     on_face_ratio: float = 1e-7  # distance of a corner on a face over the size of the overlap
     gradient_ratio: float = 1e-7  # final gradient over the largest spring force
     start_offset: float = 1e-4  # random, from the woven positions, over a and in rad
@@ -50,49 +50,49 @@ _ABSENT_PARAMETERS: Final = (
 
 
 class Compared(NamedTuple):
-    """One strain: the energy and its derivative by the strain, of both codes."""
+    """Energy and its derivative by the strain at one strain, by this package and by SciPy."""
 
     strain: float
-    engine: float  # [J]
+    package: float  # [J]
     scipy: float  # [J]
-    engine_slope: float  # [J]
+    package_slope: float  # [J]
     scipy_slope: float  # [J]
-    apart: float  # farthest a body is from where the engine has it, over a
-    gradient: float  # largest force that SciPy leaves over the largest force of a spring
-    contact_pairs: int  # pairs that overlap
+    position_difference: float  # largest distance between both positions of a body, over a
+    gradient: float  # largest residual force of SciPy over the largest spring force
+    contact_pairs: int
 
 
 def require_plain(scene: Scene) -> None:
-    """Refuse what this code has no term for; ParameterError names it."""
+    """Raise ParameterError for parameters that the independent energies do not support."""
     parameters = scene.parameters
     for name in _ABSENT_PARAMETERS:
         if parameters[name] != 0.0:
-            raise ParameterError(name, f'{name}: independent energies have point springs and '
-                                       f'contact only; got {parameters[name]:g}, give 0')
+            raise ParameterError(name, f'{name}: the result `independent` supports only linear '
+                                       f'springs and contact: set {name} to 0')
     if parameters['connector.obstruction'] == 'wrap' or parameters['connector.law'] or (
             scene.parameters.names('connector_groups') or scene.parameters.names('planes')):
         raise ParameterError(
-            'connector', 'independent energies have straight connectors of one stiffness only, '
-            'and no planes: leave connector.obstruction: wrap, connector.law, connector_groups '
-            'and planes out')
+            'connector', 'the result `independent` supports only straight connectors of one '
+            'stiffness, and no planes: remove connector.obstruction: wrap, connector.law, '
+            'connector_groups and planes')
     extension, compression = (
         parameters[f'connector.stiffness_{side}'] for side in ('extension', 'compression'))
     if (extension if extension >= 0.0 else parameters['connector.stiffness']) != (
             compression if compression >= 0.0 else parameters['connector.stiffness']):
         raise ParameterError(
-            'connector.stiffness_extension', 'independent energies have connectors with one '
-            'stiffness for both directions')
+            'connector.stiffness_extension', 'the result `independent` needs one stiffness in '
+            'extension and compression')
     if not parameters['contact.stiffness'] > 0.0:
         raise ParameterError(
-            'contact.stiffness', 'contact.stiffness: give the stiffness of contacts [N/m] for '
-            'independent energies; 0 is chosen by the engine')
+            'contact.stiffness', 'contact.stiffness must be above 0 [N/m] for the result '
+            '`independent`')
 
 
 def compare_energies(
     scene: Scene, kind: str, strains: Sequence[float], axis: int,
     along: Sequence[float] | None = None
 ) -> list[Compared]:
-    """Energies at rest for strains of a slab between two held ends, by both codes."""
+    """Return equilibrium energies of a slab between two held ends, by this package and SciPy."""
     require_plain(scene)
     motion = held_motion(scene, kind, axis, along=check_along(kind, axis, along))
     found: list[Compared] = []
@@ -100,15 +100,15 @@ def compare_energies(
     for step in follow_path(motion, strains):
         if not step.found.converged:
             break
-        there = motion.placed(step.amount)
-        assert there.supports is not None
-        held = there.supports.translation.all(axis=1)
+        strained = motion.placed(step.amount)
+        assert strained.supports is not None
+        held = strained.supports.translation.all(axis=1)
         if (count := int((~held).sum())) > _REFERENCE.max_free_bodies:
             raise ValueError(
-                f'weave.size: independent energies are for at most '
-                f'{_REFERENCE.max_free_bodies} bodies between the ends, and there '
-                f'are {count}; take a smaller slab')
-        slab = PlainSlab(there)
+                f'weave.size: the result `independent` supports at most '
+                f'{_REFERENCE.max_free_bodies} bodies between the ends, got {count}; use a '
+                'smaller slab')
+        slab = PlainSlab(strained)
         freedoms = np.repeat(~held, 6)
         start = np.where(
             freedoms, _REFERENCE.start_offset * generator.standard_normal(len(freedoms)), 0.0)
@@ -129,14 +129,14 @@ def compare_energies(
 
 class PlainSlab:
     """
-    Springs between points, and shells that overlap.
+    Slab of springs between points, and overlapping shells.
 
-    Coordinates are (6 n,): of each body its displacement over a and its rotation vector [rad] from
-    where the scene has it.
+    Coordinates are (6 n,): displacement over a and rotation vector [rad] of each body from its
+    position in the scene.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Take places and numbers from a scene."""
+        """Copy positions and parameters from a scene."""
         parameters = scene.parameters
         extension = parameters['connector.stiffness_extension']
         self._k = extension if extension >= 0.0 else parameters['connector.stiffness']

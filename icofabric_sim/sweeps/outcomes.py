@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What is done in a run, and what is kept of it: verbs, and phrases such as `displacement tip`.
+Computations of a run (verbs), and the results kept (phrases such as `displacement tip`).
 
-A verb computes once what all its phrases read. Each value that is kept becomes a column of the
-table, with its unit.
+A verb computes once for all its phrases. Each kept value becomes a column of the table, with its
+unit.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,24 +15,24 @@ from icofabric_sim import checks
 from icofabric_sim.checks import shown
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
+from icofabric_sim.sweeps.phrases import Column, curve_arguments, Phrase, RunFailed
 import numpy as np
 
 RUN, STATICS, MODES, ELASTICITY, BANDS, CURVE, MECHANISMS = VERBS = (
     'run', 'statics', 'modes', 'elasticity', 'bands', 'curve', 'mechanisms')
 _VOIGT = ('xx', 'yy', 'zz', 'yz', 'xz', 'xy')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
-# Energies that a fabric at rest has.
-_AT_REST = ('connectors', 'gravity', 'contact', 'field', 'total')
+# Energies of a fabric in equilibrium.
+_STATIC_ENERGIES = ('connectors', 'gravity', 'contact', 'field', 'total')
 # Name of the bag in the folder of a run.
 BAG: Final = 'bag'
-# Points between two neighbouring corners of the path through the zone; waves along each axis of
-# it, by default.
+# Points between two neighbouring corners of the path through the Brillouin zone, and default
+# number of wave vectors along each axis of the zone.
 _BAND_POINTS, _BAND_SAMPLES = 24, 6
-# Word that asks for the equilibrium of the periodic fabric.
+# Argument that selects the equilibrium of the periodic fabric.
 _RELAXED: Final = 'relaxed'
-# Words whose arguments are those of a curve.
-_OF_CURVES: Final = ('curve', 'strength', 'cycle', 'independent')
+# Results with the arguments of a curve.
+_CURVE_RESULTS: Final = ('curve', 'strength', 'cycle', 'independent')
 
 
 class Work(NamedTuple):
@@ -43,57 +43,60 @@ class Work(NamedTuple):
 
     def of(self, verb: str) -> list[Phrase]:
         """Return the kept results of a verb."""
-        return [phrase for phrase in self.keep if verb in WORDS[phrase.word].verbs]
+        return [phrase for phrase in self.keep if verb in RESULT_KINDS[phrase.word].verbs]
 
 
-class Word(NamedTuple):
-    """A word of the phrases."""
+class ResultKind(NamedTuple):
+    """A kind of result: its verbs, its phrase and its description."""
 
     verbs: tuple[str, ...]
     usage: str
-    says: str
+    description: str
 
 
-WORDS: Final[dict[str, Word]] = {
-    'energies': Word((RUN, STATICS), 'energies', 'energies at the end [J]'),
-    'displacement': Word(
+RESULT_KINDS: Final[dict[str, ResultKind]] = {
+    'energies': ResultKind((RUN, STATICS), 'energies', 'energies at the end [J]'),
+    'displacement': ResultKind(
         (RUN, STATICS), 'displacement GROUP',
-        'mean displacement of a group from its initial place, and the largest of a body [m]'),
-    'extremes': Word(
-        (RUN,), 'extremes', 'largest stretch, compression and displacement during the run'),
-    'bag': Word((RUN,), 'bag', 'the whole record, as icofabric run writes it'),
-    'tension': Word((STATICS,), 'tension', 'largest pull and push of a connector [N]'),
-    'reaction': Word(
+        'mean displacement of a group from its initial position, and the largest of any body [m]'),
+    'extremes': ResultKind(
+        (RUN,), 'extremes',
+        'largest relative extension, compression and displacement during the run'),
+    'bag': ResultKind((RUN,), 'bag', 'the recorded run, as icofabric run writes it'),
+    'tension': ResultKind(
+        (STATICS,), 'tension', 'largest and smallest (most compressive) force of a connector [N]'),
+    'reaction': ResultKind(
         (STATICS,), 'reaction GROUP', 'sum of the forces of supports and drives on a group [N]'),
-    'frequencies': Word((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
-    'moduli': Word(
+    'frequencies': ResultKind((MODES,), 'frequencies [COUNT]', 'the lowest frequencies [rad/s]'),
+    'moduli': ResultKind(
         (ELASTICITY,), 'moduli [relaxed]', "stiffness [Pa], Young's moduli [Pa], density "
         '[kg/m^3]; relaxed: about the equilibrium of the periodic fabric, with contact'),
-    'gap': Word(
+    'gap': ResultKind(
         (BANDS,), 'gap [COUNT] [relaxed]', 'the widest gap between the bands, and the highest '
-        'frequency; COUNT: waves along each axis of the zone, beside those on the path through '
-        'it; relaxed: as of moduli'),
-    'curve': Word(
+        'frequency; COUNT: wave vectors along each axis of the Brillouin zone, in addition to '
+        'those on the standard path; relaxed: as for moduli'),
+    'curve': ResultKind(
         (CURVE,), 'curve KIND STRAIN [POINTS [AXIS]]',
         'stress [Pa] of the slab at strains up to STRAIN; KIND: pull, push, shear, hydrostatic or '
-        'inflation; AXIS of a shear also with its direction, as xz'),
-    'strength': Word(
+        'inflation; AXIS of a shear may include the direction, e.g. xz'),
+    'strength': ResultKind(
         (CURVE,), 'strength KIND STRAIN [POINTS [AXIS]]',
-        "modulus and Poisson's ratios at small strain; first touch, first fall of the stress "
-        '(buckling), first break, the most stress'),
-    'cycle': Word(
+        "modulus and Poisson's ratios at small strain; strain at first contact, at buckling "
+        '(first decrease of the stress) and at first breakage; largest stress'),
+    'cycle': ResultKind(
         (CURVE,), 'cycle KIND STRAIN [POINTS [AXIS]]',
-        'work of one way there and back, what comes back and what is lost [J]'),
-    'independent': Word(
+        'work of loading, work returned in unloading, energy dissipated [J]'),
+    'independent': ResultKind(
         (CURVE,), 'independent KIND STRAIN [POINTS [AXIS]]',
-        "energies [J] of a slab of point springs and contact beside those of SciPy's minimiser "
-        'and of forces that are written anew'),
-    'places': Word(
-        (MECHANISMS,), 'places', 'motions without energy of the woven fabric, counted, and where '
-        'they are: corners, edges, faces, depth'),
-    'contacts': Word(
-        (STATICS,), 'contacts', 'pairs that touch at rest, their deepest overlap and force'),
-    'centre': Word((RUN,), 'centre', 'velocity and kinetic energy of the centre of mass'),
+        "energies [J] of a slab of linear springs with contact, compared with SciPy's minimiser "
+        'on an independent implementation of the forces'),
+    'places': ResultKind(
+        (MECHANISMS,), 'places', 'number of zero-energy motions of the woven fabric, and the '
+        'degrees of freedom at corners, edges, faces, interior and depths that take part'),
+    'contacts': ResultKind(
+        (STATICS,), 'contacts',
+        'pairs in contact at equilibrium, largest overlap [m] and force [N]'),
+    'centre': ResultKind((RUN,), 'centre', 'velocity and kinetic energy of the centre of mass'),
 }
 DEFAULTS: Final = {
     RUN: ('energies', 'extremes'), STATICS: ('energies', 'tension'), MODES: ('frequencies 6',),
@@ -103,7 +106,7 @@ _FREQUENCIES = 6
 
 
 def make_work(verbs: Any, keep: Any = None) -> Work:
-    """Judge verbs and phrases; ValueError lists what there is."""
+    """Validate verbs and phrases. Raise ValueError that lists the allowed ones."""
     chosen = [verbs] if isinstance(verbs, str) else checks.items('verbs', verbs, 'verbs')
     if not chosen:
         raise ValueError(f'verbs must name at least one of {", ".join(VERBS)}')
@@ -113,25 +116,25 @@ def make_work(verbs: Any, keep: Any = None) -> Work:
         'keep', keep, 'phrases')
     phrases = [_parse(text) for text in given]
     for phrase in phrases:
-        word = WORDS[phrase.word]
-        if not set(word.verbs) & set(chosen):
+        kind = RESULT_KINDS[phrase.word]
+        if not set(kind.verbs) & set(chosen):
             raise ValueError(
-                f'keep: {phrase} is of {" and ".join(word.verbs)}, which is not among the verbs '
-                f'({", ".join(chosen)}); add it')
+                f'keep: {phrase} needs the verb {" or ".join(kind.verbs)}; add one to the verbs '
+                f'({", ".join(chosen)})')
     ordered = tuple(verb for verb in VERBS if verb in chosen)
     for verb in ordered:
-        if not any(verb in WORDS[phrase.word].verbs for phrase in phrases):
+        if not any(verb in RESULT_KINDS[phrase.word].verbs for phrase in phrases):
             phrases += map(_parse, DEFAULTS[verb])
     return Work(ordered, tuple(dict.fromkeys(phrases)))
 
 
 def _parse(text: Any) -> Phrase:
     words = checks.text('keep', text, 'phrases').split()
-    known = ', '.join(word.usage for word in WORDS.values())
-    if not words or words[0] not in WORDS:
-        raise ValueError(f'keep: {shown(text)} is not known; there are: {known}')
+    known = ', '.join(kind.usage for kind in RESULT_KINDS.values())
+    if not words or words[0] not in RESULT_KINDS:
+        raise ValueError(f'keep: {shown(text)} is not known; choose from: {known}')
     phrase = Phrase(words[0], tuple(words[1:]))
-    usage = WORDS[phrase.word].usage
+    usage = RESULT_KINDS[phrase.word].usage
     most = len(usage.split()) - 1
     least = len(usage.split('[')[0].split()) - 1
     if not least <= len(phrase.arguments) <= most:
@@ -142,7 +145,7 @@ def _parse(text: Any) -> Phrase:
         sample_count(phrase)
     if phrase.word == 'moduli' and phrase.arguments not in ((), (_RELAXED,)):
         raise ValueError(f'keep: moduli takes {_RELAXED} or nothing, got {shown(text)}')
-    if phrase.word in _OF_CURVES:
+    if phrase.word in _CURVE_RESULTS:
         curve_arguments(phrase)
     return phrase
 
@@ -158,7 +161,7 @@ def frequency_count(phrase: Phrase) -> int:
 
 
 def sample_count(phrase: Phrase) -> int:
-    """Return the requested number of waves along each axis of the Brillouin zone."""
+    """Return the requested number of wave vectors along each axis of the Brillouin zone."""
     given = phrase.arguments[:-1] if phrase.arguments[-1:] == (_RELAXED,) else phrase.arguments
     if not given:
         return _BAND_SAMPLES
@@ -175,21 +178,20 @@ def is_relaxed(phrases: Sequence[Phrase]) -> bool:
     found = {phrase.arguments[-1:] == (_RELAXED,) for phrase in phrases}
     if len(found) > 1:
         raise ValueError(
-            f'keep: {", ".join(map(str, phrases))}: a study is about the woven state or about '
-            f'the rest; say {_RELAXED} in all of them, or make two studies')
+            f'keep: {", ".join(map(str, phrases))}: results about the woven state and '
+            f'about the equilibrium cannot be mixed; give {_RELAXED} in all, or make two sweeps')
     return found == {True}
 
 
 def check_end(work: Work, parameters: Parameters) -> None:
-    """Refuse runs without an end."""
+    """Raise ParameterError for runs without an end."""
     if RUN in work.verbs and not parameters['duration'] > 0.0:
         raise ParameterError(
-            'duration', 'duration: a run of a study needs an end; set duration, the simulated '
-            'time [s], above 0')
+            'duration', 'duration must be above 0 for the verb run: it is the simulated time [s]')
 
 
 def check_work(work: Work, scene: Scene) -> None:
-    """Refuse what a scene cannot give, before any run; ValueError says why."""
+    """Raise ValueError if a requested result is not available for the scene."""
     from icofabric_sim.statics.held import held_time
     from icofabric_sim.statics.periodic import make_cell
     if STATICS in work.verbs or MODES in work.verbs:
@@ -202,7 +204,7 @@ def check_work(work: Work, scene: Scene) -> None:
             raise ParameterError(
                 'connector.stiffness_extension', 'connector.stiffness_extension is not '
                 'connector.stiffness_compression, and the connectors are at their natural length: '
-                'waves do not superpose there, so that there are no bands; give one stiffness')
+                'waves then do not superpose, so there are no bands; give one stiffness')
     if MECHANISMS in work.verbs:
         from icofabric_sim.statics.floppy import require_dense
         require_dense(scene)
@@ -212,15 +214,15 @@ def check_work(work: Work, scene: Scene) -> None:
     for phrase in work.keep:
         if phrase.word in ('displacement', 'reaction') and phrase.arguments[0] not in scene.groups:
             raise ValueError(
-                f'keep: {phrase}: there is no such group; known: {", ".join(scene.groups)}; '
+                f'keep: {phrase}: there is no such group; groups: {", ".join(scene.groups)}; '
                 f'groups.{phrase.arguments[0]} defines it')
 
 
 def carry_out(work: Work, scene: Scene, folder: Path) -> list[Column]:
     """
-    Do what is to be done, in this thread; a bag goes to `folder`.
+    Compute all results of a run in this thread; a bag is written to `folder`.
 
-    Raises Failed or a ValueError with the reason where the run cannot be had.
+    Raise RunFailed or ValueError with the reason if a result cannot be computed.
     """
     columns: list[Column] = []
     at: Any = None
@@ -262,7 +264,7 @@ def _run(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     if bag is not None and bag.error is not None:
         raise OSError(str(bag.error))
     if runner.failure:
-        raise Failed(runner.failure)
+        raise RunFailed(runner.failure)
     last = simulation.snapshot()
     columns = [
         Column('error_estimate', '', float(simulation.error_estimate)),
@@ -277,7 +279,7 @@ def _run(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
             columns += [
                 Column('stretch', '', monitor.stretch.value),
                 Column('compression', '', monitor.compression.value),
-                Column('farthest', 'm', monitor.displacement.value)]
+                Column('largest_displacement', 'm', monitor.displacement.value)]
         elif phrase.word == 'centre':
             columns += _centre(scene, last)
     return columns
@@ -287,14 +289,14 @@ def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any
     from icofabric_sim.statics.equilibrium import solve_equilibrium
     found = solve_equilibrium(scene)
     if not found.converged:
-        raise Failed(f'{found.verdict}: {found.reason}' if found.reason else found.verdict)
+        raise RunFailed(f'{found.verdict}: {found.reason}' if found.reason else found.verdict)
     columns = [
         Column('verdict', '', found.verdict), Column('residual', '', float(found.residual)),
         Column('mechanisms', '', int(found.mechanism_count))]
     for phrase in phrases:
         if phrase.word == 'energies':
             columns += [one for one in _energies(found.snapshot)
-                        if one.name.removeprefix('energy.') in _AT_REST]
+                        if one.name.removeprefix('energy.') in _STATIC_ENERGIES]
         elif phrase.word == 'displacement':
             columns += _displacement(scene, found.snapshot, phrase.arguments[0])
         elif phrase.word == 'tension':
@@ -302,13 +304,13 @@ def _statics(phrases: Sequence[Phrase], scene: Scene) -> tuple[list[Column], Any
                 Column('largest_tension', 'N', float(np.max(found.tension, initial=0.0))),
                 Column('least_tension', 'N', float(np.min(found.tension, initial=0.0)))]
         elif phrase.word == 'contacts':
-            there = found.contact_state
+            contact = found.contact_state
             columns += [
-                Column('contact_pairs', '', 0 if there is None else len(there.pairs)),
-                Column('overlap', 'm', 0.0 if there is None else there.depth),
+                Column('contact_pairs', '', 0 if contact is None else len(contact.pairs)),
+                Column('overlap', 'm', 0.0 if contact is None else contact.depth),
                 Column(
                     'largest_contact_force', 'N',
-                    0.0 if there is None else there.largest_force)]
+                    0.0 if contact is None else contact.largest_force)]
         else:
             name = phrase.arguments[0]
             force = found.reaction[scene.groups[name], :3].sum(axis=0).tolist()
@@ -336,10 +338,10 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
     found = homogenise(scene, relaxed=is_relaxed(phrases))
     rest = found.relaxed_state
     columns = [] if rest is None else [
-        Column('rest', '', rest.verdict),
+        Column('verdict', '', rest.verdict),
         Column('contact_pairs', '', len(rest.contact_vectors)),
         Column('overlap', 'm', float(rest.overlap)),
-        Column('size', '', float(np.cbrt(np.linalg.det(rest.gradient))))]
+        Column('length_ratio', '', float(np.cbrt(np.linalg.det(rest.gradient))))]
     columns += [
         Column('density', 'kg/m^3', float(found.density)),
         Column('soft_strains', '', len(found.zero_energy_strains)),
@@ -359,7 +361,7 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
 
 def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.periodic import band_path, sample_zone, solve_bands
-    # The path finds extremes on lines of symmetry, the grid those elsewhere.
+    # The path finds extremes on lines of symmetry, the grid all others.
     samples = max(map(sample_count, phrases))
     path, grid = band_path(scene, _BAND_POINTS)[0], sample_zone(scene, samples)
     vectors = np.concatenate([path, grid])
@@ -367,16 +369,16 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
     lowest, highest = frequencies.min(axis=0), frequencies.max(axis=0)
     gaps = lowest[1:] - highest[:-1]
     widest = int(np.argmax(gaps))
-    there = bool(gaps[widest] > 0.0)
+    has_gap = bool(gaps[widest] > 0.0)
     return [
         Column('lowest', 'rad/s', float(lowest[0])),
-        # Of the path the first is at rest: a shift of all.
+        # Without the path, whose first wave is a translation of the fabric.
         Column('grid.lowest', 'rad/s', float(frequencies[len(path):].min())),
         Column('highest', 'rad/s', float(highest[-1])),
-        Column('gap', 'rad/s', float(gaps[widest]) if there else 0.0),
-        Column('gap.above_band', '', widest if there else -1),
-        Column('gap.from', 'rad/s', float(highest[widest]) if there else np.nan),
-        Column('gap.to', 'rad/s', float(lowest[widest + 1]) if there else np.nan),
+        Column('gap', 'rad/s', float(gaps[widest]) if has_gap else 0.0),
+        Column('gap.above_band', '', widest if has_gap else -1),
+        Column('gap.from', 'rad/s', float(highest[widest]) if has_gap else np.nan),
+        Column('gap.to', 'rad/s', float(lowest[widest + 1]) if has_gap else np.nan),
         *(Column(f'{number}.{end}', 'rad/s', float(values[number]))
           for number in range(len(lowest))
           for end, values in (('lowest', lowest), ('highest', highest)))]
@@ -384,24 +386,24 @@ def _bands(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column
 
 def _curve(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[Column]:
     from icofabric_sim.statics.stress_strain import measure_curve
-    from icofabric_sim.sweeps.slab_outcomes import SLAB_WORDS
+    from icofabric_sim.sweeps.slab_outcomes import SLAB_RESULTS
     columns: list[Column] = []
     for phrase in phrases:
-        if phrase.word in SLAB_WORDS:
-            columns += SLAB_WORDS[phrase.word](phrase, scene)
+        if phrase.word in SLAB_RESULTS:
+            columns += SLAB_RESULTS[phrase.word](phrase, scene)
             continue
         kind, strains, axis, along, name = curve_arguments(phrase)
         points = measure_curve(scene, kind, strains, axis=axis, along=along)
         if not points or points[0].verdict.startswith('not'):
-            raise Failed(f'{phrase}: no equilibrium at a strain of {strains[0]:g}')
-        whole = [point for point in points if not point.verdict.startswith('not')]
+            raise RunFailed(f'{phrase}: no equilibrium at a strain of {strains[0]:g}')
+        states = [point for point in points if not point.verdict.startswith('not')]
         columns += [
-            Column(f'{name}.reached', '', whole[-1].strain),
-            Column(f'{name}.broken', '', whole[-1].broken),
-            Column(f'{name}.strongest', 'Pa', max(point.stress for point in whole))]
+            Column(f'{name}.reached', '', states[-1].strain),
+            Column(f'{name}.broken', '', states[-1].broken),
+            Column(f'{name}.largest_stress', 'Pa', max(point.stress for point in states))]
         columns += [
             Column(f'{name}.stress.{strain:.6g}', 'Pa',
-                   whole[number].stress if number < len(whole) else np.nan)
+                   states[number].stress if number < len(states) else np.nan)
             for number, strain in enumerate(strains)]
     return columns
 
@@ -410,11 +412,11 @@ def _mechanisms(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
     from icofabric_sim.statics.floppy import find_floppy
     found = find_floppy(scene)
     return [
-        Column('freedoms', '', found.counts.degrees_of_freedom),
+        Column('degrees_of_freedom', '', found.counts.degrees_of_freedom),
         Column('connectors', '', found.counts.connectors),
         Column('count', '', found.counts.mechanisms),
         Column('self_stresses', '', found.counts.self_stresses),
-        Column('turning', '', float(found.turning.sum())),
+        Column('rotation_content', '', float(found.rotation_content.sum())),
         *(Column(f'at.{name}', '', value) for name, value in found.by_place().items())]
 
 
@@ -430,19 +432,18 @@ def _energies(snapshot: Any) -> list[Column]:
 def _displacement(scene: Scene, snapshot: Any, group: str) -> list[Column]:
     members = scene.groups[group]
     moved = snapshot.position[members] - scene.initial.position[members]
-    middle = moved.mean(axis=0).tolist() if len(members) else [np.nan] * 3
-    most = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    mean = moved.mean(axis=0).tolist() if len(members) else [np.nan] * 3
+    largest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
     return [
         *(Column(f'displacement.{group}.{axis}', 'm', value)
-          for axis, value in zip('xyz', middle)),
-        Column(f'displacement.{group}.most', 'm', most)]
+          for axis, value in zip('xyz', mean)),
+        Column(f'displacement.{group}.largest', 'm', largest)]
 
 
 def _centre(scene: Scene, snapshot: Any) -> list[Column]:
     mass = scene.masses.total(scene.body_count)
-    # That of the centre of mass.
-    weight = np.broadcast_to(scene.masses.mass, scene.body_count)
-    velocity = (weight @ snapshot.linear_velocity / mass).tolist()
+    body_mass = np.broadcast_to(scene.masses.mass, scene.body_count)
+    velocity = (body_mass @ snapshot.linear_velocity / mass).tolist()
     return [
         *(Column(f'centre.velocity.{axis}', 'm/s', value)
           for axis, value in zip('xyz', velocity)),

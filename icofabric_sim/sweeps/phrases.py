@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Phrases that say what is kept of a run, and the columns that they become."""
+"""Phrases that name the results to keep of a run, and the columns of these results."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ _SHEARS = ('xy', 'xz', 'yx', 'yz', 'zx', 'zy')
 
 
 class Column(NamedTuple):
-    """One value of a run."""
+    """One value of a run, in a column of the table."""
 
     name: str
     unit: str
@@ -22,7 +22,7 @@ class Column(NamedTuple):
 
 
 class Phrase(NamedTuple):
-    """A word that says what is kept, and its arguments."""
+    """A kind of result and its arguments, such as `displacement tip`."""
 
     word: str
     arguments: tuple[str, ...]
@@ -32,8 +32,8 @@ class Phrase(NamedTuple):
         return ' '.join((self.word, *self.arguments))
 
 
-class Failed(Exception):
-    """The physics of a run says no; the message is the reason."""
+class RunFailed(Exception):
+    """The run has no result for a physical reason (the message), such as no equilibrium."""
 
 
 class SlabCurve(NamedTuple):
@@ -56,7 +56,7 @@ def curve_arguments(phrase: Phrase) -> SlabCurve:
         strain = float(largest)
     except ValueError:
         raise ValueError(f'{name}: STRAIN must be a number, got {shown(largest)}') from None
-    # A push or pressure leaves nothing at a strain of 1.
+    # At a compressive strain of 1 nothing of the slab is left.
     checks.number(
         f'{name}: STRAIN', strain, above=0.0,
         below=1.0 if kind in ('push', 'hydrostatic') else 100.0)

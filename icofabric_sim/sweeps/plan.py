@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which runs a study has: a grid, lists, and samples of SciPy's qmc, in one fixed order.
+The runs of a sweep in a fixed order: cases vary slowest, then the grid, then samples.
 
-The order is that of the names: the first varies slowest. Cases (dictionaries of values that go
-together) come before all, samples behind.
+In the grid the first name varies slowest. Samples are drawn by SciPy's qmc.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,18 +20,19 @@ from icofabric_sim.parameters.validation import (
     Parameters,
 )
 from icofabric_sim.sweeps.values import (
-    judge_value,
     Name,
     parse_name,
     parse_values,
     Range,
+    validated_value,
 )
 import numpy as np
 
 SAMPLERS = ('sobol', 'halton', 'latin', 'random')
-MOST_RUNS = 1_000_000
-# A run uses one core; what is not part of the physics would give one run several names.
-ALONE: dict[str, Any] = {
+MAX_RUNS = 1_000_000
+# Values that every run has. They change no result, and other values would give one run several
+# keys.
+FORCED: dict[str, Any] = {
     'solver.threads': 1, 'real_time_factor': 0.0, 'start_paused': False, 'record.path': '',
     'checkpoint.path': ''}
 
@@ -41,16 +41,16 @@ class Sample(NamedTuple):
     """Sampling method, count and seed for ranges without a count."""
 
     method: str
-    points: int
+    count: int
     seed: int
 
 
 class Plan(NamedTuple):
-    """The runs of a study."""
+    """The runs of a sweep."""
 
     base: Parameters
-    names: tuple[str, ...]  # that vary, as columns of the table
-    points: tuple[tuple[Any, ...], ...]  # values of each run, None: as in the base
+    names: tuple[str, ...]  # varied parameters, columns of the table
+    points: tuple[tuple[Any, ...], ...]  # values of each run; None: value of the base
 
     def changes(self, number: int) -> dict[str, Any]:
         """Parameters in which a run differs from the base."""
@@ -68,8 +68,8 @@ class Plan(NamedTuple):
         return found
 
     def parameters(self, number: int) -> Parameters:
-        """All parameters of a run; ParameterError names the one that cannot be taken."""
-        return make_parameters({**self.base.given(), **self.changes(number), **ALONE})
+        """All parameters of a run. Raise ParameterError that names the invalid parameter."""
+        return make_parameters({**self.base.given(), **self.changes(number), **FORCED})
 
     def describe(self, number: int) -> str:
         """Return the values of a run, for a message."""
@@ -83,12 +83,12 @@ def make_plan(
     base: Parameters, *, vary: Mapping[str, Any] | None = None,
     cases: Sequence[Mapping[str, Any]] | None = None, sample: Any = None
 ) -> Plan:
-    """Judge what is to be varied; ValueError names what cannot be."""
+    """Validate the variation. Raise ValueError that names the invalid parameter or argument."""
     given = {} if vary is None else dict(checks.mapping(
         'vary', vary, 'a dictionary of parameters and their values'))
     values = {name: parse_values(name, found) for name, found in given.items()}
     drawn = {name: found for name, found in values.items()
-             if isinstance(found, Range) and found.parts is None}
+             if isinstance(found, Range) and found.count is None}
     wanted = _sample(sample, drawn)
     listed = {
         name: found.values(is_integer=parse_name(name).is_integer)
@@ -97,15 +97,14 @@ def make_plan(
     together = _cases(cases)
     both = {name for case in together for name in case} & values.keys()
     if both:
-        raise ValueError(f'cases: {min(both)} is in vary, too; give it in one of them')
+        raise ValueError(f'cases: {min(both)} is also in vary; give it in one of them')
     names = [*dict.fromkeys(name for case in together for name in case), *listed, *drawn]
     _refuse_overlap(names)
     draws = [()] if wanted is None else draw(drawn, wanted)
     size = math.prod([max(len(together), 1), *map(len, listed.values()), len(draws)])
-    if size > MOST_RUNS:
+    if size > MAX_RUNS:
         raise ValueError(
-            f'vary: this means {size:,} runs, and a study has at most {MOST_RUNS:,}; take fewer '
-            'values')
+            f'vary: {size:,} runs exceed the limit of {MAX_RUNS:,}; give fewer values')
     heads = [tuple(case.get(name) for name in names[:len(names) - len(values)])
              for case in together] or [()]
     points = tuple(
@@ -115,11 +114,11 @@ def make_plan(
 
 
 def draw(ranges: Mapping[str, Range], sample: Sample) -> list[tuple[Any, ...]]:
-    """Points of SciPy's qmc; of sobol, halton and random fewer points are the first of more."""
+    """Return sample points; except for `latin`, a small sample is a prefix of a larger one."""
     size = len(ranges)
     generator = np.random.default_rng(sample.seed)
     if sample.method == 'random':
-        places = generator.random((sample.points, size))
+        places = generator.random((sample.count, size))
     else:
         places = _points(sample, size)
     kinds = [parse_name(name).is_integer for name in ranges]
@@ -139,9 +138,9 @@ def _points(sample: Sample, size: int) -> np.ndarray:
         # SciPy before 1.15.
         engine = kind(d=size, seed=generator)
     if sample.method == 'sobol':
-        # Its points are balanced in powers of two only, and it warns of other counts.
-        return np.asarray(engine.random_base2(math.ceil(math.log2(sample.points))))[:sample.points]
-    return np.asarray(engine.random(sample.points))
+        # SciPy warns of counts that are no power of two, because such samples are unbalanced.
+        return np.asarray(engine.random_base2(math.ceil(math.log2(sample.count))))[:sample.count]
+    return np.asarray(engine.random(sample.count))
 
 
 def _sample(given: Any, drawn: Mapping[str, Range]) -> Sample | None:
@@ -154,13 +153,13 @@ def _sample(given: Any, drawn: Mapping[str, Range]) -> Sample | None:
     checks.mapping('sample', given, "a dictionary such as {'method': 'sobol', 'count': 64}")
     unknown = sorted(given.keys() - {'method', 'count', 'seed'})
     if unknown:
-        raise ValueError(f'sample: {unknown[0]} is not known; there are method, count and seed')
+        raise ValueError(f'sample: unknown key {unknown[0]}; the keys are method, count and seed')
     if not drawn:
-        raise ValueError('sample: no range in vary is without a count, so nothing can be sampled')
+        raise ValueError('sample: vary needs at least one range without a count to sample from')
     method = checks.choice('sample: method', given.get('method', 'sobol'), SAMPLERS)
     if 'count' not in given:
-        raise ValueError('sample: count is missing: how many points are drawn')
-    count = checks.count('sample: count', given['count'], 1, MOST_RUNS)
+        raise ValueError('sample: count, the number of points, is missing')
+    count = checks.count('sample: count', given['count'], 1, MAX_RUNS)
     return Sample(method, count, checks.count('sample: seed', given.get('seed', 0), 0, 2**63 - 1))
 
 
@@ -169,13 +168,13 @@ def _cases(given: Any) -> list[dict[str, Any]]:
         return []
     found = checks.items('cases', given, 'dictionaries of parameters and values')
     if not found:
-        raise ValueError('cases must hold at least one dictionary of parameters and values')
+        raise ValueError('cases must contain at least one dictionary of parameters and values')
     for number, case in enumerate(found):
         if not isinstance(case, Mapping) or not case:
             raise ValueError(
                 f'cases: case {number} must be a dictionary of parameters and values, got '
                 f'{shown(case)}')
-    return [{name: judge_value(parse_name(name), value) for name, value in case.items()}
+    return [{name: validated_value(parse_name(name), value) for name, value in case.items()}
             for case in found]
 
 
@@ -187,14 +186,14 @@ def _refuse_overlap(names: Sequence[str]) -> None:
         if name.element is not None and name.parameter in whole:
             raise ValueError(
                 f'vary: {name.parameter} and {name.parameter}[{name.element}] cannot both vary')
-        if name.parameter in ALONE:
+        if name.parameter in FORCED:
             raise ParameterError(
                 name.parameter,
-                f'vary: {name.parameter} cannot vary: every run of a study has '
-                f'{ALONE[name.parameter]!r}, which does not change its result')
+                f'vary: {name.parameter} cannot vary: every run of a sweep uses '
+                f'{FORCED[name.parameter]!r}, which does not change its result')
 
 
 def _whole(base: Parameters, name: Name) -> list[Any]:
-    """Return the full list, from the base or by default, of which one element varies."""
+    """Return the full list of a parameter of which one element varies."""
     found = base.get(name.parameter, find_specification(name.parameter).default)
     return list(found)  # type: ignore[arg-type]

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The name of a run: a hash of all that its result depends on.
+The key of a run: a hash of everything that its result depends on.
 
-These are the resolved parameters, the contents of the files that they name, what is done and kept,
-the source of the rooms that a run passes through, the libraries and what kernels are compiled for.
-The source of rooms below (`pictures`, `commands`, ...) does not count: imports point away from
-them, so they cannot change a result.
+These are the resolved parameters, the contents of the files that they name, verbs and kept
+results, the source of the subpackages used by a run, the libraries, and the processor that kernels
+are compiled for. Other subpackages (`pictures`, `commands`, ...) do not count: a run never imports
+them.
 """
 
 from collections.abc import Mapping
@@ -24,14 +24,13 @@ _ROOMS: Final = (
     'bag', 'running', 'sweeps')
 _MODULES: Final = ('version.py', 'checks.py')
 _PACKAGE = Path(__file__).resolve().parents[1]
-# Characters of a name: 2^128 names.
-_LENGTH = 32
+_KEY_DIGITS = 32  # hexadecimal, 128 bits
 _FEATURES_DIGITS = 12  # hexadecimal digits of the hash of features
 
 
 @functools.cache
 def source_digest() -> str:
-    """SHA-256 of the source that runs pass through."""
+    """Return the SHA-256 of the source that a run uses."""
     digest = hashlib.sha256()
     paths = [_PACKAGE / name for name in _MODULES]
     for room in _ROOMS:
@@ -43,7 +42,7 @@ def source_digest() -> str:
 
 
 @functools.cache
-def surroundings() -> dict[str, str]:
+def run_environment() -> dict[str, str]:
     """Return the fingerprint of source, libraries and processor that results depend on."""
     from icofabric_sim.kernels.runtime.target import kernel_target
     from icofabric_sim.running.recording import library_versions
@@ -54,10 +53,10 @@ def surroundings() -> dict[str, str]:
 
 def features_digest() -> str:
     """
-    Hash of the features of a processor that kernels are compiled for.
+    Return a hash of the processor features that kernels are compiled for.
 
-    A name such as NUMBA_CPU_NAME says nothing about them: Numba adds those of the processor at
-    hand unless NUMBA_CPU_FEATURES is given.
+    NUMBA_CPU_NAME does not determine these features: Numba adds the features of this processor
+    unless NUMBA_CPU_FEATURES is given.
     """
     from numba.core.registry import cpu_target
     _, _, features = cpu_target.target_context.codegen().magic_tuple()
@@ -65,15 +64,15 @@ def features_digest() -> str:
 
 
 def key_of(
-    parameters: Parameters, files: Mapping[str, str], work: Work, around: Mapping[str, str]
+    parameters: Parameters, files: Mapping[str, str], work: Work, environment: Mapping[str, str]
 ) -> str:
     """
-    Return the key that names a run.
+    Return the key of a run.
 
-    `files`: SHA-256 of those that were read, by their names; `around`: `surroundings()`.
+    `files`: SHA-256 of the files that the scene reads, by file name.
     """
     facts: dict[str, Any] = {
         'parameters': dict(parameters.table), 'files': dict(files), 'verbs': work.verbs,
-        'keep': sorted(map(str, work.keep)), **around}
+        'keep': sorted(map(str, work.keep)), **environment}
     text = json.dumps(facts, sort_keys=True, separators=(',', ':'))
-    return hashlib.sha256(text.encode()).hexdigest()[:_LENGTH]
+    return hashlib.sha256(text.encode()).hexdigest()[:_KEY_DIGITS]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is kept of a slab between two ends beside its stresses: strength, cycles, a check."""
+"""Results of load cases of slabs other than stresses: strength, cycles, an independent check."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -10,33 +10,33 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.statics.cycles import measure_cycles
 from icofabric_sim.statics.stress_strain import CurvePoint, measure_curve
 from icofabric_sim.sweeps.independent import compare_energies
-from icofabric_sim.sweeps.phrases import Column, curve_arguments, Failed, Phrase
+from icofabric_sim.sweeps.phrases import Column, curve_arguments, Phrase, RunFailed
 import numpy as np
 
 # Strains between which moduli are measured.
 _MODULUS_STRAINS: Final = (1e-4, 3e-4, 1e-3)
-# A stress that falls by less than this part has not fallen.
-_FALL = 1e-3
+# Smallest relative decrease of the stress that counts as buckling.
+_MIN_DECREASE_RATIO = 1e-3
 
 
 def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     """
-    Small strains first, then even steps.
+    Return moduli at small strains, then strength from evenly spaced strains.
 
-    The stress falls for the first time where a state has less of it than the one before, and
-    nothing broke on the way: the slab has buckled.
+    The slab has buckled at the first state of lower stress than the state before, if no connector
+    broke in between.
     """
     kind, strains, axis, direction, name = curve_arguments(phrase)
     small = [strain for strain in _MODULUS_STRAINS if strain < (1.0 - 1e-9) * strains[0]]
     points = measure_curve(scene, kind, [*small, *strains], axis=axis, along=direction)
-    states = _at_rest(phrase, points)
+    states = _equilibria(phrase, points)
     across = [number for number in range(3) if number != axis]
     first = states[0]
     along = first.middle_strain[axis]
     stress = np.array([state.stress for state in states])
-    most = int(np.argmax(stress))
+    peak = int(np.argmax(stress))
     columns = [
-        # Of states that follow from each other: without any strain there may be another one near.
+        # From consecutive states, because at zero strain another equilibrium may be close.
         Column(f'{name}.modulus', 'Pa', _slope(states, *_MODULUS_STRAINS[:2])),
         Column(f'{name}.modulus_beyond', 'Pa', _slope(states, *_MODULUS_STRAINS[1:])),
         Column(f'{name}.secant', 'Pa', (first.stress - first.rest_stress) / first.strain),
@@ -47,10 +47,10 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
         *columns,
         Column(f'{name}.verdict', '', first.verdict),
         Column(f'{name}.rest_stress', 'Pa', first.rest_stress),
-        Column(f'{name}.most', 'Pa', float(stress[most])),
-        Column(f'{name}.most_at', '', states[most].strain),
+        Column(f'{name}.largest_stress', 'Pa', float(stress[peak])),
+        Column(f'{name}.strain_at_largest_stress', '', states[peak].strain),
         Column(f'{name}.buckles_at', '', _buckling(states)),
-        Column(f'{name}.buckles_under', 'Pa', _buckling_stress(states)),
+        Column(f'{name}.buckling_stress', 'Pa', _buckling_stress(states)),
         Column(f'{name}.unstable_at', '', _first(
             states, lambda state: state.verdict == 'equilibrium, unstable')),
         Column(f'{name}.contact_at', '', _first(states, lambda state: state.contact_pairs > 0)),
@@ -66,15 +66,15 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
           Column(f'{name}.stresses', 'Pa', ' '.join(f'{value:.6g}' for value in stress)))]
 
 
-def _at_rest(phrase: Phrase, points: Sequence[CurvePoint]) -> list[CurvePoint]:
+def _equilibria(phrase: Phrase, points: Sequence[CurvePoint]) -> list[CurvePoint]:
     states = [point for point in points if not point.verdict.startswith('not')]
     if not states:
-        raise Failed(f'{phrase}: no equilibrium at the first strain')
+        raise RunFailed(f'{phrase}: no equilibrium at the first strain')
     return states
 
 
 def _slope(states: Sequence[CurvePoint], first: float, second: float) -> float:
-    """Slope of the stress between two strains [Pa]; NaN where it was not measured there."""
+    """Return the slope of the stress between two strains [Pa]; NaN if either is missing."""
     stress = {round(state.strain, 12): state.stress for state in states}
     if first not in stress or second not in stress:
         return math.nan
@@ -96,7 +96,7 @@ def _fall(states: Sequence[CurvePoint]) -> CurvePoint | None:
     for before, after in zip(states, states[1:]):
         if after.broken:
             return None
-        if before.stress > 0.0 and after.stress < (1.0 - _FALL) * before.stress:
+        if before.stress > 0.0 and after.stress < (1.0 - _MIN_DECREASE_RATIO) * before.stress:
             return before
     return None
 
@@ -109,7 +109,7 @@ def _cycle(phrase: Phrase, scene: Scene) -> list[Column]:
     kind, strains, axis, along, name = curve_arguments(phrase)
     cycles = measure_cycles(scene, kind, strains, axis=axis, along=along)
     if not cycles or not math.isfinite(cycles[0].loading_work):
-        raise Failed(f'{phrase}: no equilibrium on the way')
+        raise RunFailed(f'{phrase}: no equilibrium within the cycle')
     cycle = cycles[0]
     name = f'cycle.{name}'
     return [
@@ -127,15 +127,15 @@ def _independent(phrase: Phrase, scene: Scene) -> list[Column]:
     for found in compare_energies(scene, kind, strains, axis, along):
         name = f'independent.{case}.{found.strain:.6g}'
         columns += [
-            Column(f'{name}.engine', 'J', found.engine),
+            Column(f'{name}.package', 'J', found.package),
             Column(f'{name}.scipy', 'J', found.scipy),
-            Column(f'{name}.engine_slope', 'J', found.engine_slope),
+            Column(f'{name}.package_slope', 'J', found.package_slope),
             Column(f'{name}.scipy_slope', 'J', found.scipy_slope),
-            Column(f'{name}.apart', '', found.apart),
+            Column(f'{name}.position_difference', '', found.position_difference),
             Column(f'{name}.gradient', '', found.gradient),
             Column(f'{name}.contact_pairs', '', found.contact_pairs)]
     return columns
 
 
-SLAB_WORDS: Final[dict[str, Callable[[Phrase, Scene], list[Column]]]] = {
+SLAB_RESULTS: Final[dict[str, Callable[[Phrase, Scene], list[Column]]]] = {
     'strength': _strength, 'cycle': _cycle, 'independent': _independent}

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The folder that holds finished runs, each in a folder of its own under the name of its key.
+The store of finished runs: one folder per run, named by its key.
 
-A run is written under another name and renamed when it is whole, so a folder with a key for a name
-is finished, whatever was killed. Several studies share a store: what one has finished the others
-take, and what one is at they leave to it. It lies on a file system that all workers see.
+A run is written under another name and renamed when complete, so a folder named by a key is a
+finished run even after a crash. Several sweeps may share a store: they reuse each other's finished
+runs and do not compute a run twice. The store must be on a file system shared by all workers.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ from icofabric_sim.sweeps.outcomes import Column
 _RESULT, _FAILURE = 'result.json', 'failure.json'
 _WORK, _LOCKS, _FILES, _IDENTITY = '.work', '.locks', '.files', '.identity'
 _LENGTH = 32
-# Locks of file systems that have none, and renames onto what is there already.
+# Errors of file systems without locks, and of renaming to an existing folder.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
 _THERE_ALREADY = (errno.EEXIST, errno.ENOTEMPTY)
 
@@ -36,18 +36,18 @@ class Finished(NamedTuple):
     """Stored results of a run."""
 
     columns: tuple[Column, ...]
-    reason: str  # why it failed; '': it did not
+    reason: str  # of a failed run; '': not failed
 
 
 class Store:
     """Finished runs by their keys."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Name the folder; nothing is made before `prepare`."""
+        """Set the folder; `prepare` creates it."""
         self.path = Path(path).expanduser().absolute()
 
     def prepare(self) -> None:
-        """Make the folder, and throw away what killed workers of this machine have left."""
+        """Create the folder; delete unfinished runs of killed workers of this machine."""
         for name in (_WORK, _LOCKS, _FILES):
             (self.path / name).mkdir(parents=True, exist_ok=True)
         self._identify()
@@ -69,7 +69,7 @@ class Store:
         return bool(found) and identity in ('', found)
 
     def _identify(self) -> None:
-        """Give it an identity for good; of several processes at once one does."""
+        """Write the permanent identity of the store, also with several processes at once."""
         path = self.path / _IDENTITY
         if path.exists():
             return
@@ -113,15 +113,15 @@ class Store:
         return None
 
     def forget(self, key: str) -> None:
-        """Remove a run; at no moment is half of it there."""
+        """Remove a run atomically."""
         aside = self._aside(key)
         with suppress(FileNotFoundError):
             self.folder(key).rename(aside)
         shutil.rmtree(aside, ignore_errors=True)
 
     @contextmanager
-    def place_for(self, key: str) -> Iterator[Path]:
-        """Yield a folder to write a run in; remove the folder unless `finish` has moved it."""
+    def temporary_folder(self, key: str) -> Iterator[Path]:
+        """Yield a folder for a run; delete the folder at the end unless `finish` has moved it."""
         aside = self._aside(key)
         aside.mkdir(parents=True)
         try:
@@ -130,7 +130,7 @@ class Store:
             shutil.rmtree(aside, ignore_errors=True)
 
     def finish(self, key: str, aside: Path, finished: Finished, facts: dict[str, Any]) -> None:
-        """Write what was found, and give the folder its name; a run that is there is kept."""
+        """Write the results and rename the folder; an existing run of this key is kept."""
         said = {'columns': [[column.name, column.unit, _plain(column.value)]
                             for column in finished.columns], **facts}
         if finished.reason:
@@ -163,10 +163,10 @@ class Store:
                 yield False
                 return
             except OSError as error:
-                # Then both may do it, and the first to finish wins.
+                # Without locks two processes may compute the run; the first to finish wins.
                 if error.errno not in _NO_LOCKS:
                     raise
-            # A file that its last owner has removed is no lock.
+            # The last owner may have deleted the file, which is then no lock.
             if not _is_at(file.fileno(), path):
                 yield False
                 return
@@ -175,27 +175,27 @@ class Store:
             finally:
                 path.unlink(missing_ok=True)
 
-    def keep_file(self, total: str, content: bytes) -> None:
-        """Keep what a scene reads, under its SHA-256."""
-        path = self.path / _FILES / total
+    def keep_file(self, digest: str, content: bytes) -> None:
+        """Store a file that a scene reads, named by its SHA-256."""
+        path = self.path / _FILES / digest
         with suppress(OSError):
-            self.file(total)
+            self.file(digest)
             return
-        aside = path.with_name(f'{total}.{uuid.uuid4().hex}')
+        aside = path.with_name(f'{digest}.{uuid.uuid4().hex}')
         with open(aside, 'wb') as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
         aside.replace(path)
 
-    def file(self, total: str) -> bytes:
+    def file(self, digest: str) -> bytes:
         """Return the file with a SHA-256. Raise OSError if missing or damaged."""
-        path = self.path / _FILES / total
+        path = self.path / _FILES / digest
         content = path.read_bytes()
-        if hashlib.sha256(content).hexdigest() != total:
+        if hashlib.sha256(content).hexdigest() != digest:
             raise OSError(
-                f'{path} is damaged: its contents do not have the SHA-256 that is its name; the '
-                'next study that needs it writes it again')
+                f'{path} is damaged: its SHA-256 does not match its name; the next sweep that '
+                'needs this file writes it again')
         return content
 
     def _aside(self, key: str) -> Path:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Studies in YAML: a scene, what varies, what is done, what is kept.
+Sweep files in YAML: a scene, varied parameters, verbs and kept results.
 
     scene: stiff_cantilever
     parameters: {gravity: [0.0, 0.0, 0.0]}
@@ -23,15 +23,15 @@ from icofabric_sim.parameters.text import flatten_parameters
 import yaml
 
 KEYS = ('scene', 'parameters', 'vary', 'cases', 'sample', 'verbs', 'keep')
-_MAX_STUDY_BYTES = 16 * 2**20
+_MAX_FILE_BYTES = 16 * 2**20
 
 
-class StudyText(NamedTuple):
+class SweepFile(NamedTuple):
     """Contents of a sweep file, before validation of the parameters."""
 
     path: Path
     scene: Path
-    given: dict[str, Any]  # parameters of the scene with those of the study
+    parameters: dict[str, Any]  # of the scene, with those of the sweep file
     vary: Any
     cases: Any
     sample: Any
@@ -54,7 +54,7 @@ def _mapping(loader: Any, node: Any) -> dict[Any, Any]:
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, str):
             raise ValueError(
-                f'line {key_node.start_mark.line + 1}: {shown(key)} is not a name; use a text')
+                f'line {key_node.start_mark.line + 1}: {shown(key)} must be a string')
         if key in found:
             raise ValueError(f'line {key_node.start_mark.line + 1}: {key} is given twice')
         found[key] = loader.construct_object(value_node, deep=True)
@@ -64,7 +64,7 @@ def _mapping(loader: Any, node: Any) -> dict[Any, Any]:
 _Loader.add_constructor('tag:yaml.org,2002:map', _mapping)
 
 
-def is_study(path: Path) -> bool:
+def is_sweep_file(path: Path) -> bool:
     """Return True for a sweep file; a parameter file of ROS starts with node names."""
     if path.suffix not in ('.yaml', '.yml') or not path.is_file():
         return False
@@ -80,35 +80,36 @@ def parse_yaml(text: str) -> Any:
     return yaml.load(text, _Loader)
 
 
-def read_study(path: Path) -> StudyText:
-    """Read a study; ValueError names the file and what is wrong."""
+def read_sweep_file(path: Path) -> SweepFile:
+    """Read a sweep file. Raise ValueError that names the file and the reason."""
     try:
         return _read(path)
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from error
 
 
-def _read(path: Path) -> StudyText:
-    if path.stat().st_size > _MAX_STUDY_BYTES:
-        raise ValueError(f'a study has at most {_MAX_STUDY_BYTES:,} bytes; give the right file')
+def _read(path: Path) -> SweepFile:
+    if path.stat().st_size > _MAX_FILE_BYTES:
+        raise ValueError(
+            f'the file is larger than {_MAX_FILE_BYTES:,} bytes, the limit of a sweep file')
     try:
         said = parse_yaml(decoded(path.read_bytes()))
     except yaml.YAMLError as error:
         raise ValueError(f'this is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(said, Mapping):
-        raise ValueError(f'a study has {", ".join(KEYS)} at its top, got {shown(said)}')
+        raise ValueError(f'must be a mapping with the keys {", ".join(KEYS)}, got {shown(said)}')
     unknown = [name for name in said if name not in KEYS]
     if unknown:
         raise ValueError(
-            f'{unknown[0]} is not known; a study has {", ".join(KEYS)} at its top')
+            f'unknown key {unknown[0]}; the keys are {", ".join(KEYS)}')
     if not isinstance(said.get('scene'), str):
         raise ValueError(
-            'scene is missing: the name of an example scene, or a parameter file beside this one')
+            'scene is missing: the name of an example scene, or a parameter file in this folder')
     name = said['scene']
     scene = find_scene(name if name in example_scenes() else str(path.parent / name))
     given = dict(load_parameter_file(scene))
     if said.get('parameters') is not None:
         given.update(flatten_parameters(said['parameters']))
-    return StudyText(
+    return SweepFile(
         path, scene, given, said.get('vary'), said.get('cases'), said.get('sample'),
         said.get('verbs', ['run']), said.get('keep'))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The results of a study: a row a run, in the order of the plan."""
+"""The results of a sweep: one row per run, in the order of the plan."""
 
 from collections.abc import Iterable, Sequence
 from importlib import import_module
@@ -26,13 +26,13 @@ class SweepTable(AsTable):
     """
     Results of a sweep: columns by name, with units.
 
-    `table['elasticity.density']` is an array, NaN where a run has failed; `units` says what in.
+    `table['elasticity.density']` is an array with NaN for failed runs; `units` gives the units.
     `to_csv`, `to_parquet` and `to_pandas` name columns with their units, as in
     'elasticity.density [kg/m^3]'.
     """
 
     def __init__(self, plan: Plan, outcomes: Iterable[Outcome], *, store: Path) -> None:
-        """Put finished runs in the order of the plan; those that are not are left out."""
+        """Put finished runs in the order of the plan; unfinished runs are omitted."""
         self.varied = plan.names
         self.store = store
         self.outcomes: tuple[Outcome, ...] = tuple(sorted(outcomes))
@@ -47,7 +47,7 @@ class SweepTable(AsTable):
                 if parsed.element is not None and default is not None:
                     default = default[parsed.element]
                 values = [default if value is None else value for value in values]
-            self._columns[name] = _without_holes(values)
+            self._columns[name] = _fill_missing(values)
         found: dict[str, dict[int, Any]] = {}
         for row, outcome in enumerate(self.outcomes):
             for column in outcome.columns:
@@ -63,7 +63,7 @@ class SweepTable(AsTable):
         self._columns[_KEY] = [outcome.key for outcome in self.outcomes]
 
     def __repr__(self) -> str:
-        """Say how many runs there are."""
+        """Return the numbers of runs, failures and columns."""
         failed = len(self.failed)
         return (f'<SweepTable: {len(self.outcomes):,} runs'
                 f'{f", {failed:,} of them failed" if failed else ""}, '
@@ -101,7 +101,7 @@ class SweepTable(AsTable):
         raise KeyError(f'there is no run {number!r}')
 
     def table(self) -> dict[str, list[Any]]:
-        """Return a list for each column, named with its unit; the first one numbers the runs."""
+        """Return a list for each column, named with its unit; the first lists run numbers."""
         return {self._title(name): [_cell(value) for value in values]
                 for name, values in self._columns.items()}
 
@@ -109,7 +109,7 @@ class SweepTable(AsTable):
         """
         Write the table to a Parquet file; needs pyarrow.
 
-        Columns have the names of the CSV file, and their units as metadata `unit`, too.
+        Columns have the names of the CSV file, and also their units as metadata `unit`.
         """
         place = checks.path('path', path)
         arrow, parquet = parquet_modules()
@@ -122,7 +122,7 @@ class SweepTable(AsTable):
             arrow.table(list(arrays.values()), schema=arrow.schema(fields)), place)
 
     def save(self, path: Path) -> None:
-        """Write a CSV or a Parquet file, by its suffix; a reader never meets half of it."""
+        """Write a CSV or Parquet file, chosen by the suffix, atomically."""
         require_suffix(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
@@ -132,26 +132,26 @@ class SweepTable(AsTable):
         finally:
             aside.unlink(missing_ok=True)
 
-    def lines(self, most: int = 20, columns: Sequence[str] = ()) -> list[str]:
+    def lines(self, row_count: int = 20, columns: Sequence[str] = ()) -> list[str]:
         """Return the first rows for a terminal, with the varied and some of the kept columns."""
-        # Columns that only a finished run would fill are left out.
+        # Without any finished run, the kept columns do not exist.
         names = list(dict.fromkeys([_RUN, *self.varied, *(
             [name for name in columns if name in self._columns] or self.kept[:4])]))
         rows = [[_short(self._columns[name][row]) for name in names]
-                for row in range(min(len(self), most))]
-        for row, outcome in enumerate(self.outcomes[:most]):
+                for row in range(min(len(self), row_count))]
+        for row, outcome in enumerate(self.outcomes[:row_count]):
             if outcome.state is not State.DONE:
                 rows[row].append(f'{outcome.state.value}: {outcome.reason}')
         titles = [self._title(name) for name in names]
         widths = [max([len(title), *(len(row[place]) for row in rows)])
                   for place, title in enumerate(titles)]
-        # Behind the last column stands why a run has failed.
+        # The reason of a failed run follows the last column.
         said = ['  '.join(text.rjust(width) for text, width in zip(titles, widths))]
         for texts in rows:
             said.append('  '.join(
                 text.rjust(width) for text, width in zip(texts, [*widths, 0])))
-        if len(self) > most:
-            said.append(f'... and {len(self) - most:,} more')
+        if len(self) > row_count:
+            said.append(f'... and {len(self) - row_count:,} more')
         return said
 
     def _title(self, name: str) -> str:
@@ -160,7 +160,7 @@ class SweepTable(AsTable):
 
 
 def require_suffix(path: Path) -> Path:
-    """Refuse a table that is neither a CSV nor a Parquet file, or one that cannot be written."""
+    """Raise ValueError unless the suffix names a CSV file or a writable Parquet file."""
     if path.suffix not in SUFFIXES:
         raise ValueError(f'{path}: a table is a file that ends in {" or ".join(SUFFIXES)}')
     if path.suffix == '.parquet':
@@ -174,8 +174,8 @@ def parquet_modules() -> tuple[Any, Any]:
     return arrow, import_module('pyarrow.parquet')
 
 
-def _without_holes(values: list[Any]) -> list[Any]:
-    """NaN, or '' among texts, where a case says nothing; a list stays None there."""
+def _fill_missing(values: list[Any]) -> list[Any]:
+    """Replace None of cases without a value by NaN, or '' among strings; keep it among lists."""
     sample = next((value for value in values if value is not None), None)
     if isinstance(sample, (list, bool)):
         return values

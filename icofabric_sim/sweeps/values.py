@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a parameter takes in a study: a list of values, or a range to divide or to draw from."""
+"""Values of a parameter in a sweep: a list, a range with a count, or a range to sample."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -16,7 +16,7 @@ _ELEMENT = re.compile(r'(.+)\[([0-9])\]')
 _NUMBER = r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?'
 _RANGE = re.compile(rf'\s*({_NUMBER})\s*\.\.\s*({_NUMBER})\s*(?:/\s*(\d+))?\s*(log)?\s*')
 _WISH = ("a list of values, or a range such as '0.1..0.7/13' or {from: 0.1, to: 0.7, count: 13}; "
-         "'log' behind it, or log: true, divides it evenly in the logarithm")
+         "append 'log', or set log: true, for logarithmic spacing")
 _MAX_RANGE_COUNT = 1_000_000
 
 
@@ -34,20 +34,20 @@ class Name(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit, '' where it has none."""
+        """Unit, '' without one."""
         return find_specification(self.parameter).unit
 
 
 class Range(NamedTuple):
-    """Range from `low` to `high` in `parts` values; None: to be sampled."""
+    """Range from `low` to `high`."""
 
     low: float
     high: float
-    parts: int | None
+    count: int | None  # values; None: to be sampled
     logarithmic: bool
 
     def at(self, place: float, *, is_integer: bool) -> float | int:
-        """Return the value at a fraction from 0 to 1; all integers are equally likely."""
+        """Return the value at a fraction from 0 to 1; all integers have equal shares of it."""
         if is_integer:
             span = int(self.high) - int(self.low) + 1
             return int(self.low) + min(int(place * span), span - 1)
@@ -61,19 +61,19 @@ class Range(NamedTuple):
 
     def values(self, *, is_integer: bool) -> list[float | int]:
         """Return evenly spaced values, both ends included."""
-        assert self.parts is not None
-        if self.parts == 1:
+        assert self.count is not None
+        if self.count == 1:
             places = np.zeros(1)
         else:
-            places = np.linspace(0.0, 1.0, self.parts)
+            places = np.linspace(0.0, 1.0, self.count)
         found = [self.at(float(place), is_integer=False) for place in places]
         return [round(value) for value in found] if is_integer else found
 
 
 def parse_name(text: Any) -> Name:
-    """Return a parameter's name, with `[i]` for one element; raise ParameterError if unknown."""
+    """Parse 'name' or 'name[i]'. Raise ParameterError if there is no such parameter."""
     if not isinstance(text, str):
-        raise ValueError(f'vary: {shown(text)} is not the name of a parameter; use a text')
+        raise ValueError(f'vary: {shown(text)} must be a string, the name of a parameter')
     match = _ELEMENT.fullmatch(text)
     if match is None:
         find_specification(text)
@@ -104,10 +104,10 @@ def parse_values(text: str, given: Any) -> list[Any] | Range:
             float(match[1]), float(match[2]), count, match[4] is not None))
     if not isinstance(given, Sequence) or isinstance(given, bytes) or not given:
         raise ValueError(f'vary: {text} must be {_WISH}, got {shown(given)}')
-    return [judge_value(name, value) for value in given]
+    return [validated_value(name, value) for value in given]
 
 
-def judge_value(name: Name, value: Any) -> Any:
+def validated_value(name: Name, value: Any) -> Any:
     """Return a value in the type of the parameter; raise ParameterError if it does not fit."""
     if name.element is None:
         return validate_value(name.parameter, value)
@@ -119,7 +119,7 @@ def judge_value(name: Name, value: Any) -> Any:
 def _range_of(text: str, given: Mapping[str, Any]) -> Range:
     unknown = sorted(map(str, given.keys() - {'from', 'to', 'count', 'log'}))
     if unknown or not {'from', 'to'} <= given.keys():
-        said = f'; {unknown[0]} is not known' if unknown else ''
+        said = f'; unknown key {unknown[0]}' if unknown else ''
         raise ValueError(f'vary: {text} must be {_WISH}{said}')
     for word in ('from', 'to'):
         value = given[word]
@@ -139,24 +139,25 @@ def _checked(text: str, name: Name, found: Range) -> Range:
     if isinstance(sample, (str, bool)) or (isinstance(default, list) and name.element is None):
         way = f'; {text}[0] is its first element' if isinstance(default, list) else ''
         raise ValueError(
-            f'vary: {text} is no single number and has no range; list its values{way}')
+            f'vary: {text} is not a single number, so it takes no range; list its values{way}')
     if not (math.isfinite(found.low) and math.isfinite(found.high) and found.low < found.high):
         raise ValueError(
-            f'vary: {text}: the range must rise, got {found.low:g} to {found.high:g}')
+            f'vary: {text}: the lower end must be below the upper end, got {found.low:g} to '
+            f'{found.high:g}')
     if found.logarithmic and not found.low > 0.0:
         raise ValueError(
-            f'vary: {text}: a range of logarithms must begin above 0, got {found.low:g}')
-    if found.parts is not None and not 2 <= found.parts <= _MAX_RANGE_COUNT:
+            f'vary: {text}: a logarithmic range must start above 0, got {found.low:g}')
+    if found.count is not None and not 2 <= found.count <= _MAX_RANGE_COUNT:
         raise ValueError(
             f'vary: {text}: the count of a range must be from 2 to {_MAX_RANGE_COUNT:,}, '
-            f'got {found.parts}')
+            f'got {found.count}')
     if name.is_integer:
         if found.low != int(found.low) or found.high != int(found.high) or found.logarithmic:
             raise ValueError(
-                f'vary: {text} counts something: its range must go from one integer to another, '
-                f'evenly, got {found.low:g} to {found.high:g}')
-        if found.parts is not None and (found.high - found.low) % (found.parts - 1):
+                f'vary: {text} is an integer: both ends must be integers and the spacing linear, '
+                f'got {found.low:g} to {found.high:g}')
+        if found.count is not None and (found.high - found.low) % (found.count - 1):
             raise ValueError(
-                f'vary: {text}: {found.low:g} to {found.high:g} in {found.parts} does not give '
-                'integers; list the values')
+                f'vary: {text}: {found.count} evenly spaced values from {found.low:g} to '
+                f'{found.high:g} are not all integers; list the values')
     return found

@@ -20,17 +20,17 @@ from icofabric_sim.scene import scene as scenes
 from icofabric_sim.sweeps import dask_runs, run_key, single_run
 from icofabric_sim.sweeps import sweep as sweeps
 from icofabric_sim.sweeps.dask_runs import Pool
-from icofabric_sim.sweeps.outcomes import carry_out, Column, Failed, make_work
+from icofabric_sim.sweeps.outcomes import carry_out, Column, make_work, RunFailed
 from icofabric_sim.sweeps.plan import make_plan
 from icofabric_sim.sweeps.run_key import key_of
 from icofabric_sim.sweeps.single_run import perform, State
 from icofabric_sim.sweeps.store import Finished, Store
-from icofabric_sim.sweeps.sweep import How, Study
+from icofabric_sim.sweeps.sweep import Executor, Study
 import numpy as np
 from package_imports import PACKAGE, ROOMS
 import pytest
 
-# Kinds of scenes that tests of verbs compile, too.
+# Kernel variants that tests of verbs compile, too.
 WOVEN = {'weave.size': [3, 3, 3], 'connector.stiffness': 500.0,
          'connector.bending_stiffness': 0.02, 'weave.connector_angle': 0.3}
 SWING = {
@@ -109,30 +109,30 @@ def test_samples_are_seeded_spread_and_within_their_ranges(method):
     ({'vary': {'connector.stiffness': [-1.0]}}, 'connector.stiffness must be at least 0'),
     ({'vary': {'connector.stiffness': []}}, 'connector.stiffness must be a list of values'),
     ({'vary': {'connector.stiffness': 5.0}}, 'connector.stiffness must be a list of values'),
-    ({'vary': {'connector.stiffness': '5..1/3'}}, 'the range must rise'),
-    ({'vary': {'connector.stiffness': '0..1/3log'}}, 'must begin above 0'),
+    ({'vary': {'connector.stiffness': '5..1/3'}}, 'the lower end must be below'),
+    ({'vary': {'connector.stiffness': '0..1/3log'}}, 'must start above 0'),
     ({'vary': {'connector.stiffness': '0..1/1'}}, 'count of a range must be from 2'),
-    ({'vary': {'connector.stiffness': {'from': 1, 'to': 2, 'step': 1}}}, 'step is not known'),
+    ({'vary': {'connector.stiffness': {'from': 1, 'to': 2, 'step': 1}}}, 'unknown key step'),
     ({'vary': {'connector.stiffness': {'from': 1, 'to': 'x'}}}, 'to must be a number'),
     ({'vary': {'connector.stiffness': '1..2'}}, 'range without a count'),
     ({'vary': {'gravity': '1..2/3'}}, r'gravity\[0\] is its first element'),
     ({'vary': {'gravity[3]': [1.0]}}, 'gravity has 3 elements'),
     ({'vary': {'gravity[0]': [1.0], 'gravity': [[0.0, 0.0, 0.0]]}}, 'cannot both vary'),
-    ({'vary': {'weave.size[0]': '3..6/3'}}, 'does not give integers'),
+    ({'vary': {'weave.size[0]': '3..6/3'}}, 'not all integers'),
     ({'vary': {'solver.threads': [1, 2]}}, 'solver.threads cannot vary'),
     ({'vary': {'weave.variant': '0..3', 'connector.stiffness': '1..9/2000000'}}, 'from 2 to'),
     ({'vary': {'connector.stiffness': '1..9/9999', 'connector.damping': '1..9/9999'}},
      '99,980,001 runs'),
-    ({'vary': {'connector.stiffness': [1.0]}, 'sample': {'count': 3}}, 'nothing can be sampled'),
+    ({'vary': {'connector.stiffness': [1.0]}, 'sample': {'count': 3}}, 'needs at least one range'),
     ({'vary': {'connector.stiffness': '1..2'}, 'sample': {'method': 'x', 'count': 3}},
      'sample: method must be one of sobol'),
-    ({'vary': {'connector.stiffness': '1..2'}, 'sample': {}}, 'count is missing'),
+    ({'vary': {'connector.stiffness': '1..2'}, 'sample': {}}, 'the number of points, is missing'),
     ({'vary': {'connector.stiffness': '1..2'}, 'sample': {'count': 0}}, 'sample: count'),
     ({'cases': []}, 'at least one dictionary'),
     ({'cases': [{}]}, 'case 0 must be a dictionary'),
     ({'cases': [{'connector.damping': -1.0}]}, 'connector.damping must be at least 0'),
     ({'cases': [{'connector.damping': 1.0}], 'vary': {'connector.damping': [1.0]}},
-     'connector.damping is in vary, too')])
+     'connector.damping is also in vary')])
 def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
     with pytest.raises(ValueError, match=said):
         make_plan(BASE, **words)
@@ -141,10 +141,10 @@ def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
 @pytest.mark.parametrize('words, said', [
     ({'verbs': 'fly'}, 'verbs must be one of run'),
     ({'verbs': []}, 'at least one of run'),
-    ({'keep': 'moduli'}, 'moduli is of elasticity'),
-    ({'keep': 'momentum'}, 'is not known; there are: energies'),
+    ({'keep': 'moduli'}, 'moduli needs the verb elasticity'),
+    ({'keep': 'momentum'}, 'is not known; choose from: energies'),
     ({'keep': 'displacement'}, 'must be: displacement GROUP'),
-    ({'verbs': 'statics', 'keep': 'displacement tip'}, 'no such group; known: all'),
+    ({'verbs': 'statics', 'keep': 'displacement tip'}, 'no such group; groups: all'),
     ({'verbs': 'modes', 'keep': 'frequencies 0'}, 'a count from 1 to 1000'),
     ({'verbs': 'curve', 'keep': 'curve pull -1'}, 'curve: STRAIN must be'),
     ({'verbs': 'curve', 'keep': 'curve bend 0.1'}, 'curve: KIND must be one of pull'),
@@ -155,11 +155,11 @@ def test_a_plan_that_makes_no_sense_is_refused_by_name(words, said):
     ({'verbs': 'curve', 'keep': 'cycle push 1.5'}, 'cycle: STRAIN must be'),
     ({'verbs': 'curve', 'keep': 'independent pull 0.1'}, 'connector.bending_stiffness'),
     ({'verbs': 'bands', 'keep': 'gap 0'}, 'gap takes a count from 1 to 100'),
-    ({'verbs': 'mechanisms', 'keep': 'gap'}, 'gap is of bands'),
+    ({'verbs': 'mechanisms', 'keep': 'gap'}, 'gap needs the verb bands'),
     ({'verbs': 'elasticity', 'keep': 'moduli tight'}, 'moduli takes relaxed or nothing'),
-    ({'verbs': 'elasticity', 'keep': ['moduli', 'moduli relaxed']}, 'say relaxed in all of them'),
+    ({'verbs': 'elasticity', 'keep': ['moduli', 'moduli relaxed']}, 'give relaxed in all'),
     ({'verbs': 'bands', 'keep': 'gap 3 tight'}, 'gap takes a count and relaxed'),
-    ({}, 'duration: a run of a study needs an end'),
+    ({}, 'duration must be above 0'),
     ({'verbs': 'elasticity', 'vary': {'weave.kind': ['bias', 'radial']}},
      r"run 1 \(weave.kind 'radial'\): weave.kind radial is not periodic"),
     ({'verbs': 'statics', 'vary': {
@@ -179,9 +179,9 @@ def test_work_that_a_scene_cannot_give_is_refused_before_anything_starts(
 def test_a_key_depends_on_all_that_a_result_depends_on(tmp_path):
     work = make_work('elasticity')
 
-    def key(changes=(), files=(), work=work, **around):
+    def key(changes=(), files=(), work=work, **environment):
         parameters = make_plan(make_parameters({**WOVEN, **dict(changes)})).parameters(0)
-        return key_of(parameters, dict(files), work, {**AROUND, **around})
+        return key_of(parameters, dict(files), work, {**AROUND, **environment})
 
     same = {key(), key({'solver.threads': 2}), key({'real_time_factor': 3.0}),
             key({'record.path': 'x'}), key({'weave.variant': 0})}
@@ -212,12 +212,12 @@ def test_a_changed_file_is_another_run(tmp_path):
     first, again = study(), study()
     law.write_text('0.001,-1\n0.02,0\n0.04,6\n')
     second = study()
-    assert first.orders == again.orders
-    assert {one.key for one in first.orders}.isdisjoint(one.key for one in second.orders)
+    assert first.requests == again.requests
+    assert {one.key for one in first.requests}.isdisjoint(one.key for one in second.requests)
     # The worker reads what the plan has read, whatever is on disk by then.
-    outcomes = list(first.outcomes(How(0, '')))
+    outcomes = list(first.outcomes(Executor(0, '')))
     assert [one.state for one in outcomes] == [State.DONE] * 2, outcomes
-    assert {one.reused for one in second.outcomes(How(0, ''))} == {False}
+    assert {one.reused for one in second.outcomes(Executor(0, ''))} == {False}
 
 
 # The store.
@@ -227,13 +227,13 @@ def test_a_run_is_there_whole_or_not_at_all(tmp_path):
     store.prepare()
     found = Finished((Column('x', 'm', 0.1 + 0.2), Column('y', '', math.nan),
                       Column('z', '', 'words'), Column('n', '', 3)), '')
-    with store.place_for(key) as folder:
+    with store.temporary_folder(key) as folder:
         (folder / 'half').write_text('x')
         assert store.read(key) is None and store.keys() == set()
     assert not list((store.path / '.work').iterdir())
     for _ in range(2):
         # The second one finds that another was quicker.
-        with store.place_for(key) as folder:
+        with store.temporary_folder(key) as folder:
             store.finish(key, folder, found, {})
     assert store.keys() == {key}
     there = store.read(key)
@@ -241,7 +241,7 @@ def test_a_run_is_there_whole_or_not_at_all(tmp_path):
     assert math.isnan(there.columns[1].value) and there.reason == ''
     (store.folder(key) / 'result.json').write_text('{"colu')
     assert store.read(key) is None
-    with store.place_for(key) as folder:
+    with store.temporary_folder(key) as folder:
         store.finish(key, folder, found, {})
     assert store.read(key) is not None
     store.forget(key)
@@ -267,7 +267,7 @@ def test_what_a_killed_worker_left_is_thrown_away(tmp_path):
     elsewhere = tmp_path / '.work' / f'{"c" * 32}@another-machine@1@x'
     gone.mkdir()
     elsewhere.mkdir()
-    with store.place_for('d' * 32) as alive:
+    with store.temporary_folder('d' * 32) as alive:
         store.prepare()
         assert alive.exists() and elsewhere.exists() and not gone.exists()
 
@@ -292,9 +292,9 @@ def test_a_damaged_file_spoils_no_run(tmp_path):
         make_parameters({**WOVEN, 'connector.law': str(law)}), verbs='elasticity',
         store=tmp_path / 'store')
     study.store.prepare()
-    [total] = study.orders[0].files.values()
+    [total] = study.requests[0].files.values()
     (study.store.path / '.files' / total).write_text('0.001,-1\n0.02,0\n0.04,9\n')
-    outcome = perform(study.orders[0])
+    outcome = perform(study.requests[0])
     assert outcome.state is State.LOST and 'is damaged' in outcome.reason
     assert study.finished() == {}
 
@@ -302,10 +302,10 @@ def test_a_damaged_file_spoils_no_run(tmp_path):
 def test_results_go_to_the_store_of_the_study_alone(woven, tmp_path):
     study = Study(woven, {'connector.stiffness': [300.0]}, verbs='elasticity',
                   store=tmp_path / 'store')
-    [order] = study.orders
+    [request] = study.requests
     nowhere = tmp_path / 'nowhere' / 'deep'
-    with pytest.raises(single_run.WorkersDiffer, match='the worker x does not see the store'):
-        perform(order._replace(store=str(nowhere)), 'the worker x')
+    with pytest.raises(single_run.WorkersDiffer, match='the worker x cannot access the store'):
+        perform(request._replace(store=str(nowhere)), 'the worker x')
     assert not nowhere.parent.exists()
     study.store.prepare()
     identity = study.store.identity
@@ -314,9 +314,9 @@ def test_results_go_to_the_store_of_the_study_alone(woven, tmp_path):
     other = Store(tmp_path / 'other')
     other.prepare()
     with pytest.raises(single_run.WorkersDiffer, match='choose a folder'):
-        perform(order._replace(store=str(other.path), identity=identity))
+        perform(request._replace(store=str(other.path), identity=identity))
     assert other.keys() == set()
-    assert perform(order._replace(identity=identity)).state is State.DONE
+    assert perform(request._replace(identity=identity)).state is State.DONE
 
 
 # Runs.
@@ -360,7 +360,7 @@ def test_a_run_gives_the_bits_of_a_simulation_and_a_bag_that_verifies(swing, tmp
     tip = swing.groups['tip']
     moved = (snapshot.position[tip] - swing.position[tip]).mean(axis=0)
     assert [table[f'run.displacement.tip.{axis}'][1] for axis in 'xyz'] == moved.tolist()
-    assert table['run.farthest'][1] >= table['run.displacement.tip.most'][1] > 0.0
+    assert table['run.largest_displacement'][1] >= table['run.displacement.tip.largest'][1] > 0.0
     assert table['run.stretch'][1] > 0.0 > table['run.compression'][1]
     assert table['statics.largest_tension'][1] > 0.0 > table['statics.least_tension'][1]
     # The wall bears what falls.
@@ -406,12 +406,12 @@ def test_a_shortage_of_memory_that_is_foreseen_is_not_kept(woven, tmp_path, monk
     with monkeypatch.context() as patch:
         patch.setattr(scenes, '_UNCHECKED_BYTES', 0)
         patch.setattr(scenes, 'available_memory', lambda: 10)
-        lost = perform(study.orders[0])
+        lost = perform(study.requests[0])
         # Elsewhere it is a parameter that cannot be taken.
         with pytest.raises(ParameterError, match='choose a smaller one'):
             ico.Scene.from_parameters(WOVEN)
     assert lost.state is State.LOST and 'weave.size' in lost.reason and 'GiB' in lost.reason
-    [done] = study.outcomes(How(0, ''))
+    [done] = study.outcomes(Executor(0, ''))
     assert done.state is State.DONE and not done.reused
 
 
@@ -428,27 +428,27 @@ def test_an_error_of_one_run_does_not_end_the_others(woven, tmp_path, monkeypatc
     assert table.failed[0].reason == 'RuntimeError: out of order'
     # Nor does a store in which nothing can be claimed.
     shutil.rmtree(tmp_path / 'store' / '.locks')
-    order = Study(woven, {'connector.stiffness': [700.0]}, verbs='elasticity',
-                  store=tmp_path / 'store').orders[0]
-    assert perform(order).state is State.LOST
+    request = Study(woven, {'connector.stiffness': [700.0]}, verbs='elasticity',
+                  store=tmp_path / 'store').requests[0]
+    assert perform(request).state is State.LOST
 
 
 def test_what_another_study_has_mended_is_not_tried_again(woven, tmp_path, monkeypatch):
     study = Study(woven, {'connector.stiffness': [500.0]}, verbs='elasticity', store=tmp_path)
 
     def fail(*words):
-        raise Failed('it broke')
+        raise RunFailed('it broke')
 
     with monkeypatch.context() as patch:
         patch.setattr(single_run, 'carry_out', fail)
-        assert [one.state for one in study.outcomes(How(0, ''))] == [State.FAILED]
-    order = study.orders[0]._replace(retry=True)
+        assert [one.state for one in study.outcomes(Executor(0, ''))] == [State.FAILED]
+    request = study.requests[0]._replace(retry=True)
     # While somebody is at it, what is there stays.
-    with study.store.claim(order.key):
-        assert perform(order).state is State.BUSY
-        assert study.store.read(order.key).reason == 'it broke'
-    assert [one.state for one in study.outcomes(How(0, ''), retry=True)] == [State.DONE]
-    assert perform(order).reused
+    with study.store.claim(request.key):
+        assert perform(request).state is State.BUSY
+        assert study.store.read(request.key).reason == 'it broke'
+    assert [one.state for one in study.outcomes(Executor(0, ''), retry=True)] == [State.DONE]
+    assert perform(request).reused
 
 
 class FakeFuture:
@@ -456,16 +456,16 @@ class FakeFuture:
 
     status = 'finished'
 
-    def __init__(self, client, order):
-        self.client, self.order = client, order
+    def __init__(self, client, request):
+        self.client, self.request = client, request
 
     def add_done_callback(self, call):
         if self.client.answers:
             call(self)
 
     def result(self, timeout=None):
-        self.client.log.append(('answered', self.order.number))
-        return single_run.Outcome(self.order.number, self.order.key, State.DONE)
+        self.client.log.append(('answered', self.request.number))
+        return single_run.Outcome(self.request.number, self.request.key, State.DONE)
 
 
 class FakeClient:
@@ -482,22 +482,22 @@ class FakeClient:
             raise self.threads
         return {} if self.threads == 'none' else self.threads
 
-    def submit(self, function, order, **words):
-        self.log.append(('sent', order.number))
-        return FakeFuture(self, order)
+    def submit(self, function, request, **words):
+        self.log.append(('sent', request.number))
+        return FakeFuture(self, request)
 
     def cancel(self, futures, force=False):
         pass
 
 
 def test_runs_wait_for_the_one_that_compiles_their_kernels(woven, tmp_path):
-    """Two kinds of scenes: bending connectors and others."""
+    """Two kernel variants: bending connectors and others."""
     study = Study(woven, {'connector.bending_stiffness': [0.02, 0.0],
                           'connector.stiffness': [300.0, 500.0, 700.0]},
                   verbs='elasticity', store=tmp_path)
-    leaders, followers = study._by_kind(study.orders)
+    leaders, followers = study._by_kernel_variant(study.requests)
     assert [one.number for one in leaders] == [0, 3]
-    assert {place: [one.number for one in orders] for place, orders in followers.items()} == {
+    assert {place: [one.number for one in requests] for place, requests in followers.items()} == {
         0: [1, 2], 1: [4, 5]}
     client = FakeClient()
     done = [one.number for one in Pool(client).perform(leaders, followers)]
@@ -507,28 +507,28 @@ def test_runs_wait_for_the_one_that_compiles_their_kernels(woven, tmp_path):
 
 
 @pytest.mark.parametrize('threads, said', [
-    ('none', 'no worker is left at the scheduler tcp://s:1'),
-    (OSError('broken'), 'tcp://s:1 is gone'), (RuntimeError('closed'), 'tcp://s:1 is gone')])
+    ('none', 'the scheduler tcp://s:1'),
+    (OSError('broken'), 'tcp://s:1 is lost'), (RuntimeError('closed'), 'tcp://s:1 is lost')])
 def test_a_sweep_without_workers_or_scheduler_ends(woven, tmp_path, monkeypatch, threads, said):
     monkeypatch.setattr(dask_runs, 'WORKERS_WITHIN', 0.1)
     monkeypatch.setattr(
         dask_runs, '_DASK', replace(dask_runs._DASK, poll_interval_s=0.02))
     study = Study(woven, {'connector.stiffness': [300.0]}, verbs='elasticity', store=tmp_path)
     with pytest.raises(dask_runs.SchedulerLost, match=said):
-        list(Pool(FakeClient(False, threads)).perform(study.orders, {}))
+        list(Pool(FakeClient(False, threads)).perform(study.requests, {}))
 
 
 def test_a_worker_of_another_version_is_refused(swing, tmp_path):
     study = Study(swing, {'connector.stiffness': [500.0]}, store=tmp_path / 'store')
     study.store.prepare()
-    for name, said in (('source', 'source of icofabric_sim'), ('kernels', 'NUMBA_CPU_NAME'),
+    for name, said in (('source', 'version of icofabric_sim'), ('kernels', 'NUMBA_CPU_NAME'),
                        ('libraries', 'other versions of libraries')):
-        order = study.orders[0]
+        request = study.requests[0]
         with pytest.raises(single_run.WorkersDiffer, match=said):
-            perform(order._replace(around={**order.around, name: 'other'}))
+            perform(request._replace(environment={**request.environment, name: 'other'}))
 
 
-def test_large_fabrics_and_many_runs_are_judged_without_building_each(tmp_path, monkeypatch):
+def test_large_fabrics_and_many_runs_are_validated_without_building_each(tmp_path, monkeypatch):
     built = []
     make = ico.Scene.from_parameters
     monkeypatch.setattr(
@@ -541,7 +541,7 @@ def test_large_fabrics_and_many_runs_are_judged_without_building_each(tmp_path, 
     Study.from_parameters(BASE, {'connector.stiffness': '1..2/4'}, **words)
     assert len(built) - each == each // 4
     # What is wrong is found all the same, in a run that is not built.
-    with pytest.raises(ValueError, match='run 3 .*duration: a run of a study needs an end'):
+    with pytest.raises(ValueError, match='run 3 .*duration must be above 0'):
         Study.from_parameters(BASE, {'duration': [0.1, 0.2, 0.3, 0.0]}, store=tmp_path)
     with pytest.raises(ValueError, match='run 3 .*weave.connector_length'):
         Study.from_parameters(
@@ -550,7 +550,8 @@ def test_large_fabrics_and_many_runs_are_judged_without_building_each(tmp_path, 
 
 def test_points_that_are_alike_are_one_run(woven, tmp_path, monkeypatch):
     done = []
-    monkeypatch.setattr(sweeps, 'perform', lambda order: done.append(order) or perform(order))
+    monkeypatch.setattr(
+        sweeps, 'perform', lambda request: done.append(request) or perform(request))
     table = ico.sweep(
         woven, {'connector.stiffness': [300.0, 300.0, 300]}, verbs='elasticity', workers=0,
         store=tmp_path)
@@ -688,7 +689,7 @@ def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):
         '--duration', '0.01', '--workers', '0', '--keep', 'energies')
     assert status == 1 and 'failed: ' in said and '1 run, 0 from the store' in said
     assert 'run 0 (solver.step 0.5): failed: ' in notes
-    # No run is finished: nothing is known of columns.
+    # No run is finished, so the columns are unknown.
     status, _, error = verb(
         'stiff_cantilever', '-p', 'weave.size:=[3, 3, 3]', '--vary', 'solver.step:=[0.5]',
         '--duration', '0.01', '--workers', '0', '--keep', 'energies', '--columns',
@@ -699,10 +700,10 @@ def test_a_study_of_flags_ends_with_1_where_a_run_fails(verb):
 @pytest.mark.parametrize('text, said', [
     ('scene: nowhere\n', 'nowhere does not exist'),
     ('vary: {}\n', 'scene is missing'),
-    ('scene: free_slab\nvarry: {}\n', 'varry is not known'),
+    ('scene: free_slab\nvarry: {}\n', 'unknown key varry'),
     ('scene: free_slab\nvary: 3\n', 'vary must be a dictionary'),
     ('scene: free_slab\nscene: free_slab\n', 'line 2: scene is given twice'),
-    ('scene: free_slab\nvary: {1: [2]}\n', 'line 2: 1 is not a name'),
+    ('scene: free_slab\nvary: {1: [2]}\n', 'line 2: 1 must be a string'),
     ('scene: [\n', 'not YAML'),
     ('scene: free_slab\nparameters: 3\n', 'parameters must be a dictionary'),
     ('scene: free_slab\ncases: 3\n', 'cases must be a list'),

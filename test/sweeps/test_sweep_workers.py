@@ -120,7 +120,7 @@ def test_a_worker_that_is_killed_costs_its_run_only(folder, single):
     with pool(workers=2, scheduler='') as workers:
         workers.check(study.store.path)
         before = workers._client.run(os.getpid)
-        for outcome in workers.perform(*study._by_kind(study.orders)):
+        for outcome in workers.perform(*study._by_kernel_variant(study.requests)):
             outcomes.append(outcome)
             if len(outcomes) == 3:
                 killed = list(before.values())[:1]
@@ -161,15 +161,15 @@ def test_outcomes_that_died_with_their_workers_are_asked_for_again(tmp_path):
                   store=tmp_path)
     answers, scaled = [('finished', False), ('lost', False)], []
 
-    def submit(function, order, **words):
+    def submit(function, request, **words):
         status, found = answers.pop() if answers else ('finished', True)
-        return Answer(status, Outcome(order.number, order.key, State.DONE) if found else None)
+        return Answer(status, Outcome(request.number, request.key, State.DONE) if found else None)
 
     client = SimpleNamespace(
         submit=submit, status='running', nthreads=lambda: {'one': 1}, cancel=lambda *a, **b: None,
         scheduler=SimpleNamespace(address='tcp://nowhere'))
     cluster = SimpleNamespace(worker_spec={0: {}, 1: {}}, scale=scaled.append)
-    found = list(Pool(client, cluster).perform(*study._by_kind(study.orders)))
+    found = list(Pool(client, cluster).perform(*study._by_kernel_variant(study.requests)))
     assert not answers and [outcome.state for outcome in found] == [State.DONE] * 2
     assert scaled and set(scaled) == {2}
 
@@ -182,7 +182,7 @@ def test_workers_that_die_while_they_start_are_replaced(folder, single):
     outcomes = []
     with pool(workers=1, scheduler='') as workers:
         workers.check(study.store.path)
-        for outcome in workers.perform(*study._by_kind(study.orders)):
+        for outcome in workers.perform(*study._by_kernel_variant(study.requests)):
             outcomes.append(outcome)
             if len(outcomes) == 3:
                 # As Dask leaves it when the worker that follows one that died dies at its start.
@@ -200,7 +200,7 @@ def test_a_script_without_a_main_is_told_so(tmp_path):
         "          verbs='elasticity', store='store')\n")
     script = start(sys.executable, 'script.py', folder=tmp_path)
     _, error = script.communicate(timeout=120)
-    assert script.returncode == 1 and "below if __name__ == '__main__'" in error
+    assert script.returncode == 1 and "inside if __name__ == '__main__'" in error
     assert finished(tmp_path) == set()
 
 
@@ -247,7 +247,7 @@ def test_a_scheduler_that_is_killed_loses_no_finished_run(folder, many):
         wait_until(lambda: len(finished(folder)) >= 3, *programs)
         os.kill(programs[0].pid, signal.SIGKILL)
         _, error = client.communicate(timeout=120)
-        assert client.returncode == 1 and 'is gone' in error, error
+        assert client.returncode == 1 and 'is lost' in error, error
         assert 'the same command continues' in error
     finally:
         for program in programs:
@@ -281,7 +281,7 @@ def test_an_interrupt_of_a_sweep_says_what_is_kept(folder):
     ('http://x:1', "'http://x:1' is not an address: unknown address scheme"),
     ('tcp://127.0.0.1:x', 'is not an address'),
     ('host', 'missing port number'),
-    ('empty.json', 'empty.json has no address'),
+    ('empty.json', 'empty.json contains no address'),
     ('broken.json', 'broken.json cannot be read as JSON'),
     ('nothing.json', 'there is no file nothing.json')])
 def test_what_is_not_an_address_is_refused_at_once(tmp_path, monkeypatch, address, said):
@@ -307,11 +307,11 @@ def test_a_worker_that_comes_late_and_differs_is_named(tmp_path, scheduler):
     study = Study(ico.Scene.from_parameters(WOVEN), {'connector.stiffness': [300.0]},
                   verbs='elasticity', store=tmp_path)
     study.store.prepare()
-    order = study.orders[0]
-    order = order._replace(around={**order.around, 'libraries': 'numpy 0.1'})
+    request = study.requests[0]
+    request = request._replace(environment={**request.environment, 'libraries': 'numpy 0.1'})
     with pytest.raises(WorkersDiffer, match='the worker tcp://.* has other versions of libraries'):
         with pool(workers=0, scheduler=scheduler) as workers:
-            list(workers.perform([order], {}))
+            list(workers.perform([request], {}))
     assert study.store.keys() == set()
 
 

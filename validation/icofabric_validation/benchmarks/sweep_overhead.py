@@ -19,7 +19,7 @@ import tempfile
 import time
 
 import icofabric_sim as ico
-from icofabric_sim.sweeps.sweep import How, Study
+from icofabric_sim.sweeps.sweep import Executor, Study
 import numpy as np
 
 SCENE = {
@@ -59,7 +59,7 @@ def main() -> None:
             store=folder)
         planned = time.perf_counter()
         outcomes, times = [], []
-        for outcome in study.outcomes(How(arguments.workers, '')):
+        for outcome in study.outcomes(Executor(arguments.workers, '')):
             outcomes.append(outcome)
             times.append(time.perf_counter())
         ended = time.perf_counter()
@@ -67,7 +67,7 @@ def main() -> None:
         assert len(table) == arguments.runs and not table.failed, table.failed
         own = own_times(study.store.path, [outcome.key for outcome in outcomes])
         again = time.perf_counter()
-        assert all(one.reused for one in study.outcomes(How(arguments.workers, '')))
+        assert all(one.reused for one in study.outcomes(Executor(arguments.workers, '')))
         reread = time.perf_counter() - again
     workers = arguments.workers or 1
     # The first run loads kernels, and the others wait for it.

@@ -25,7 +25,7 @@ from icofabric_sim.terminal import (
 
 if TYPE_CHECKING:
     from icofabric_sim.sweeps.single_run import Outcome
-    from icofabric_sim.sweeps.sweep import How, Study
+    from icofabric_sim.sweeps.sweep import Executor, Study
     from icofabric_validation.material.part import Part, Results, Row, Stage, Table
 
 _NAME = 'icofabric study'
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run what the store lacks, then write tables and figures; return 1 if a run has failed."""
-    from icofabric_sim.sweeps.sweep import how_to_run
+    from icofabric_sim.sweeps.sweep import make_executor
     from icofabric_validation.material.catalogue import make_study, PARTS
     from icofabric_validation.material.part import Level
     for name in arguments.part:
@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
     if workers is None and importlib.util.find_spec('distributed') is None:
         workers = 0
     with bad_input():
-        how = how_to_run(workers, '')
+        executor = make_executor(workers, '')
     parts = [part for name, part in PARTS.items() if name in (arguments.part or PARTS)]
     level = Level.QUICK if arguments.quick else (
         Level.LARGE if arguments.large else Level.USUAL)
@@ -97,7 +97,7 @@ def main(arguments: argparse.Namespace) -> int:
                 print(work.line(part))
         return 0
     return _carry_out(
-        work, parts, how, output, retry=arguments.retry, as_json=arguments.json)
+        work, parts, executor, output, retry=arguments.retry, as_json=arguments.json)
 
 
 class _Work:
@@ -124,7 +124,7 @@ class _Work:
         """Return the finished and total runs of a part, and its expected cost."""
         stages = self.of(part).values()
         return {
-            'title': part.title, 'runs': sum(len(study.orders) for _, study in stages),
+            'title': part.title, 'runs': sum(len(study.requests) for _, study in stages),
             'finished': sum(len(study.finished()) for _, study in stages),
             'seconds_of_one_core': sum(
                 stage.seconds * len(stage.cases) for stage, _ in stages)}
@@ -138,7 +138,8 @@ class _Work:
 
 
 def _carry_out(
-    work: _Work, parts: Sequence['Part'], how: 'How', output: Path, *, retry: bool,
+    work: _Work, parts: Sequence['Part'], executor: 'Executor', output: Path,
+    *, retry: bool,
     as_json: bool
 ) -> int:
     """Run part after part, so that an interrupted study has complete parts."""
@@ -153,7 +154,7 @@ def _carry_out(
             for part in parts:
                 found: dict[str, Sequence[Row]] = {}
                 for name, (stage, study) in work.of(part).items():
-                    outcomes = _outcomes(work, stage, study, how, progress, retry=retry)
+                    outcomes = _outcomes(work, stage, study, executor, progress, retry=retry)
                     table = study.table(outcomes)
                     table.save(output / f'{part.name}.{name}.csv')
                     found[name] = rows_of(table)
@@ -181,14 +182,15 @@ def _carry_out(
 
 
 def _outcomes(
-    work: _Work, stage: 'Stage', study: 'Study', how: 'How', progress: Progress, *, retry: bool
+    work: _Work, stage: 'Stage', study: 'Study', executor: 'Executor', progress: Progress,
+    *, retry: bool
 ) -> list['Outcome']:
     from icofabric_sim.sweeps.dask_runs import SchedulerLost
     from icofabric_sim.sweeps.single_run import WorkersDiffer
     found = []
     with bad_input():
         try:
-            for outcome in study.outcomes(how, retry=retry):
+            for outcome in study.outcomes(executor, retry=retry):
                 found.append(outcome)
                 work.done += stage.seconds
                 progress.update(work.done)

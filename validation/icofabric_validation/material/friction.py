@@ -146,8 +146,8 @@ def _around_rows(found: Results) -> list[tuple[Any, ...]]:
             name = f'curve.{kind}.x'
             rows.append((
                 fixed(angle, 4), kind, way, row[f'{name}.obstructed_at'], row[f'{name}.breaks_at'],
-                row[f'{name}.broken'], row[f'{name}.most'] / modulus_unit(angle),
-                row[f'{name}.most_at'], row[f'{name}.reached']))
+                row[f'{name}.broken'], row[f'{name}.largest_stress'] / modulus_unit(angle),
+                row[f'{name}.strain_at_largest_stress'], row[f'{name}.reached']))
     return sorted(rows, key=lambda each: (float(each[0]), KINDS.index(each[1])))
 
 

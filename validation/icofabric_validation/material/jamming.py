@@ -145,8 +145,8 @@ def _tables(found: Results) -> list[Table]:
             for row in found['size']]
     far = [(_contact(contact_of(row)), kind, *(row[f'curve.{kind}.x.{name}'] for name in (
         'buckles_at', 'contact_pairs', 'reached')),
-        row[f'curve.{kind}.x.most'] / modulus_unit(MIN_ANGLE),
-        row[f'curve.{kind}.x.most_at']) for row in found['far']
+        row[f'curve.{kind}.x.largest_stress'] / modulus_unit(MIN_ANGLE),
+        row[f'curve.{kind}.x.strain_at_largest_stress']) for row in found['far']
         for kind in ('shear', 'push', 'pull')]
     return [
         Table('Free slabs at the least angle: mechanisms', (
@@ -182,7 +182,7 @@ def _endless_row(row: Row) -> tuple[Any, ...]:
         'some lower the energy' if lowest < -none else 'some cost none')
     return (
         fixed(row['weave.connector_angle'], 4), _contact(contact_of(row)), f'{ratio_of(row):g}',
-        fixed(row['elasticity.size'], 4), *(
+        fixed(row['elasticity.length_ratio'], 4), *(
             _rounded(float(row[f'elasticity.stiffness.{pair}']) / unit)
             for pair in ('xx.xx', 'xx.yy', 'yz.yz')),
         2 * int(row['elasticity.contact_pairs']), int(row['elasticity.soft_strains']), waves)
@@ -238,15 +238,15 @@ def _check(level: Level) -> dict[str, Stage]:
 
 def _check_tables(found: Results) -> list[Table]:
     row, = found['scipy']
-    strains = [name.split('.', 4)[4].removesuffix('.engine') for name in row
-               if name.startswith('curve.independent') and name.endswith('.engine')]
+    strains = [name.split('.', 4)[4].removesuffix('.package') for name in row
+               if name.startswith('curve.independent') and name.endswith('.package')]
     rows = []
     for strain in strains:
         name = f'curve.independent.shear.x.{strain}'
         rows.append((
-            strain, f'{row[f"{name}.engine"]:.11g}', f'{row[f"{name}.scipy"]:.11g}',
-            f'{row[f"{name}.engine_slope"]:.8g}', f'{row[f"{name}.scipy_slope"]:.8g}',
-            f'{row[f"{name}.apart"]:.1g}', f'{row[f"{name}.gradient"]:.1g}',
+            strain, f'{row[f"{name}.package"]:.11g}', f'{row[f"{name}.scipy"]:.11g}',
+            f'{row[f"{name}.package_slope"]:.8g}', f'{row[f"{name}.scipy_slope"]:.8g}',
+            f'{row[f"{name}.position_difference"]:.1g}', f'{row[f"{name}.gradient"]:.1g}',
             row[f'{name}.contact_pairs']))
     return [Table(
         'A slab of 3 x 3 x 3 positions sheared between held ends, D / L = 0.97, K/k = 200: the '

@@ -94,8 +94,8 @@ def events_of(row: Row, kind: str) -> list[Any]:
     return [
         *(row[f'{name}.{what}'] for what in (
             'contact_at', 'obstructed_at', 'buckles_at', 'breaks_at', 'broken')),
-        row[f'{name}.most'] / modulus_unit(row['weave.connector_angle']), row[f'{name}.most_at'],
-        row[f'{name}.reached']]
+        row[f'{name}.largest_stress'] / modulus_unit(row['weave.connector_angle']),
+        row[f'{name}.strain_at_largest_stress'], row[f'{name}.reached']]
 
 
 _EVENTS = ('first contact', 'first connector through a shell', 'first load drop (buckling)',

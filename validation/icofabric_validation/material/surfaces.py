@@ -69,7 +69,7 @@ def _size(row: Row) -> tuple[int, int, int]:
 
 
 def _share(row: Row) -> float:
-    return float(row['mechanisms.turning'] / row['mechanisms.count'])
+    return float(row['mechanisms.rotation_content'] / row['mechanisms.count'])
 
 
 def _tables(found: Results) -> list[Table]:
@@ -78,12 +78,14 @@ def _tables(found: Results) -> list[Table]:
         size = _size(row)
         rows.append((
             'x'.join(map(str, size)), fixed(row['weave.connector_angle'], 4),
-            row['mechanisms.freedoms'], row['mechanisms.connectors'], row['mechanisms.count'],
-            expected(size)[0], row['mechanisms.self_stresses'], fixed(_share(row), 2),
+            row['mechanisms.degrees_of_freedom'], row['mechanisms.connectors'],
+            row['mechanisms.count'], expected(size)[0], row['mechanisms.self_stresses'],
+            fixed(_share(row), 2),
             *(fixed(row[f'mechanisms.at.{place}'], 2) for place in PLACES)))
     bias = [(
-        'x'.join(map(str, _size(row))), row['mechanisms.freedoms'], row['mechanisms.connectors'],
-        row['mechanisms.count'], row['mechanisms.self_stresses'], fixed(_all_surfaces(row), 0))
+        'x'.join(map(str, _size(row))), row['mechanisms.degrees_of_freedom'],
+        row['mechanisms.connectors'], row['mechanisms.count'], row['mechanisms.self_stresses'],
+        fixed(_all_surfaces(row), 0))
         for row in found['bias']]
     surfaces = [
         (name, fixed(surface_mechanisms(normal), 3)) for name, normal in (
