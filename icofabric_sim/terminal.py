@@ -60,8 +60,8 @@ class InputError(Exception):
     """Invalid input: exit status 2."""
 
 
-class FileSaysNo(Exception):
-    """Error for a damaged or unfinished file: exit status 1."""
+class CommandFailed(Exception):
+    """A failed run, or a damaged or unfinished file: exit status 1."""
 
 
 @contextmanager

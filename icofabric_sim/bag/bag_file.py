@@ -22,7 +22,7 @@ from icofabric_sim.bag.storage import (
 
 
 class BagFile:
-    """New bag; all calls must come from the thread that created it, as SQLite requires."""
+    """New bag: a folder of files. All calls must come from its thread, as SQLite requires."""
 
     def __init__(
         self, path: Path, storage: str, *,

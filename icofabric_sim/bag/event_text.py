@@ -16,7 +16,7 @@ MAX_LISTED_EVENTS = 12
 _MAX_LISTED_NAMES = 4
 # Singular and plural.
 _NAMES = {
-    'reweave': ('re-weave', 're-weaves'),
+    'reweave': ('fabric change', 'fabric changes'),
     'reset': ('reset', 'resets'),
     'pause': ('pause', 'pauses'),
     'step': ('call of ~/step', 'calls of ~/step'),
@@ -27,7 +27,7 @@ _NAMES = {
     'state_set': ('body state set', 'body states set'),
     'equilibrium': ('call of ~/solve_equilibrium', 'calls of ~/solve_equilibrium'),
     'failed': ('failure', 'failures'),
-    'stalled': ('standstill', 'standstills'),
+    'stalled': ('stall', 'stalls'),
     'change_refused': ('change that could not be built', 'changes that could not be built'),
 }
 
@@ -68,12 +68,12 @@ def describe_event(event: RecordedEvent) -> str:
     """Describe one event; its data may be of another version."""
     facts = event.facts
     texts = {
-        'pause': 'pause',
+        'pause': 'paused',
         'resume': 'resumed',
         'step': _steps(facts.get('count')),
-        'advance': 'advances for a call of ~/advance',
-        'advanced': 'the advance is complete',
-        'advance_ended': 'the advance ended early',
+        'advance': 'advance started (~/advance)',
+        'advanced': 'advance completed',
+        'advance_ended': 'advance ended early',
         'loads_cleared': 'all wrenches were cleared',
         'reset': 'reset to the initial state' + (
             ' and to time 0' if facts.get('time_reset') else ''),
@@ -95,7 +95,7 @@ def _change(facts: Mapping[str, Any]) -> str:
     names = [str(name) for name in _list(facts, 'changed')]
     more = len(names) - _MAX_LISTED_NAMES
     changed = ', '.join(names[:_MAX_LISTED_NAMES]) + (f' and {more} more' if more > 0 else '')
-    text = ('fabric rebuilt with' if facts.get('restarts') else 'continued with') + f': {changed}'
+    text = ('re-woven with' if facts.get('restarts') else 'rebuilt with') + f': {changed}'
     lost = ', '.join(str(name) for name in _list(facts, 'lost')[:_MAX_LISTED_NAMES])
     return f'{text}; wrenches ended: {lost}' if lost else text
 

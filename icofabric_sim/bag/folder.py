@@ -14,7 +14,7 @@ def require_new(path: Path) -> None:
     """Raise BagError if something exists at `path`."""
     if os.path.lexists(path):
         raise BagError(
-            f'record.path: {path} exists and is never overwritten; '
+            f'record.path: {path} already exists and will not be overwritten; '
             'choose another folder or remove it')
 
 

@@ -24,7 +24,7 @@ class RecorderStatistics(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Entry of the custom data for files opened after this item."""
+    """Custom entry for files that are opened after this item."""
 
     key: str
     value: str
@@ -66,11 +66,11 @@ class MessageQueue:
         self._written = self._written_bytes = self._dropped = self._lost = 0
         self._queued_bytes = 0
 
-    def put_notice(self, notice: TopicEntry | Heading) -> None:
-        """Append a notice, which does not count towards the capacity."""
+    def put_control(self, item: TopicEntry | Heading) -> None:
+        """Append a topic or custom entry, which does not count towards the capacity."""
         with self._lock:
             if not self._stopped:
-                self._items.append(notice)
+                self._items.append(item)
                 self._filled.notify()
 
     def has_room(self, size: int) -> bool:
@@ -84,7 +84,7 @@ class MessageQueue:
         """
         Append a message, waiting if the overflow rule requires it; return False if rejected.
 
-        Raises TimeoutError if an essential message finds no room and waiting is not allowed.
+        Raise TimeoutError if an essential message exceeds the limit and waiting is not allowed.
         """
         limit = 2 * self._capacity if essential else self._capacity
         with self._lock:

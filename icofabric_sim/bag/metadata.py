@@ -124,7 +124,9 @@ def read_metadata(folder: Path) -> Metadata:
 def _parse(folder: Path, stored: dict[str, Any]) -> Metadata:
     version = int(stored['version'])
     if version > _VERSION:
-        raise BagError(f'cannot read {folder}: version {version} of rosbag2 is newer than known')
+        raise BagError(
+            f'cannot read {folder}: its metadata version {version} is newer than the newest '
+            f'supported version, {_VERSION}')
     if stored['storage_identifier'] not in STORAGES:
         raise BagError(
             f'cannot read {folder}: storage {stored["storage_identifier"]!r} is not one of '

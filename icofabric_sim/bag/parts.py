@@ -16,7 +16,7 @@ from rosbags.interfaces import ConnectionExtRosbag2, Qos
 from rosbags.rosbag2 import Reader
 
 
-class PartTopic(NamedTuple):
+class StoredTopic(NamedTuple):
     """Topic as stored in one file."""
 
     name: str
@@ -36,7 +36,7 @@ class _Stored(Protocol):
     def close(self) -> None: ...
 
 
-class Part:
+class StoredFile:
     """One .mcap or .db3 file, or one that rosbag2 has compressed entirely (.zstd)."""
 
     def __init__(self, path: Path, *, compression_mode: str = '') -> None:
@@ -54,7 +54,7 @@ class Part:
                 database = Sqlite3Reader(path)
                 self._stored = database
                 self.topics = [
-                    PartTopic(topic.name, topic.type_name, topic.digest, topic.qos)
+                    StoredTopic(topic.name, topic.type_name, topic.digest, topic.qos)
                     for topic in database.topics]
             else:
                 mcap = _McapReader(path, unwrap=compression_mode == 'message')
@@ -89,7 +89,7 @@ class _McapReader:
         self._reader.open()
         self._unwrap = unwrap  # old versions compress each message
         self.topics = [
-            PartTopic(item.topic, item.msgtype, item.digest,
+            StoredTopic(item.topic, item.msgtype, item.digest,
                       item.ext.offered_qos_profiles
                       if isinstance(item.ext, ConnectionExtRosbag2) else [])
             for item in self._reader.connections]

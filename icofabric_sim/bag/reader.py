@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
-from icofabric_sim.bag.parts import Part
+from icofabric_sim.bag.parts import StoredFile
 from icofabric_sim.bag.storage import decode_custom, FILE_INDEX, merge_custom, REPEATED, STORAGES
 from icofabric_sim.messages import StringBytes
 from rosbags.interfaces import Qos, QosDurability
@@ -53,7 +53,7 @@ class BagReader:
         """Open the bag; raise BagError with reason and remedy if it is unreadable."""
         self.path = Path(path).expanduser()
         check_finished(self.path)
-        self._open_parts: dict[Path, Part] = {}
+        self._open_parts: dict[Path, StoredFile] = {}
         self._headings: dict[Path, tuple[int, dict[str, str]]] = {}
         self._custom: dict[str, str] = {}
         self._mode = ''
@@ -136,7 +136,7 @@ class BagReader:
         except Exception as error:
             raise BagError(
                 f'{self.path} is damaged: {error}; for MCAP, `icofabric recover {self.path}` '
-                'saves the messages before that') from error
+                'recovers the messages before the damage') from error
 
     def close(self) -> None:
         """Close the files; a second call has no effect."""
@@ -169,13 +169,13 @@ class BagReader:
             max((item.depth for item in qos), default=0),
             digest)
 
-    def _part(self, path: Path) -> Part:
+    def _part(self, path: Path) -> StoredFile:
         part = self._open_parts.get(path)
         if self._closed:
             raise BagError(f'{self.path} has been closed')
         if part is None:
             try:
-                part = Part(path, compression_mode=self._mode)
+                part = StoredFile(path, compression_mode=self._mode)
             except BagError:
                 raise
             except Exception as error:  # rosbags raises many exception types for malformed files
@@ -236,7 +236,7 @@ class BagReader:
 
 
 def _overlapping(files: list[MetadataFile]) -> Iterator[list[MetadataFile]]:
-    """Group files whose times overlap, as those of other recorders may by a few messages."""
+    """Group files whose time spans overlap; other recorders write a few messages out of order."""
     group: list[MetadataFile] = []
     latest = -1
     for file in files:

@@ -166,7 +166,7 @@ class RecordedRun:
             for _, time, data in self._reader.messages([f'{self.node}/broken'])]
 
     def inputs(self) -> list[RecordedInput]:
-        """Return all received wrenches in the order in which they acted."""
+        """Return all received wrenches (not the twists of drives) in the order of action."""
         names = [
             name
             for name, topic in self.topics.items()

@@ -43,12 +43,12 @@ class BagRecorder:
     The queue to the thread is bounded in bytes. When it is full, `overflow='wait'` lets `write`
     wait (a run without a deadline loses nothing), and `overflow='drop'` rejects and counts the
     message (a live simulation is not slowed by its disk). Essential messages are never dropped:
-    they may fill the queue a second time. After that `write` waits or, with 'drop', the recording
-    ends.
+    for them the limit is twice `queue_bytes`. At that limit `write` waits or, with 'drop', the
+    recording ends.
 
     A disk error ends the recording but not the caller. The error is stored in `error` and passed
     once to `on_error`, usually from the writing thread; later messages count as lost. The data
-    recorded before stays a complete bag if the disk accepts the few bytes of its end.
+    recorded before is finished as a complete bag if the disk has room for the final index.
 
     Custom data is written to the metadata when the bag is closed, and at once as a JSON message on
     `custom_topic`, the first message of the bag, because a killed bag has no metadata. Each
@@ -77,8 +77,8 @@ class BagRecorder:
 
         `start` is the simulated time [ns] of the first custom data. A file that exceeds
         `split_size` [bytes] or `split_duration` [s] is followed by another file; 0: no limit.
-        `patience` [s] limits the wait for a disk that does not respond; a later error is then
-        reported as an error of the recording. None: no limit.
+        `patience` [s] limits the wait for a disk that does not respond; an error after that is
+        passed to `on_error` instead of being raised. None: no limit.
         """
         if overflow not in ('wait', 'drop'):
             raise ValueError(f'overflow must be wait or drop, got {overflow!r}')
@@ -142,7 +142,7 @@ class BagRecorder:
             raise ValueError(f'{topic} was added as {known}, it cannot also be {type_name}')
         self._types[topic] = type_name
         qos = quality_of_service(latched=latched, depth=depth or (1 if latched else 10))
-        self._handover.put_notice(TopicEntry(topic, type_name, described, [qos]))
+        self._handover.put_control(TopicEntry(topic, type_name, described, [qos]))
 
     def write(
         self, topic: str, nanoseconds: SupportsIndex, data: bytes, *, essential: bool = False,
@@ -179,13 +179,13 @@ class BagRecorder:
         """Set an entry of the custom data, in the metadata and as a message."""
         _check_custom({key: value})
         self._custom = {**self._custom, key: value}  # the writing thread may read the old one
-        self._handover.put_notice(Heading(key, value))
+        self._handover.put_control(Heading(key, value))
         self._announce({key: value})
 
     def set_heading(self, key: str, value: str) -> None:
-        """Set the custom data of later files of a split bag."""
+        """Set one custom entry of later files only; `set_custom` also sets it in this file."""
         _check_custom({key: value})
-        self._handover.put_notice(Heading(key, value))
+        self._handover.put_control(Heading(key, value))
 
     @property
     def statistics(self) -> RecorderStatistics:

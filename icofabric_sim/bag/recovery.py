@@ -77,7 +77,7 @@ def recover_bag(
         damage = '; '.join(damages)
         if not any(writer.counts.values()):
             raise BagError(
-                f'nothing can be recovered from {source}: the disk has no complete message'
+                f'nothing can be recovered from {source}: it contains no complete message'
                 + (f' ({damage})' if damage else ''))
         report = writer.finish(damage)
     except BaseException as error:
@@ -92,7 +92,7 @@ def recover_bag(
 
 
 def recover_mcap(source: str | Path, destination: str | Path) -> RecoveryReport:
-    """Recover a killed MCAP bag: `recover_bag` with its defaults."""
+    """Recover a killed bag: alias of `recover_bag` with its defaults, for any storage."""
     return recover_bag(source, destination)
 
 

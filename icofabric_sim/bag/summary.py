@@ -59,8 +59,8 @@ class BagSummary:
     breaks: np.ndarray | None  # (m, 2) connector and time [s]; None: not recorded
 
     @property
-    def proximity(self) -> str:
-        """Return a sentence on excessive overlap of shells, or ''."""
+    def overlap_text(self) -> str:
+        """Sentence on excessive overlap of shells, or ''."""
         return _unless_none(self.custom.get('proximity', ''))
 
     @property
@@ -126,9 +126,11 @@ class BagSummary:
                     f'{vector(high, "m")}'))
         distance, body = self.largest_displacement
         if body >= 0:
-            rows.append(('moved', f'up to {distance:.4g} m between them (body {body})'))
+            rows.append((
+                'moved', f'largest displacement between first and last poses: {distance:.4g} m '
+                f'(body {body})'))
         rows += self._broken()
-        rows.append(('overlap', self.proximity or ('none' if self.finished else 'not known')))
+        rows.append(('overlap', self.overlap_text or ('none' if self.finished else 'not known')))
         if _unless_none(self.custom.get('obstruction', '')):
             rows.append(('', self.custom['obstruction']))
         rows.append(('end', self.failure or self._ending()))

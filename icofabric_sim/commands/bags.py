@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from icofabric_sim.terminal import FileSaysNo, InputError
+from icofabric_sim.terminal import CommandFailed, InputError
 
 _SUFFIXES = ('.mcap', '.db3')
 
@@ -37,5 +37,5 @@ def bag_errors(path: Path) -> Iterator[None]:
     except BagError as error:
         files = path.iterdir() if path.is_dir() else [path]
         if any(file.suffix in _SUFFIXES and file.exists() for file in files):
-            raise FileSaysNo(str(error)) from error
+            raise CommandFailed(str(error)) from error
         raise InputError(str(error)) from error

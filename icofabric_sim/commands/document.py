@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         row = specifications[name]
         parser.add_argument(
             option, type=float, default=row.default, metavar=quantity.split()[-1].upper(),
-            help=f'{quantity} of the shell of the numbers in the appendix [{row.unit}] '
+            help=f'{quantity} of the shell for which the appendix gives numbers [{row.unit}] '
                  '(%(default)s)')
     parser.add_argument(
         '--json', action='store_true', help='print JSON instead of text, with values in SI units')
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--figures', metavar='FOLDER', help='draw all figures into this folder')
     parser.add_argument(
         '--format', choices=('png', 'svg'), default='png',
-        help='what --figures draws (%(default)s)')
+        help='file format of --figures (%(default)s)')
     parser.add_argument(
         '--figure', nargs=2, action='append', default=[], metavar=('N', 'FILE'),
         help='draw one figure to a .png or .svg; N: 1, 2, 3a (golden rectangles), 3b (frustum of '

@@ -28,7 +28,7 @@ COLUMNS = (
     'undefined')
 
 
-def judged(
+def by_direction(
     constants: 'Elasticity', more: Sequence[Sequence[float]]
 ) -> list[tuple[str, 'Directional']]:
     """Return the moduli of thirteen named directions, and of the directions in `more`."""

@@ -6,14 +6,14 @@ import argparse
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.commands import elastic_directions
-from icofabric_sim.commands.load_cases import DIRECTED, LoadCases, STRAINED, TURNED
-from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
-from icofabric_sim.commands.rest_outputs import (
+from icofabric_sim.commands.equilibrium_outputs import (
     add_output_arguments,
+    EquilibriumOutputs,
     kink_text,
     outputs_of,
-    RestOutputs,
 )
+from icofabric_sim.commands.load_cases import DIRECTED, LoadCases, STRAINED, TURNED
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from icofabric_sim.statics.periodic import Elasticity
 
     # Moduli by direction, for each branch.
-    Judged = dict[str, list[tuple[str, Directional]]]
+    ByDirection = dict[str, list[tuple[str, Directional]]]
 
 _BY_ITSELF = ('pull', 'push', 'shear')
 _DIRECTIONS = {'x': (1, 0, 0), 'y': (0, 1, 0), 'z': (0, 0, 1), 'xy': (1, 1, 0), 'xyz': (1, 1, 1)}
@@ -63,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--kinds', nargs='*', choices=(*STRAINED, *TURNED), default=_BY_ITSELF, metavar='KIND',
         help='curves of the slab: pull, push, shear, hydrostatic (all faces inwards), inflation '
-             '(outwards), bend, twist (default: pull push shear; none: constants only)')
+             '(outwards), bend, twist (default: pull push shear); --kinds without a value: '
+             'constants only')
     parser.add_argument(
         '--direction', nargs=3, type=float, action='append', default=[],
         metavar=('X', 'Y', 'Z'),
@@ -83,7 +84,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     Return 1 if a curve ends early.
     """
-    with words_aside(arguments.json):
+    with text_to_stderr(arguments.json):
         report, early = _find(arguments)
     if arguments.json:
         print_json(report)
@@ -118,8 +119,8 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         why = _without_constants(scene) if arguments.kinds else ''
         alone = bool(why)
         constants = None if alone else homogenise(scene, relaxed=arguments.relaxed)
-    judged: Judged = {} if constants is None else {
-        branch: elastic_directions.judged(one, arguments.direction)
+    by_direction: ByDirection = {} if constants is None else {
+        branch: elastic_directions.by_direction(one, arguments.direction)
         for branch, one in _branches(constants).items()}
     if constants is None:
         print(f'{name}: no constants of a periodic fabric, because {why}')
@@ -127,7 +128,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         print(f'{name}: periodic fabric')
         aside = rest_text(scene) if constants.relaxed_state is None else lattice_text(
             constants.relaxed_state, scene)
-        print('\n'.join([*constants_text(constants, judged), *aside]))
+        print('\n'.join([*constants_text(constants, by_direction), *aside]))
     parts = np.arange(1, arguments.points + 1) / arguments.points
     cases = LoadCases(
         arguments.kinds, (arguments.strain * parts).tolist(), (arguments.angle * parts).tolist(),
@@ -139,7 +140,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         if lines := cases.text(name):
             print('\n'.join(lines))
         if constants is not None:
-            _write(outputs, constants, judged)
+            _write(outputs, constants, by_direction)
         if outputs.folder is not None:
             cases.write(outputs)
     if outputs.picture is not None:
@@ -149,9 +150,9 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
         print(f'drawn to {outputs.picture}')
     if constants is None:
         return {'scene': name, **cases.numbers()}, cases.early
-    branches = {key: _numbers(one, judged[key]) for key, one in constants.branches.items()}
+    branches = {key: _numbers(one, by_direction[key]) for key, one in constants.branches.items()}
     return {
-        'scene': name, **_numbers(constants, judged[constants.branch]),
+        'scene': name, **_numbers(constants, by_direction[constants.branch]),
         'branch': constants.branch, 'branches': branches, **cases.numbers()}, cases.early
 
 
@@ -175,7 +176,7 @@ def _branches(constants: 'Elasticity') -> dict[str, 'Elasticity']:
 
 
 def _numbers(
-    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+    constants: 'Elasticity', by_direction: list[tuple[str, 'Directional']]
 ) -> dict[str, Any]:
     import numpy as np
     return {
@@ -187,7 +188,8 @@ def _numbers(
             for label, direction in _DIRECTIONS.items()},
         'bulk_modulus_pa': constants.bulk_modulus,
         'poisson_ratio': {label: dict(ratios) for label, _, ratios in moduli(constants)},
-        'directions': elastic_directions.numbers(judged), **_rest_numbers(constants.relaxed_state)}
+        'directions': elastic_directions.numbers(by_direction),
+        **_rest_numbers(constants.relaxed_state)}
 
 
 def _rest_numbers(rest: 'LatticeRest | None') -> dict[str, Any]:
@@ -223,7 +225,7 @@ def one_sided_ratios(
     constants: 'Elasticity', label: str, sign: float
 ) -> list[tuple[str, float]]:
     """
-    Return Poisson's ratios for a small pull (1) or push (-1) along an axis; None if undefined.
+    Return Poisson's ratios for a small pull (1) or push (-1) along an axis; [] if undefined.
     """
     import numpy as np
 
@@ -235,11 +237,11 @@ def one_sided_ratios(
 
 
 def constants_text(
-    constants: 'Elasticity', judged: 'Judged'
+    constants: 'Elasticity', by_direction: 'ByDirection'
 ) -> list[str]:
-    """Return lines for the terminal; `judged` holds the directions by branch."""
+    """Return lines for the terminal; `by_direction` holds the directions by branch."""
     if not constants.branches:
-        return [*_branch_text(constants, judged['']), *_limits_text(constants)]
+        return [*_branch_text(constants, by_direction['']), *_limits_text(constants)]
     lines = [
         f'  {kink_text(constants.at_kink)} (of a cell)',
         '  Such a fabric has no single tangent modulus: it depends on the kind and sign of the',
@@ -249,7 +251,7 @@ def constants_text(
     for branch, said in _BRANCHES.items():
         lines.append(f'  bounds, {branch}: {said}')
         lines += [f'  {line}' for line in _branch_text(
-            constants.branches[branch], judged[branch])]
+            constants.branches[branch], by_direction[branch])]
     return lines
 
 
@@ -354,7 +356,7 @@ def _limits_text(constants: 'Elasticity') -> list[str]:
 
 
 def _branch_text(
-    constants: 'Elasticity', judged: list[tuple[str, 'Directional']]
+    constants: 'Elasticity', by_direction: list[tuple[str, 'Directional']]
 ) -> list[str]:
     import numpy as np
 
@@ -372,7 +374,7 @@ def _branch_text(
         lines.append(f"  Young's modulus along {label:3} {modulus:12.6g} Pa" + (
             f", Poisson's ratio {across}" if across else ''))
     lines.append(f'  bulk modulus              {constants.bulk_modulus:12.6g} Pa')
-    lines += elastic_directions.text(judged)
+    lines += elastic_directions.text(by_direction)
     lines.append(f'  density {constants.density:.6g} kg/m^3')
     if len(constants.zero_energy_strains):
         lines.append(
@@ -382,7 +384,7 @@ def _branch_text(
 
 
 def _write(
-    outputs: RestOutputs, constants: 'Elasticity', judged: 'Judged'
+    outputs: EquilibriumOutputs, constants: 'Elasticity', by_direction: 'ByDirection'
 ) -> None:
     if outputs.folder is None:
         return
@@ -397,7 +399,7 @@ def _write(
             ('pull_along', 'young_modulus_pa', 'across', 'poisson_ratio', 'bulk_modulus_pa'),
             ([label, modulus, side, '' if ratio is None else ratio, one.bulk_modulus]
              for label, modulus, ratios in moduli(one) for side, ratio in ratios))
-    for file, found in zip(tables, judged.values()):
+    for file, found in zip(tables, by_direction.values()):
         outputs.table(
             file.replace('stiffness', 'directions'), elastic_directions.COLUMNS,
             elastic_directions.rows(found))

@@ -19,7 +19,7 @@ from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
-    FileSaysNo,
+    CommandFailed,
     InputError,
     notes,
     Progress,
@@ -35,7 +35,7 @@ _MAX_RATE = 240.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    add_scene_arguments(parser, 'SCENE|BAG')
+    add_scene_arguments(parser, 'SCENE|BAG', 'the folder of a bag')
     parser.add_argument(
         'film', metavar='FILE', help='the film: a file that ends in .mp4, .webp or .gif')
     parser.add_argument(
@@ -73,7 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
                 return _film_bag(arguments, source, path, size)
         return _film_scene(arguments, path, size)
     except FilmError as error:
-        raise FileSaysNo(str(error)) from error
+        raise CommandFailed(str(error)) from error
 
 
 def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
@@ -83,11 +83,11 @@ def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
             f'{path} is not a film: give a file that ends in .mp4, .webp or .gif')
     if not 0.0 < arguments.rate <= _MAX_RATE:
         raise InputError(
-            f'--rate must be above 0 and at most {_MAX_RATE:g} pictures a second, got '
+            f'--rate must be above 0 and at most {_MAX_RATE:g} frames per second, got '
             f'{arguments.rate:g}')
     if path.suffix.lower() == '.gif' and arguments.rate > FASTEST_GIF:
         raise InputError(
-            f'--rate of a GIF is at most {FASTEST_GIF:g} pictures a second, got '
+            f'--rate of a GIF is at most {FASTEST_GIF:g} frames per second, got '
             f'{arguments.rate:g}; an MP4 allows more')
     if path.suffix.lower() == '.gif' and arguments.small:
         raise InputError('--small is for a film that ends in .mp4 or .webp; a GIF has one quality')
@@ -95,7 +95,7 @@ def _check(arguments: argparse.Namespace, path: Path) -> tuple[int, int]:
         raise InputError(f'--speed must lie in 1e-06 to 1e+06, got {arguments.speed:g}')
     size = picture_size(arguments.size)
     if path.suffix.lower() == '.mp4' and any(side % 2 for side in size):
-        raise InputError(f'--size of an MP4 must be even each way, got {arguments.size}')
+        raise InputError(f'--size of an MP4: width and height must be even, got {arguments.size}')
     camera_view(arguments.camera)
     return size
 
@@ -161,7 +161,7 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
         try:
             moments = simulated_moments(simulation, times, progress.update)
         except SimulationError as error:
-            raise FileSaysNo(str(error)) from error
+            raise CommandFailed(str(error)) from error
     with chosen_bodies_errors():
         renderer: Renderer = make_renderer(
             moments, sampled=spread_moments(moments), title=arguments.title or name, size=size,

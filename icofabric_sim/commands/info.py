@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    add_scene_arguments(parser, 'SCENE|BAG')
+    add_scene_arguments(parser, 'SCENE|BAG', 'the folder of a bag')
     add_json_argument(parser)
     parser.add_argument(
         '--compile', action='store_true',
@@ -68,7 +68,7 @@ def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
     """Return rows about frequency, method, step and accuracy of the compiled scene."""
     from icofabric_sim.commands.run_summary import method_rows
     rate = simulation.status.largest_frequency
-    rows = [('frequency', f'{rate:.6g} rad/s at the start, at most')]
+    rows = [('frequency', f'at most {rate:.6g} rad/s at the start (upper bound)')]
     rows += method_rows(simulation)
     rows.append(('accuracy', _accuracy(simulation)))
     if simulation.status.proximity is not None:

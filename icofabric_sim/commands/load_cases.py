@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.commands.rest_outputs import RestOutputs
+from icofabric_sim.commands.equilibrium_outputs import EquilibriumOutputs
 from icofabric_sim.terminal import bad_input, Progress
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class LoadCases:
             lines += moment_curve_text(turns)
         return lines + cycle_text(self.cycles)
 
-    def write(self, outputs: RestOutputs) -> None:
+    def write(self, outputs: EquilibriumOutputs) -> None:
         """Write tables of all results."""
         if curves := _any(self.curves):
             from icofabric_sim.statics.stress_strain import CURVE_COLUMNS

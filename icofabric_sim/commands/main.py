@@ -70,9 +70,11 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: list[str] | None = None) -> int:
     """
-    Run one verb; without `argv`, that of the command line, after which the process should end.
+    Run the verb in `argv` (default: `sys.argv`).
 
-    Returns the exit status: 0 done, 1 failed run or damaged file, 2 bad input, 130 interrupted.
+    In the default case signals stay ignored, so the process should exit.
+
+    Return the exit status: 0 done, 1 failed run or damaged file, 2 bad input, 130 interrupted.
     """
     words = sys.argv[1:] if argv is None else argv
     name = f'icofabric {words[0]}' if words and words[0] in VERBS else 'icofabric'
@@ -80,7 +82,7 @@ def main(argv: list[str] | None = None) -> int:
     if argv is None:
         sys.unraisablehook = _raise_again
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # A shell lets its background jobs ignore the signal; whoever sends it means it.
+        # A shell starts background jobs with this signal ignored.
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
@@ -116,7 +118,7 @@ def load_verb(verb: str) -> Any:
 def _guarded(words: list[str], name: str) -> int:
     """Run a verb; map every error except an interrupt to a message and an exit status."""
     from icofabric_sim.libraries import install_command, MissingLibrary
-    from icofabric_sim.terminal import FileSaysNo, InputError
+    from icofabric_sim.terminal import CommandFailed, InputError
     try:
         status = _run(words)
         sys.stdout.flush()
@@ -130,7 +132,7 @@ def _guarded(words: list[str], name: str) -> int:
             raise
         print(f'{name}: {module} is not installed: {install_command(module)}', file=sys.stderr)
         return BAD_INPUT
-    except FileSaysNo as error:
+    except CommandFailed as error:
         print(f'{name}: {error}', file=sys.stderr)
         return FAILED
     except BrokenPipeError:

@@ -9,18 +9,18 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
-from icofabric_sim.commands.rest_outputs import (
+from icofabric_sim.commands.equilibrium_outputs import (
     add_output_arguments,
+    EquilibriumOutputs,
     kink_text,
     outputs_of,
     picture_path,
-    RestOutputs,
     touch_text,
 )
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library
-from icofabric_sim.terminal import bad_input, FileSaysNo, InputError, Progress, require_place
+from icofabric_sim.terminal import bad_input, CommandFailed, InputError, Progress, require_place
 
 if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
@@ -43,9 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--highest', action='store_true', help='highest frequencies instead of the lowest')
     parser.add_argument(
         '--branch', choices=('pull', 'push'),
-        help='for connectors at their natural length with two stiffnesses: the stiffness '
-             'that all of them have in drawings and animations (default: push; '
-             'lists and files contain both, bands are drawn for both)')
+        help='stiffness assumed in pictures and animations for connectors at their natural '
+             'length: pull uses k_e, push uses k_c (default: push). Lists, files and bands '
+             'contain both')
     parser.add_argument(
         '--equilibrium', action='store_true',
         help='about the equilibrium under the loads of the scene, as found by icofabric statics '
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Find the normal modes, and count the zero-energy motions."""
-    with words_aside(arguments.json):
+    with text_to_stderr(arguments.json):
         report = _find(arguments)
     if arguments.json:
         print_json(report)
@@ -103,7 +103,7 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
             found = solve_equilibrium(scene, time=arguments.time)
             print(f'verdict     {found.verdict} (residual {found.residual:.2g})')
             if not found.converged or found.verdict == LEAST_RESULTANTS:
-                raise FileSaysNo(
+                raise CommandFailed(
                     'no equilibrium was found; icofabric statics shows why')
             at = found.snapshot
         spectrum = solve_modes(
@@ -143,7 +143,7 @@ def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
 
 def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
     """Return lines for the terminal."""
-    lines = [f'freedoms    {spectrum.degrees_of_freedom:,}']
+    lines = [f'DOF         {spectrum.degrees_of_freedom:,} degrees of freedom']
     if spectrum.first_touches:
         lines.append(f'touching    {touch_text(spectrum.first_touches)}')
     if not spectrum.branches:
@@ -164,7 +164,7 @@ def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
 _UNCLEAR, _INEXACT = 0.1, 1e-6
 _KINK = (
     'Such a fabric has no single frequency for each mode. Two branches bound it: all of these',
-    'have k_e (tension), or all have k_c. The k-th frequency of every mixture is in between.',
+    'have k_e (tension), or all have k_c. Any combination has its k-th frequency in between.',
     'The period is independent of the amplitude, but motions do not superpose.')
 _BRANCHES = {'pull': 'k_e in all at their kink', 'push': 'k_c in all at their kink'}
 
@@ -182,7 +182,7 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
     counts = spectrum.counts
     if counts is not None:
         lines.append(
-            f'geometry    {counts.degrees_of_freedom:,} freedoms - '
+            f'geometry    {counts.degrees_of_freedom:,} degrees of freedom - '
             f'{counts.connectors:,} connectors = {counts.mechanisms:,} mechanisms - '
             f'{counts.self_stresses:,} states of self-stress')
     lines += _rounding_text(spectrum)
@@ -200,18 +200,18 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
             line = f'  {number:4d}  {rate:14.8g} rad/s  {rate / (2 * math.pi):14.8g} Hz'
             if holds[number]:
                 shape = np.abs(factors[number] * spectrum.shapes[number])
-                line += f'  to {shape[:, :3].max():.3g} m, {shape[:, 3:].max():.3g} rad'
+                line += f'  up to {shape[:, :3].max():.3g} m, {shape[:, 3:].max():.3g} rad'
             lines.append(line)
         if len(rates) > _SHOWN:
             lines.append(f'  ... and {len(rates) - _SHOWN:,} more')
         if holds.any():
             lines.append(
-                '  to: largest displacement and rotation of a body at which the first connector '
-                'changes between tension and compression')
+                '  up to: largest displacement and rotation of a body at which the first '
+                'connector changes between tension and compression')
         largest = spectrum.largest_frequency
         lines.append(
-            f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), by the '
-            'iteration that selects the step')
+            f'largest     {largest:.6g} rad/s ({largest / (2 * math.pi):.6g} Hz), which '
+            'limits the automatic step')
     else:
         lines.append('frequencies none')
     return lines
@@ -238,8 +238,8 @@ def _bounds_text(spectrum: 'Spectrum') -> list[str]:
     if bounds is None:
         return ['between     unknown: zero-energy motions were not counted']
     lines = [
-        'between     frequencies of every mixture, by their index among all motions; those '
-        'of zero energy come first, as 0']
+        'between     bounds of the k-th frequency for any combination of k_e and k_c; '
+        'zero-energy motions are counted first']
     lines += [
         f'  {spectrum.first_bounded_motion + row:4d}  {least:14.8g} to {most:14.8g} rad/s'
         for row, (least, most) in enumerate(bounds[:_SHOWN].tolist())]
@@ -248,7 +248,7 @@ def _bounds_text(spectrum: 'Spectrum') -> list[str]:
     return lines
 
 
-def _write(outputs: RestOutputs, spectrum: 'Spectrum') -> None:
+def _write(outputs: EquilibriumOutputs, spectrum: 'Spectrum') -> None:
     if outputs.folder is None:
         return
     branches = {f'_{name}': one for name, one in spectrum.branches.items()} or {'': spectrum}
@@ -296,7 +296,7 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
         raise InputError(
             f'--animate {path}: give a file that ends in .gif, or the folder of a new bag')
     if suffix != '.gif' and os.path.lexists(path):
-        raise InputError(f'--animate {path} exists; bags are never overwritten')
+        raise InputError(f'--animate {path} already exists and will not be overwritten')
     if suffix == '.gif':
         require_library('matplotlib', 'a picture')
     return require_place('--animate', path)

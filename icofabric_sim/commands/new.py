@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
     if path.suffix not in ('.yaml', '.yml'):
         raise InputError(f'{path}: give a file that ends in .yaml')
     if path.exists():
-        raise InputError(f'{path} exists and is never overwritten; choose another name')
+        raise InputError(f'{path} already exists and will not be overwritten; choose another name')
     require_place('FILE', path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f'.{path.name}.part')
@@ -89,8 +89,8 @@ def scene_text(arguments: argparse.Namespace, name: str) -> str:
         f'      kind: {arguments.kind}',
         f'      size: [{", ".join(map(str, arguments.size))}]  # grid positions; every second one '
         'has a shell',
-        f'      connector_angle: {arguments.angle!r}  # [rad]; below pi/4: longer connectors, '
-        'less dense fabric',
+        f'      connector_angle: {arguments.angle!r}  # [rad], below pi/4; a larger angle gives '
+        'longer connectors and a less dense fabric',
         '    connector:',
         f'      stiffness: {arguments.stiffness!r}  # [N/m]',
         f'      damping: {arguments.damping!r}  # [N s/m]; 0: energy is conserved',

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from icofabric_sim.commands.bags import bag_path
 from icofabric_sim.commands.report import add_json_argument, print_report
-from icofabric_sim.terminal import FileSaysNo, InputError, Progress, require_place
+from icofabric_sim.terminal import CommandFailed, InputError, Progress, require_place
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,8 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.destination:
         destination = Path(arguments.destination).expanduser()
         if destination.exists():
-            raise InputError(f'{destination} exists and is never overwritten; choose another')
+            raise InputError(f'{destination} already exists and will not be overwritten; choose '
+                             'another')
         require_place('DESTINATION', destination)
     else:
         destination = next_free_path(source.absolute().with_name(f'{name}_recovered'))
@@ -43,7 +44,7 @@ def main(arguments: argparse.Namespace) -> int:
             report = recover_bag(
                 source, destination, on_progress=lambda part: progress.update(100.0 * part))
         except BagError as error:
-            raise FileSaysNo(str(error)) from error
+            raise CommandFailed(str(error)) from error
     print_report([
         ('bag', str(report.path)),
         ('messages', f'{report.message_count:,}, '

@@ -21,7 +21,7 @@ def add_json_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --json."""
     parser.add_argument(
         '--json', action='store_true',
-        help='print the report as JSON: each name with a text, or a list of texts')
+        help='print the report as JSON: an object of strings or lists of strings')
 
 
 def add_json_numbers_argument(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +33,7 @@ def add_json_numbers_argument(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def words_aside(as_json: bool) -> Iterator[None]:
+def text_to_stderr(as_json: bool) -> Iterator[None]:
     """Redirect printed text to the error stream if the report is JSON."""
     if not as_json:
         yield
@@ -44,7 +44,7 @@ def words_aside(as_json: bool) -> Iterator[None]:
 
 def print_json(report: Mapping[str, Any]) -> None:
     """
-    Print numbers, texts, arrays and nested data as JSON; numbers that are not finite become null.
+    Print numbers, strings, arrays and nested data as JSON; NaN and infinity become null.
     """
     print(json.dumps(_plain(report), indent=1, ensure_ascii=False), flush=True)
 

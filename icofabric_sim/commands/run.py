@@ -49,8 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--no-growth', action='store_true',
         help='do not measure error growth: a second run from a displaced start, '
-             'which doubles the work (with solver.tolerance above 4e-9 in '
-             'a radian of the fastest vibration, and no solver.step: two more runs)')
+             'which doubles the work (two more runs, which triple the work, if steps are '
+             'automatic and solver.tolerance is above 4e-9 per radian of the fastest vibration)')
     parser.add_argument(
         '--ranks', action='store_true',
         help='share the steps among the MPI processes that were started together: mpiexec -n 4 '
@@ -64,13 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Simulate to the end of the duration; keep and close the bag in any case."""
+    """Simulate to the end of the duration; finish the bag in any case."""
     if not arguments.ranks:
         with bad_input():
             require_alone()
         return _simulate(arguments, None)
     if arguments.cross_check:
-        raise InputError('--cross-check runs in one process: leave out --ranks')
+        raise InputError('--cross-check runs in one process: remove --ranks')
     with bad_input():
         ranks = launched_ranks()
 
@@ -99,8 +99,7 @@ def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:
         simulation = compile_scene(scene, ranks=ranks)
     is_shared = ranks is not None and ranks.size > 1
     if is_shared and not arguments.no_growth:
-        say('error growth is not measured with ranks: icofabric verify compares bits, '
-            'and a run in one process measures it')
+        say('error growth is not measured with --ranks; run in one process to measure it')
     simulation.warm_up()
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(parameters['duration'], 's'))
@@ -127,7 +126,7 @@ class _Run:
         self.growth: Growth | None = None
 
     def run(self) -> int:
-        from icofabric_sim.commands.run_summary import broken_off_summary, run_summary
+        from icofabric_sim.commands.run_summary import interrupted_summary, run_summary
         from icofabric_sim.process.compile_notice import compile_notice
         from icofabric_sim.running.diagnostics import HealthReport
         from icofabric_sim.running.runner import Runner
@@ -136,15 +135,15 @@ class _Run:
             self.simulation, [self.monitor] if self.bag is None else [self.monitor, self.bag],
             report=HealthReport('/icofabric').bytes)
         self.runner = runner
-        aside, compiled = self._seconds_aside(), compile_notice.seconds
+        growth_seconds, compiled = self._growth_seconds(), compile_notice.seconds
         started = time.monotonic()
         try:
             with self._stopped_by_signals(runner):
                 try:
                     runner.run(until_finished=True, progress=self.progress.update)
                     wall = time.monotonic() - started - (compile_notice.seconds - compiled)
-                    aside = self._seconds_aside() - aside
-                    self._judge(runner)
+                    growth_seconds = self._growth_seconds() - growth_seconds
+                    self._estimate_accuracy(runner)
                 finally:
                     # A signal must not leave a damaged bag.
                     self._close()
@@ -153,7 +152,8 @@ class _Run:
                 # An interrupt after the last step does not count.
                 interrupted = self.interrupted and not (status.finished or status.failure)
                 rows = run_summary(
-                    self.name, self.simulation, self.monitor, status, wall - aside, aside,
+                    self.name, self.simulation, self.monitor, status, wall - growth_seconds,
+                    growth_seconds,
                     errors=self.errors, growth=self.growth,
                     bag=None if self.bag is None else self.bag.recorder,
                     interrupted=interrupted, compiling=compile_notice.seconds)
@@ -162,7 +162,7 @@ class _Run:
                 raise
             # The state is not known in the middle of a compilation.
             self.progress.clear()
-            print_report(broken_off_summary(
+            print_report(interrupted_summary(
                 self.name, self.simulation, runner.status(), compile_notice.seconds,
                 bag=None if self.bag is None else self.bag.recorder), as_json=self.as_json)
             return 130
@@ -172,11 +172,11 @@ class _Run:
             return 130
         return 1 if status.failure or lost else 0
 
-    def _seconds_aside(self) -> float:
+    def _growth_seconds(self) -> float:
         companion = self.monitor.companion
         return 0.0 if companion is None else companion.seconds
 
-    def _judge(self, runner: 'Runner') -> None:
+    def _estimate_accuracy(self, runner: 'Runner') -> None:
         """Estimate the accuracy of the run."""
         from icofabric_sim.running.run_records import errors_of
         self.errors = errors_of(self.simulation)

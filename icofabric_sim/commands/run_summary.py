@@ -21,19 +21,19 @@ _MIN_REPORTED_S = 0.5
 
 def run_summary(
         name: str, simulation: Simulation, monitor: RunMonitor, status: Status, wall: float,
-        aside: float, *, errors: Errors | None, growth: Growth | None, bag: BagRecorder | None,
-        interrupted: bool, compiling: float = 0.0) -> list[Row]:
+        growth_seconds: float, *, errors: Errors | None, growth: Growth | None,
+        bag: BagRecorder | None, interrupted: bool, compiling: float = 0.0) -> list[Row]:
     """
     Return label and text of each line of the summary.
 
-    `wall` is the wall time of the run [s], `aside` that of the growth measurement, and `compiling`
-    that of the compiler, before and during the run.
+    `wall` is the wall time of the run [s], `growth_seconds` that of the growth measurement, and
+    `compiling` that of the compiler, before and during the run.
     """
     scene = simulation.scene
     rows = [
         ('scene', f'{name}: {size_text(scene)}'),
         *method_rows(simulation),
-        ('run', _speed_text(scene.body_count, status, wall, aside)),
+        ('run', _speed_text(scene.body_count, status, wall, growth_seconds)),
         ('evaluations', evaluations_text(
             status.evaluations, status.estimations, status.shown,
             is_estimated=scene.parameters['solver.error_estimate'])),
@@ -57,13 +57,13 @@ def run_summary(
     return rows
 
 
-def broken_off_summary(
+def interrupted_summary(
         name: str, simulation: Simulation, status: Status, compiling: float, *,
         bag: BagRecorder | None) -> list[Row]:
     """
     Return label and text for a run that the user ended during a compilation or measurement.
 
-    The last state is not known.
+    The last state is unknown.
     """
     return [
         ('scene', f'{name}: {size_text(simulation.scene)}'),
@@ -77,7 +77,7 @@ def method_rows(simulation: Simulation) -> list[Row]:
     """Return the method, its step and its threads, with the reasons for them."""
     wanted = simulation.scene.parameters['solver.threads']
     threads = f'{simulation.status.thread_count}, ' + (
-        f'of solver.threads {wanted}' if wanted else 'as many as cores and bodies are worth')
+        f'of solver.threads {wanted}' if wanted else 'automatic (as many as speed up this scene)')
     return [
         ('method', f'{simulation.status.method_name}: {simulation.status.method_reason}'),
         ('step', step_reason(simulation)),
@@ -153,9 +153,9 @@ def step_reason(simulation: Simulation) -> str:
         return f'{text} {when}: adapted to the error'
     if rate > 0.0:
         return (
-            f'{text}, automatic: {simulation.status.step * rate:.2g} over the largest frequency '
-            f'of the fabric, {rate:.6g} rad/s; the limit is {limit:.6g} s')
-    return f'{text}, automatic: no connector limits it'
+            f'{text}, automatic: step = {simulation.status.step * rate:.2g} / largest frequency '
+            f'({rate:.6g} rad/s); the limit is {limit:.6g} s')
+    return f'{text}, automatic: no connector limits the step'
 
 
 def _recorded(name: str, bag: BagRecorder | None) -> list[Row]:
@@ -176,7 +176,7 @@ def _compiler(compiling: float) -> list[Row]:
                  'and during the run')]
 
 
-def _speed_text(body_count: int, status: Status, wall: float, aside: float) -> str:
+def _speed_text(body_count: int, status: Status, wall: float, growth_seconds: float) -> str:
     simulated = seconds(status.time)
     text = (f'{simulated:.6g} s of simulated time in {counted(status.step_count, "step")}, '
             f'{wall:.3g} s of wall time')
@@ -184,8 +184,8 @@ def _speed_text(body_count: int, status: Status, wall: float, aside: float) -> s
         each = wall / (status.step_count * body_count) * 1e9
         text += (f' (real-time factor {simulated / wall:.3g}, {each:,.0f} ns per body and step, '
                  'outputs included)')
-    if aside > 0.0:
-        text += f', and {aside:.3g} s to measure the growth'
+    if growth_seconds > 0.0:
+        text += f', and {growth_seconds:.3g} s to measure the growth'
     return text
 
 

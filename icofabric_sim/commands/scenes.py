@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     import yaml
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser, metavar: str = 'SCENE') -> None:
-    """Declare SCENE and `-p name:=value`."""
+def add_scene_arguments(
+    parser: argparse.ArgumentParser, metavar: str = 'SCENE', alternative: str = ''
+) -> None:
+    """Declare SCENE (or another kind of input, `alternative`) and `-p name:=value`."""
     from icofabric_sim.parameters.example_scenes import example_scenes
     names = ', '.join(example_scenes()) or 'none is installed'
     text = f'parameter file of a scene, or the name of an example scene ({names})'
-    if metavar != 'SCENE':
-        text += ', or the folder of a bag'
+    if alternative:
+        text += f', or {alternative}'
     parser.add_argument('scene', metavar=metavar, help=text)
     parser.add_argument(
         '-p', '--parameter', metavar='NAME:=VALUE', action='append', default=[],
@@ -54,7 +56,7 @@ def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputEr
     from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.validation import ParameterError
     cause = error.__cause__
-    # Errors of code that does not know parameters start with the name of one.
+    # Errors of code without parameters start with the name of a parameter.
     begun = _DOTTED.match(str(error))
     name = cause.name if isinstance(cause, ParameterError) else begun[0] if begun else ''
     if (not scene or not name or not isinstance(cause, ValueError)

@@ -6,13 +6,13 @@ import argparse
 import time
 from typing import Any, TYPE_CHECKING
 
-from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
-from icofabric_sim.commands.rest_outputs import (
+from icofabric_sim.commands.equilibrium_outputs import (
     add_output_arguments,
     kink_text,
     outputs_of,
     touch_text,
 )
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError, Progress
 
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
              '(%(default)g)')
     parser.add_argument(
         '--steps', type=int, default=2000, metavar='N',
-        help='maximum number of steps (%(default)d)')
+        help='maximum number of solver iterations (%(default)d)')
     parser.add_argument(
         '--load-steps', type=int, metavar='N',
         help='increase weight, fields, loads and tractions in N equal steps, each equilibrium '
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--objective', choices=('energy', 'resultants'),
         help='quantity to minimise: potential energy with contacts as springs, or force and '
-             'moment resultants without overlap, as the document says (default: '
+             'moment resultants without overlap (docs/statics.md) (default: '
              'equilibrium.objective of the scene)')
     add_output_arguments(parser)
     add_json_numbers_argument(parser)
@@ -59,7 +59,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     Return 0 for an equilibrium, 1 if none was reached.
     """
-    with words_aside(arguments.json):
+    with text_to_stderr(arguments.json):
         report, converged = _find(arguments)
     if arguments.json:
         print_json(report)
@@ -82,14 +82,14 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     arguments.objective = scene.parameters['equilibrium.objective']
     if arguments.objective != 'energy' and arguments.load_steps is not None:
         raise InputError(
-            '--load-steps follows equilibria of the energy: take --objective energy')
+            '--load-steps requires --objective energy')
     print(f'{name}: {size_text(scene)}')
     from icofabric_sim.statics.held import without_potential
-    turning = without_potential(scene)
-    if turning:
-        print(f'{", ".join(turning)}: rotates with its bodies or twists them, so it has no '
-              'potential energy; its equilibria are followed step by step')
-    if _rubs(scene) and arguments.objective == 'energy':
+    followers = without_potential(scene)
+    if followers:
+        print(f'{", ".join(followers)}: follower load or torque without potential energy; the '
+              'equilibrium is found by increasing it in steps')
+    if _has_friction(scene) and arguments.objective == 'energy':
         print(
             'contact.friction: searching contact forces within the friction cones that balance '
             'all loads; --load-steps N follows a path' if arguments.load_steps is None else
@@ -188,7 +188,8 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     lines = [
         f'verdict    {result.verdict}',
         f'residual   {result.residual:.2g} of the largest force, {result.force_scale:.4g} N; '
-        f'{counted(result.step_count, "step")}, {counted(result.product_count, "product")}, '
+        f'{counted(result.step_count, "iteration")}, '
+        f'{counted(result.product_count, "Hessian-vector product")}, '
         f'{seconds:.3g} s']
     if not result.converged:
         worst = ', '.join(map(str, result.worst_bodies))
@@ -203,15 +204,15 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
             'contacts would have to carry it')
     elif result.mechanism_count >= 0:
         lines.append(
-            f'motions    {result.mechanism_count:,} of zero energy, {result.unstable_count:,} '
-            'decrease it')
+            f'motions    {result.mechanism_count:,} zero-energy motions, '
+            f'{result.unstable_count:,} motions that decrease the energy')
     else:
         lines.append('motions    zero-energy motions could not be counted')
     if result.converged and result.branches:
         lines.append(f'at a kink  {kink_text(len(result.at_kink), result.anchors_at_kink)}')
         lines += [
-            f'           if all of these {branch}: {counts.zero:,} motions of zero energy, '
-            f'{counts.negative:,} decrease it'
+            f'           if all of these {branch}: {counts.zero:,} zero-energy motions, '
+            f'{counts.negative:,} motions that decrease the energy'
             for branch, counts in result.branches.items() if counts.zero >= 0]
         lines.append(
             '           small motions about it do not superpose')
@@ -283,7 +284,7 @@ def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]
             found.names, found.point.tolist(), found.force.tolist(), found.torque.tolist())}
 
 
-def _rubs(scene: 'Scene') -> bool:
+def _has_friction(scene: 'Scene') -> bool:
     """Return whether shells can touch with friction."""
     from icofabric_sim.statics.friction import FrictionPath
 

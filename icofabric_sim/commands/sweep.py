@@ -15,8 +15,8 @@ from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
+    CommandFailed,
     duration_text,
-    FileSaysNo,
     InputError,
     notes,
     Progress,
@@ -37,7 +37,7 @@ _WRITE_AFTER, _WRITE_TIMES = 2.0, 20.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    add_scene_arguments(parser, 'STUDY|SCENE')
+    add_scene_arguments(parser, 'STUDY|SCENE', 'a sweep file (STUDY), see docs/howto/sweep.md')
     parser.add_argument(
         '--vary', metavar='NAME:=VALUES', action='append', default=[],
         help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 for 13 values, "
@@ -112,7 +112,7 @@ def main(arguments: argparse.Namespace) -> int:
         try:
             draw_sweep(picture, name, study.table(outcomes), arguments.columns)
         except ValueError as error:
-            raise FileSaysNo(f'--picture {picture}: {error}') from error
+            raise CommandFailed(f'--picture {picture}: {error}') from error
         say(f'drawn to {picture}')
     return int(any(outcome.reason for outcome in outcomes))
 
@@ -259,7 +259,7 @@ def _gather(
             kept = f'; {_save_finished(study, output)}' if outcomes else ''
             raise InputError(f'{error}{kept}') from error
         except SchedulerLost as error:
-            raise FileSaysNo(f'{error}; {_save_finished(study, output)}') from error
+            raise CommandFailed(f'{error}; {_save_finished(study, output)}') from error
     _save(study, outcomes, output)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    add_scene_arguments(parser, 'SCENE|BAG')
+    add_scene_arguments(parser, 'SCENE|BAG', 'the folder of a bag')
     parser.add_argument(
         '--host', default='127.0.0.1',
         help='address to serve at; other addresses than this machine require a token '

@@ -21,7 +21,7 @@ import signal
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from icofabric_sim.terminal import bad_input, duration_text, FileSaysNo, InputError, Progress
+from icofabric_sim.terminal import bad_input, CommandFailed, duration_text, InputError, Progress
 
 if TYPE_CHECKING:
     from icofabric_sim.simulation.simulation import Simulation
@@ -76,9 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
     parser.add_argument(
         'scenes', metavar='SCENE', nargs='*',
-        help='example scenes or parameter files; without one: all example scenes, common changes '
-             'of '
-        'parameters, and the verbs')
+        help='example scenes or parameter files (default: all example scenes, variants with '
+             'common parameter changes, and the kernels of statics, modes and elasticity)')
     parser.add_argument(
         '-j', '--processes', type=int, metavar='N', default=len(os.sched_getaffinity(0)),
         help='compile in N processes (default: one for each core)')
@@ -104,7 +103,7 @@ def main(arguments: argparse.Namespace) -> int:
         f'{ready} {"kernel variant is" if ready == 1 else "kernel variants are"} ready after '
         f'{duration_text(time.monotonic() - begun)}')
     if failed:
-        raise FileSaysNo('not compiled: ' + '; '.join(failed))
+        raise CommandFailed('not compiled: ' + '; '.join(failed))
     return 0
 
 
@@ -153,7 +152,7 @@ def _compile_batch(kinds: Sequence[Variant], processes: int) -> Iterator[tuple[V
                 try:
                     yield waiting[finished], finished.result()
                 except BrokenProcessPool as error:
-                    raise FileSaysNo(
+                    raise CommandFailed(
                         'a compiling process was killed, e.g. for lack of memory; '
                         'try --processes 1') from error
         except BaseException:

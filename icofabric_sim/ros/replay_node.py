@@ -40,13 +40,13 @@ def main(argv: list[str] | None = None) -> int:
         print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
         return 0
     with import_without_gc():
-        from icofabric_sim.terminal import FileSaysNo, InputError
+        from icofabric_sim.terminal import CommandFailed, InputError
         import rclpy
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
     try:
         return _run(argv, signals)
-    except FileSaysNo as error:
+    except CommandFailed as error:
         print(f'replay_node: {error}', file=sys.stderr)
         signals.ignore(1)
         return 1

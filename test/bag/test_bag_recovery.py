@@ -228,7 +228,7 @@ def test_recovering_a_whole_bag_copies_it(
         assert copy.topics == source.topics
         assert copy.topics['/poses'].depth == 3 and copy.topics['/weave'].latched
         assert copy.custom == source.custom == {'version': '1'}
-    with pytest.raises(BagError, match='exists and is never overwritten'):
+    with pytest.raises(BagError, match='already exists and will not be overwritten'):
         recover_bag(tmp_path / 'bag', tmp_path / 'copy')
     with BagReader(tmp_path / 'copy') as copy:
         assert list(copy.messages()) == records

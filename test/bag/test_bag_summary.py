@@ -149,7 +149,7 @@ def test_failure_and_overlap_of_the_run_are_in_the_summary(tmp_path: Path) -> No
         recorder.add_topic('/clock', ClockBytes.TYPE)
         recorder.write('/clock', 0, ClockBytes().stamped(0))
     summary = summarise_bag(tmp_path / 'bag')
-    assert summary.failure == custom['failure'] and summary.proximity == custom['proximity']
+    assert summary.failure == custom['failure'] and summary.overlap_text == custom['proximity']
     assert summary.first is None and summary.largest_displacement == (0.0, -1)
     assert all(value in '\n'.join(summary.lines()) for value in custom.values())
 
@@ -165,9 +165,9 @@ def test_what_was_done_to_the_run_is_in_the_summary(tmp_path: Path) -> None:
     ]).run()
     text = '\n'.join(summarise_bag(tmp_path / 'bag').lines())
     for words in (
-        '2 re-weaves, 1 reset, 4 pauses, 1 call of ~/step, 1 checkpoint saved',
-        '5 solver steps taken', 't = 0.06 s  continued with: connector.stiffness',
-        't = 0.09 s  fabric rebuilt with: weave.size; wrenches ended: body 13',
+        '2 fabric changes, 1 reset, 4 pauses, 1 call of ~/step, 1 checkpoint saved',
+        '5 solver steps taken', 't = 0.06 s  rebuilt with: connector.stiffness',
+        't = 0.09 s  re-woven with: weave.size; wrenches ended: body 13',
         f'a checkpoint was saved to {tmp_path}', 'checkpoints  t = 0.04 s (in the bag)',
     ):
         assert words in text, words
@@ -181,7 +181,7 @@ def test_events_of_another_version_are_told_as_far_as_they_are_known() -> None:
     assert told('reset', time_reset=True, dropped=3) == (
         'reset to the initial state and to time 0 (3 waiting wrenches dropped)')
     assert told('reweave', changed=['a', 'b', 'c', 'd', 'e', 'f'], lost=3) == (
-        'continued with: a, b, c, d and 2 more')
+        'rebuilt with: a, b, c, d and 2 more')
     assert 'None' in told('failed') and 'x.checkpoint' in told(
         'checkpoint_restored', path='x.checkpoint', of=0.5)
     assert told('state_set', body=3) == 'body 3 was set to a new state'

@@ -329,7 +329,7 @@ def test_overlap_is_said_once_and_in_the_summary(call: Callable[..., Result]) ->
     assert result.status == 0
     assert result.err.count('body 14 and body 15 overlap by') == 1
     assert re.search('^overlap +body 14 and body 15 overlap', result.out, re.MULTILINE)
-    assert 'body 14 and body 15' in summarise_bag('bag').proximity
+    assert 'body 14 and body 15' in summarise_bag('bag').overlap_text
 
 
 def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) -> None:
@@ -780,7 +780,7 @@ def test_modes_lists_frequencies_and_mechanisms(
     done = call(
         'modes', 'swing.yaml', '--output', 'out', '--picture', 'm.png', '--bands', 'b.png')
     assert done.status == 0, done.err
-    held = re.search(r'freedoms +(\d+)', done.out)
+    held = re.search(r'DOF +(\d+)', done.out)
     assert held is not None and 'states of self-stress' in done.out
     rates = (tmp_path / 'out' / 'frequencies.csv').read_text().splitlines()[1:]
     found = re.search(r'zero energy (\d+)', done.out)

@@ -130,7 +130,7 @@ def test_a_new_scene_is_one_and_says_what_was_chosen(
     assert other.supports is None and not any(other.parameters['gravity'])
     capsys.readouterr()
     for file, words, named in (
-        (path, [], 'never overwritten'), (tmp_path / 'x.txt', [], '.yaml'),
+        (path, [], 'will not be overwritten'), (tmp_path / 'x.txt', [], '.yaml'),
         (tmp_path / 'x.yaml', ['--angle', '14'], 'degrees'),
         (tmp_path / 'x.yaml', ['--size', '0', '1', '1'], 'weave.size'),
     ):

@@ -10,7 +10,7 @@ from itertools import product
 
 from fabrics import make_scene, snapshot_of
 import icofabric_sim as ico
-from icofabric_sim.commands.rest_outputs import RestOutputs
+from icofabric_sim.commands.equilibrium_outputs import EquilibriumOutputs
 from icofabric_sim.scene.shell_gaps import pair_gaps, smallest_gap
 from icofabric_sim.scene.weave_geometry import MINIMUM_ANGLE
 from icofabric_sim.simulation.contact.setup import ContactSetup
@@ -109,7 +109,7 @@ def test_motion_with_contact_keeps_energy_and_momenta(angle):
 @pytest.mark.parametrize('weave', ['variant 0', 'bias', 'radial'])
 def test_pictures_show_shells(angle, weave, tmp_path):
     scene = woven(angle, weave)
-    RestOutputs(None, tmp_path / 'p.png').draw(
+    EquilibriumOutputs(None, tmp_path / 'p.png').draw(
         'fabric', scene, [(scene.position, scene.orientation, 'as woven')])
     seen = imread(tmp_path / 'p.png')[:, :, :3]
     assert ((seen < 0.92).any(axis=2)).mean() > 0.02

@@ -155,4 +155,4 @@ def test_the_scene_chooses_it_where_no_argument_does(tmp_path, capsys):
     assert main(['statics', str(path), '--objective', 'energy', '--load-steps', '1']) == 0
     assert 'contact    0 pairs of shells and 1 shells on planes' in capsys.readouterr().out
     assert main(['statics', str(path), '--load-steps', '2']) == 2
-    assert 'take --objective energy' in capsys.readouterr().err
+    assert 'requires --objective energy' in capsys.readouterr().err

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 import warnings
 
-from icofabric_sim.commands.report import add_json_numbers_argument, print_json, words_aside
+from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, Progress, require_place
 
@@ -74,7 +74,7 @@ def main(arguments: argparse.Namespace) -> int:
     if 'scaling' in wanted and (folder is not None or arguments.json):
         require_library('matplotlib', 'a picture')
     report: dict[str, Any] = {}
-    with words_aside(arguments.json):
+    with text_to_stderr(arguments.json):
         for k, word in enumerate(dict.fromkeys(wanted)):
             if k:
                 print()

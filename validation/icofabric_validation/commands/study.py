@@ -14,8 +14,8 @@ from icofabric_sim.commands.report import add_json_numbers_argument, print_json
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import (
     bad_input,
+    CommandFailed,
     duration_text,
-    FileSaysNo,
     InputError,
     notes,
     Progress,
@@ -195,7 +195,7 @@ def _outcomes(
                 work.done += stage.seconds
                 progress.update(work.done)
         except (SchedulerLost, WorkersDiffer) as error:
-            raise FileSaysNo(f'{error}; the same command continues') from error
+            raise CommandFailed(f'{error}; the same command continues') from error
     return found
 
 

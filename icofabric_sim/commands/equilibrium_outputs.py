@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 _BODIES = (
     'body', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'reaction_x_n', 'reaction_y_n',
     'reaction_z_n', 'reaction_torque_x_nm', 'reaction_torque_y_nm', 'reaction_torque_z_nm')
-_TOUCHED = tuple(
+_CONTACT = tuple(
     f'contact_{name}_{axis}_{unit}' for name, unit in (('force', 'n'), ('torque', 'nm'))
     for axis in 'xyz')
-_UNBALANCED = tuple(name.replace('contact_', 'unbalanced_') for name in _TOUCHED)
+_UNBALANCED = tuple(name.replace('contact_', 'unbalanced_') for name in _CONTACT)
 _CONNECTORS = ('connector', 'first', 'second', 'length_m', 'tension_n')
 
 
@@ -42,7 +42,7 @@ def touch_text(count: int) -> str:
         'compression')
 
 
-class RestOutputs(NamedTuple):
+class EquilibriumOutputs(NamedTuple):
     """Destinations of tables and pictures, if any."""
 
     folder: Path | None
@@ -63,7 +63,7 @@ class RestOutputs(NamedTuple):
             head: tuple[str, ...] = _BODIES
             columns = [snapshot.position, snapshot.orientation, reaction]
             if contacts is not None:
-                head += _TOUCHED
+                head += _CONTACT
                 columns.append(contacts.resultants(scene.body_count))
                 touching = contacts.table()
                 self.table('contacts.csv', tuple(touching), zip(*touching.values()))
@@ -139,15 +139,15 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--picture', metavar='FILE', help='draw start and equilibrium to this PNG')
 
 
-def outputs_of(arguments: argparse.Namespace) -> RestOutputs:
+def outputs_of(arguments: argparse.Namespace) -> EquilibriumOutputs:
     """Return the requested outputs."""
     folder = None if arguments.output is None else Path(arguments.output).expanduser()
     picture = picture_path(arguments, 'picture')
     if folder is not None and folder.exists() and not folder.is_dir():
-        raise InputError(f'--output {folder} is a file; name a folder')
+        raise InputError(f'--output {folder} is a file; give a folder')
     if folder is not None:
         require_place('--output', folder, is_folder=True)
-    return RestOutputs(folder, picture)
+    return EquilibriumOutputs(folder, picture)
 
 
 def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
