@@ -41,7 +41,7 @@ class Sample(NamedTuple):
     """Sampling method, count and seed for ranges without a count."""
 
     method: str
-    count: int
+    point_count: int
     seed: int
 
 
@@ -88,7 +88,7 @@ def make_plan(
         'vary', vary, 'a dictionary of parameters and their values'))
     values = {name: parse_values(name, found) for name, found in given.items()}
     drawn = {name: found for name, found in values.items()
-             if isinstance(found, Range) and found.count is None}
+             if isinstance(found, Range) and found.value_count is None}
     wanted = _sample(sample, drawn)
     listed = {
         name: found.values(is_integer=parse_name(name).is_integer)
@@ -118,7 +118,7 @@ def draw(ranges: Mapping[str, Range], sample: Sample) -> list[tuple[Any, ...]]:
     size = len(ranges)
     generator = np.random.default_rng(sample.seed)
     if sample.method == 'random':
-        places = generator.random((sample.count, size))
+        places = generator.random((sample.point_count, size))
     else:
         places = _points(sample, size)
     kinds = [parse_name(name).is_integer for name in ranges]
@@ -139,8 +139,9 @@ def _points(sample: Sample, size: int) -> np.ndarray:
         engine = kind(d=size, seed=generator)
     if sample.method == 'sobol':
         # SciPy warns of counts that are no power of two, because such samples are unbalanced.
-        return np.asarray(engine.random_base2(math.ceil(math.log2(sample.count))))[:sample.count]
-    return np.asarray(engine.random(sample.count))
+        return np.asarray(engine.random_base2(
+            math.ceil(math.log2(sample.point_count))))[:sample.point_count]
+    return np.asarray(engine.random(sample.point_count))
 
 
 def _sample(given: Any, drawn: Mapping[str, Range]) -> Sample | None:

@@ -43,7 +43,7 @@ class Range(NamedTuple):
 
     low: float
     high: float
-    count: int | None  # values; None: to be sampled
+    value_count: int | None  # None: to be sampled
     logarithmic: bool
 
     def at(self, place: float, *, is_integer: bool) -> float | int:
@@ -61,11 +61,11 @@ class Range(NamedTuple):
 
     def values(self, *, is_integer: bool) -> list[float | int]:
         """Return evenly spaced values, both ends included."""
-        assert self.count is not None
-        if self.count == 1:
+        assert self.value_count is not None
+        if self.value_count == 1:
             places = np.zeros(1)
         else:
-            places = np.linspace(0.0, 1.0, self.count)
+            places = np.linspace(0.0, 1.0, self.value_count)
         found = [self.at(float(place), is_integer=False) for place in places]
         return [round(value) for value in found] if is_integer else found
 
@@ -147,17 +147,17 @@ def _checked(text: str, name: Name, found: Range) -> Range:
     if found.logarithmic and not found.low > 0.0:
         raise ValueError(
             f'vary: {text}: a logarithmic range must start above 0, got {found.low:g}')
-    if found.count is not None and not 2 <= found.count <= _MAX_RANGE_COUNT:
+    if found.value_count is not None and not 2 <= found.value_count <= _MAX_RANGE_COUNT:
         raise ValueError(
             f'vary: {text}: the count of a range must be from 2 to {_MAX_RANGE_COUNT:,}, '
-            f'got {found.count}')
+            f'got {found.value_count}')
     if name.is_integer:
         if found.low != int(found.low) or found.high != int(found.high) or found.logarithmic:
             raise ValueError(
                 f'vary: {text} is an integer: both ends must be integers and the spacing linear, '
                 f'got {found.low:g} to {found.high:g}')
-        if found.count is not None and (found.high - found.low) % (found.count - 1):
+        if found.value_count is not None and (found.high - found.low) % (found.value_count - 1):
             raise ValueError(
-                f'vary: {text}: {found.count} evenly spaced values from {found.low:g} to '
+                f'vary: {text}: {found.value_count} evenly spaced values from {found.low:g} to '
                 f'{found.high:g} are not all integers; list the values')
     return found

@@ -248,7 +248,7 @@ def test_refused_places(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('mine')
     (tmp_path / 'link').symlink_to(tmp_path / 'nowhere')
     for name in ('folder', 'file', 'link'):
-        with pytest.raises(BagError, match=f'record.path: .*{name} exists and is never overwri'):
+        with pytest.raises(BagError, match=f'record.path: .*{name} already exists and will not'):
             BagRecorder(tmp_path / name)
     assert (tmp_path / 'file').read_text() == 'mine'
     with pytest.raises(BagError, match='record.path: cannot write a bag to .*Not a directory'):
