@@ -132,7 +132,7 @@ def test_modules_that_comments_name_exist():
 def test_page_of_the_node_names_every_topic_and_strain_class():
     text = (ROOT / 'docs' / 'ros.md').read_text(encoding='utf-8')
     assert all(f'`{topic.name}`' in text for topic in TOPICS)
-    recorded = {Recorded.NEVER: 'no', Recorded.IF_MEASURED: 'option'}
+    recorded = {Recorded.NEVER: 'no', Recorded.IF_MEASURED: 'if `record.measured`'}
     for topic in TOPICS:
         if not topic.rate:
             continue
