@@ -22,7 +22,7 @@ from launch_ros.actions import Node
 # Argument, its type, and what it means; an empty one leaves the default of replay_node.
 OPTIONS = (
     ('fabric', str, 'name of the recorded node; empty: the first in the bag'),
-    ('rate', float, 'recorded over wall time, 0: as fast as possible'),
+    ('rate', float, 'ratio of recorded to wall time, 0: as fast as possible'),
     ('start_offset', float, 'how far into the bag to begin [s]'),
     ('loop', bool, 'true: start over at the end'),
     ('stay', bool, 'true: stand still at the end instead of ending'),

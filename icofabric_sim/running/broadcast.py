@@ -50,7 +50,7 @@ class Sink(Protocol):
     @property
     def is_bag(self) -> bool:
         """
-        Return whether the sink stores messages; repeats for late subscribers are then omitted.
+        Return whether the sink needs no repeats for late subscribers, e.g. a bag.
         """
 
     def time_jumped_back(
@@ -72,7 +72,7 @@ class Recorder(Sink, Protocol):
         self, on: bool, simulation: Simulation, parameters: Parameters, status: Status
     ) -> str:
         """
-        Start or stop recording; return the path of the bag, or a sentence.
+        Start or stop recording; return a sentence on the result.
 
         `parameters` are those in force, `status` is the present status of the run.
         """
@@ -127,8 +127,8 @@ class Broadcast:
         """
         Send the scene and its present state to all sinks, or only to `only`.
 
-        `cleared` removes the markers of an earlier scene. A bag gets a checkpoint first, unless it
-        contains the `whole` run, whose scene defines the start.
+        `cleared` removes the markers of an earlier scene. `whole`: the run starts now, so that the
+        scene defines the state, and a bag needs no checkpoint.
         """
         self.describe_scene(now, only)
         if not whole:
@@ -200,9 +200,9 @@ class Broadcast:
         only: Sequence[Sink] | None = None
     ) -> None:
         """
-        Send all `chosen` messages of the present time that a sink accepts, or none yet.
+        Send each sink its `chosen` messages of the present time, or defer all of them.
 
-        The messages are deferred while measuring kernels are being prepared; simulated time waits.
+        They are deferred while kernels of one of them are being prepared; simulated time waits.
         """
         self._owe(
             topics.PERIODIC if chosen is None else chosen, self.sinks if only is None else only)
@@ -246,7 +246,7 @@ class Broadcast:
         return bool(self._owed)
 
     def waits_for(self) -> float:
-        """Return the wall time [s] since measuring kernels are being prepared, otherwise 0."""
+        """Return how long [s] kernels of measured forces have been in preparation, 0 if none."""
         cells = self._cells
         return 0.0 if cells is None or cells.are_ready else cells.seconds
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Comparison of the rotation formulations: quaternions (10 N) and direction cosines (15 N).
+Comparison of the rotation formulations: quaternions and direction cosines.
 
 Both take the same steps, so that they differ only by round-off, which the motion amplifies. A
 third run with quaternions and a disturbed start measures the amplification.
@@ -63,11 +63,13 @@ def cross_check(
     """
     Integrate `scene` for `duration` [s] in both formulations and compare.
 
-    The bound: an evaluation rounds each coordinate by at most ROUNDINGS_PER_EVALUATION units in
-    the last place, eps X / a for positions as large as X, eps for orientations. Until now, errors
-    added at any time have grown by at most the largest growth of the third run so far. The
-    round-off of n evaluations in each of two runs adds up as sqrt(2 n) if the single errors are
-    independent (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
+    The bound of the difference is r sqrt(2 n) g:
+
+    - r: round-off of a force evaluation, ROUNDINGS_PER_EVALUATION units in the last place. A unit
+      is eps X / a for positions as large as X, and eps for orientations.
+    - n: force evaluations of each of the two runs so far. Independent errors add up as sqrt(2 n)
+      (Higham and Mary 2019, SIAM J. Sci. Comput. 41, A2815).
+    - g: largest growth of the disturbance of the third run so far.
     """
     quaternions = compile_scene(scene, rotation='quaternion')
     cosines = compile_scene(scene, rotation='direction_cosines')

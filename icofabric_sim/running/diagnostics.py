@@ -61,8 +61,8 @@ def describe(
     """
     Return the diagnostics of `status`.
 
-    `faults` are further reasons for ERROR (disk, rejected change) and `notes` reasons for WARN (a
-    foreign clock), by name; `before` are the values of the last report.
+    `faults` are further reasons for ERROR (disk, rejected change) and `notes` reasons for WARN
+    (another publisher of /clock), by name; `before` are the values of the last report.
     """
     errors = [status.failure] if status.failure else []
     errors += faults.values()
@@ -115,7 +115,7 @@ def describe_start(name: str, compiling: float) -> DiagnosticStatus:
     """
     Return the status of a node that has no run yet.
 
-    It has compiled for `compiling` [s], or does not compile if that is 0.
+    `compiling`: time [s] spent compiling so far, 0 if nothing is being compiled.
     """
     spent = f'for {compiling:.0f} s so far'
     values = {'simulated time [s]': f'{0.0:.9f}', 'compiling': spent if compiling else 'no'}

@@ -40,9 +40,7 @@ class EquilibriumSolve:
         self._is_solving = False
 
     def start(self, found: 'Future[Any]') -> None:
-        """
-        Start to solve from the thread of the run; `found` receives a sentence, or the reason.
-        """
+        """Start to solve from the thread of the run; `found` gets a sentence or an exception."""
         try:
             self._require_paused()
             # Imported here, because a run seldom needs it.
@@ -91,7 +89,7 @@ class EquilibriumSolve:
         # Compared with the state at the start of the solve.
         if state.simulation.snapshot() is not present.snapshot:
             raise RuntimeError(
-                f'the fabric or its loads have changed during the search; {_UNCHANGED}')
+                f'the fabric or its loads have changed during the solve; {_UNCHANGED}')
         is_least = present.objective == 'resultants'
         facts = {
             'verdict': result.verdict, 'residual': result.residual,

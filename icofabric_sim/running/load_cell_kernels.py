@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that measure reactions and contacts, prepared in a thread for the first subscriber."""
+"""Kernels of measured forces (reactions, contacts), prepared in a thread on first demand."""
 
 from contextlib import suppress
 import threading
@@ -12,7 +12,7 @@ from icofabric_sim.simulation.simulation import Simulation
 
 
 class LoadCellKernels:
-    """Measuring kernels of one simulation; a large scene loads them where they are used."""
+    """Kernels of the measured forces of one simulation; a large scene loads them on first use."""
 
     def __init__(self, simulation: Simulation) -> None:
         """Start to load the kernels, or to compile them if they are not on disk."""

@@ -82,7 +82,7 @@ class RealTimeFactor:
         """
         Return the wall time [s] to wait at simulated time `now` [ns] for the target factor.
 
-        Call again after the wait, which ends with that call.
+        The next call marks the end of the wait.
         """
         clock = wall.monotonic()
         if self._waits_since is not None:
@@ -126,7 +126,7 @@ class RealTimeFactor:
         text = f'{steps:.0%} of the time is spent in steps, {rest:.0%} in messages and changes'
         got = (last.processor - first.processor) / busy
         if got < _SHARED_RATIO:
-            text += f'; the processor is shared: this thread got {got:.0%} of one'
+            text += f'; the processor is shared: this thread got {got:.0%} of a core'
         return text
 
     def _mark(self, clock: float, now: int) -> Mark:

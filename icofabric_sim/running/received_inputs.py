@@ -86,7 +86,7 @@ class ReceivedInputs:
         full_name: Callable[[str], str],
     ) -> None:
         """
-        Receive for `run`; `put` runs a call in its thread.
+        Receive for `run`; `put` executes a call in the thread of the run.
 
         `record` takes topic, type, time [ns] and message after an input has acted; `full_name`
         returns the topic name for warnings.
@@ -130,7 +130,7 @@ class ReceivedInputs:
             return
         if len(self) >= MAX_WAITING_INPUTS:
             self._drop(
-                topic, f'{MAX_WAITING_INPUTS:,} wrenches are already waiting for their stamps')
+                topic, f'{MAX_WAITING_INPUTS:,} inputs are already waiting for their stamps')
             return
         target, stamp = received.target, received.stamp
         if isinstance(target, PullTarget):
@@ -211,8 +211,8 @@ class ReceivedInputs:
             self.dropped += count
             topics = sorted({self._full_name(event.message.topic) for event in lost})
             _LOGGER.warning(
-                '%d waiting wrench%s dropped (%s; the first for t = %.9g s): %s', count,
-                ' was' if count == 1 else 'es were', ', '.join(topics), lost[0].time, reason)
+                '%d waiting input%s dropped (%s; the first for t = %.9g s): %s', count,
+                ' was' if count == 1 else 's were', ', '.join(topics), lost[0].time, reason)
         return count
 
     def _drop(self, topic: str, reason: str) -> None:

@@ -116,8 +116,8 @@ class BagSink:
     """
     Sink of the runner that writes bags, one after the other as recording is switched off and on.
 
-    Called from the thread of the simulation, which no disk blocks: an error ends the bag, is
-    passed once to `on_error`, and the run continues. Recording can be switched on again.
+    Called from the thread of the simulation. A disk error ends the bag and is passed once to
+    `on_error`; the run continues. Recording can be switched on again.
     """
 
     def __init__(

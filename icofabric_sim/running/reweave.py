@@ -57,8 +57,8 @@ class Reweaver:
     """
     Builder of the requested scene; requests during a build are combined into one more build.
 
-    If that build fails, the request before it is built, so that a rejected change does not take
-    others with it.
+    If a build fails, the request before it is built, so that one bad change does not discard the
+    others.
     """
 
     def __init__(
@@ -72,14 +72,13 @@ class Reweaver:
         has_time: Callable[[], bool] = lambda: True,
     ) -> None:
         """
-        Return results by `post`, which runs `on_ready` in the runner's thread.
+        Pass results to `on_ready`, which `post` runs in the runner's thread.
 
-        The result is the simulation, or None and the reason, after the requested parameters: their
-        output rates may be newer than those in the built scene. The changes that it answers are
-        passed too; a rejection may follow a successful build. `body_force` is kept, and
-        `ranks` share the steps of the new fabric. If shells of the running fabric are in contact
-        (`is_touching`), those of the new fabric may be from its first step. `has_time`: the run
-        has spare time.
+        Its arguments are the requested parameters, whose output rates may be newer than those of
+        the built scene; the simulation, or None and the reason; and the changes that are answered.
+        A rejection may follow a successful build. `body_force` is kept, and `ranks` share the
+        steps of the new fabric. If shells of the running fabric are in contact (`is_touching`),
+        the swap waits for the kernels for contacts. `has_time`: the run has spare time.
         """
         self._post, self._has_time = post, has_time
         self._on_ready = on_ready

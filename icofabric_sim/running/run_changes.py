@@ -86,7 +86,7 @@ class RunChanges:
         """Stop or resume simulated time; return the time [ns]."""
         state = self._state
         if paused or state.paused:
-            self._time.end_requests('ended by a pause' if paused else 'time runs on')
+            self._time.end_requests('ended by a pause' if paused else 'the run was resumed')
         state.paused = paused
         self._broadcast.event(state.now, 'pause' if paused else 'resume')
         self._real_time.restart(state.now)
@@ -98,7 +98,7 @@ class RunChanges:
         """
         state = self._state
         self._time.end_requests('ended by a reset')
-        dropped = self._inputs.drop_waiting('a reset came before')
+        dropped = self._inputs.drop_waiting('the run was reset before their stamps')
         ended = self._fresh_status()
         time_reset = state.parameters['reset_time'] if wanted is None else wanted
         facts = {'time_reset': time_reset, 'dropped': dropped}
@@ -145,7 +145,7 @@ class RunChanges:
         checkpoint, ended = Checkpoint.load(path), self._fresh_status()
         state.simulation.restore(checkpoint)
         self._time.end_requests('ended by a restored checkpoint')
-        dropped = self._inputs.drop_waiting('a checkpoint was restored before')
+        dropped = self._inputs.drop_waiting('a checkpoint was restored before their stamps')
         self._broadcast.event(
             state.now, 'checkpoint_restored', path=str(path), of=state.simulation.time,
             dropped=dropped)
@@ -284,5 +284,5 @@ class RunChanges:
             state.now, 'reweave', restarts=restarts, lost=lost, dropped=dropped,
             changed=sorted(changed_names(state.parameters, wanted)))
         self._log.log(
-            'change', f'the changed fabric runs since t = {seconds(state.now):.9g} s: '
+            'change', f'the changed fabric has been running since t = {seconds(state.now):.9g} s: '
             f'{counted(simulation.scene.body_count, "body")}, step {simulation.status.step:.3g} s')

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Effects of the events of a run on the motion, and the outputs that follow them.
+Changes of the motion by the events of a run, and the outputs sent after them.
 
 The run, `icofabric verify` and `~/continue` all use these functions, so that a bag is interpreted
 in the same way.
@@ -18,7 +18,7 @@ from icofabric_sim.running.entities import checked_parts, set_body_state, STATE_
 from icofabric_sim.simulation.simulation import Simulation
 import numpy as np
 
-# A pause continues after the end of an advance.
+# A paused run pauses again at the end of an advance.
 _RUNS_AFTER = {
     'pause': False, 'resume': True, 'advance': True, 'advanced': False, 'advance_ended': False}
 # The present state is sent with them instead of the outputs due at that time.

@@ -49,7 +49,7 @@ class RunMonitor:
 
     @property
     def is_bag(self) -> bool:
-        """Return whether the sink stores messages."""
+        """Return True: repeats for late subscribers are not needed."""
         return True
 
     def wants(self, topic: Topic) -> bool:

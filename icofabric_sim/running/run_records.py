@@ -12,7 +12,7 @@ import numpy as np
 
 
 class Errors(NamedTuple):
-    """Errors of the integrator: the larger of position over a and orientation in rad."""
+    """Errors of the integrator: the larger of position over half edge a and orientation [rad]."""
 
     rate: float  # at present, per second
     estimate: float  # since the start, without amplification
@@ -28,12 +28,12 @@ class Status(NamedTuple):
     factor: float  # recent ratio of simulated to wall time
     target_factor: float
     step: float  # [s]
-    limit: float  # [s]
+    limit: float  # stability limit of the step [s]
     step_count: int
     body_count: int
     connector_count: int
     loads_active: int
-    dropped: int  # wrenches that were too late, or without target
+    dropped: int  # received inputs that never acted
     proximity: str
     method: str
     tolerance: float  # [1/s]
@@ -52,7 +52,7 @@ class Status(NamedTuple):
     waits: str = ''  # reason why simulated time waits; '': it does not
     evaluations: int = 0  # force evaluations of the trajectory
     estimations: int = 0  # other force evaluations
-    shown: int = 0  # of these for states that were shown
+    shown: int = 0  # those of `estimations` for states between steps
     lag: float = 0.0  # longest waiting time of a request since the last report [s]
 
 

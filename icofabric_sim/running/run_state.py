@@ -14,7 +14,7 @@ class RunState:
     """One simulation in time; `now` is always a whole number of nanoseconds."""
 
     simulation: Simulation
-    parameters: Parameters  # in force: rates and the like may differ from the scene's
+    parameters: Parameters  # in force; output rates, duration etc. may differ from the scene's
     now: int  # [ns]
     paused: bool
     failure: str = ''  # why simulated time has stopped; '': it has not
@@ -36,7 +36,7 @@ class RunState:
         self.now = max(self.now, nanoseconds_not_before(self.simulation.time))
 
     def require_sound(self, what: str) -> None:
-        """Raise RuntimeError with `what` after a failure."""
+        """Raise RuntimeError if the simulation has failed; `what` names the rejected action."""
         if self.failure:
             raise RuntimeError(
                 f'{what}: the simulation has stopped ({self.failure}); reset it first')

@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runner of a simulation: inputs at their times, outputs by schedule, at the target real-time factor.
+Simulation run at a target real-time factor, with inputs at their times and scheduled outputs.
 
 One runner serves the node (own thread, live topics and bag) and `icofabric run` (no graph, bag
 only). It is a loop over three parts: commands from other threads (command_queue.py), their effects
 on the run (run_changes.py), and the advance of simulated time (time_advance.py).
 
 Between two calls of the simulation the time is always a whole number of nanoseconds. Every input
-therefore acts at a time that a bag can hold, and a run is reproducible bit by bit. Other
-operations on a run (pause, steps, reset, re-weave, ...) are published as events and recorded like
-inputs, before any state that they changed.
+therefore acts at a time that a ROS time stamp holds exactly, and a run is reproducible bit by bit.
+Other operations on a run (pause, steps, reset, re-weave, ...) are published as events and recorded
+like inputs, before any state that they changed.
 """
 
 from collections.abc import Callable, Mapping
@@ -62,7 +62,7 @@ class Runner:
         """
         Start at the present time of the simulation, paused if `start_paused` is set.
 
-        `parameters` are in force if rates and the like differ from the scene's. `on_rebuilt` is
+        `parameters` are in force if output rates etc. differ from the scene's. `on_rebuilt` is
         called after each change of the scene with the requested parameters and the reason for a
         failure ('' for success). `report` formats /diagnostics. `full_name` returns topic names
         for warnings.
@@ -169,7 +169,7 @@ class Runner:
 
     def advance(self, request: AdvanceRequest | None = None) -> 'Future[Any]':
         """
-        Advance by `advance_duration`, and publish the resulting state; a pause then continues.
+        Advance by `advance_duration`, and publish the resulting state; a paused run pauses again.
 
         The result is the time [ns] reached. While time runs, the call only waits for that time. A
         pause, a reset or the end of `run` ends it early, with a RuntimeError.
@@ -216,7 +216,7 @@ class Runner:
 
     def set_recording(self, on: bool) -> 'Future[Any]':
         """
-        Open a new bag from the present state on, or close the present one; the result is its path.
+        Start a bag from the present state on, or close the present one; the result is a sentence.
         """
         return self.post(lambda: self.changes.set_recording(on))
 
@@ -264,7 +264,7 @@ class Runner:
         """
         Advance until stopped or, with `until_finished`, until the duration has passed.
 
-        None: while a duration is in force, so that one set later also ends the run. `progress`
+        None: like True while a `duration` is set, also one set later. `progress`
         receives the simulated time [s] from time to time. A failure of the simulation stops
         simulated time, is stored in `failure`, and ends the run with `until_finished`.
         """
@@ -281,7 +281,7 @@ class Runner:
         finally:
             state.simulation.should_stop = None
             self._time.requests.end('the run has ended', state.now)
-            self.inputs.drop_waiting('the run ended before')
+            self.inputs.drop_waiting('the run ended before their stamps')
             self._fresh_status()
         # Breakages since the last output; others are sent with the outputs.
         self._broadcast.emit(state.now, [BROKEN])

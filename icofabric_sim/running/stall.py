@@ -3,15 +3,15 @@
 """
 Detection of a stall: simulated time almost stops because the motion has become too fast.
 
-For live runs only: a stopped clock explains nothing, and its subscribers would wait for ever.
+For live runs only: their subscribers would wait for the clock without knowing why.
 Force evaluations are counted instead of time, so that a busy machine does not end a run.
 """
 
 from collections.abc import Callable
 
-# Limits of force evaluations per simulated second: a multiple of those that the scene's terms
-# need, and a number divided by the body count, which is at least the last value. A rate above both
-# limits is a stall; about ten times as many can be computed in a second.
+# Limits of force evaluations per simulated second: _MAX_USUAL_RATIO times those that the scene's
+# terms need, and _MAX_BODY_RATE over the body count, or over _MIN_BODIES if that is larger. A rate
+# above both is a stall; about ten times as many can be computed in a second.
 _MAX_USUAL_RATIO, _MAX_BODY_RATE, _MIN_BODIES = 1e3, 3e8, 32
 # Contacts need at most a fifth of their estimate in tests, so this multiple is already a stall.
 # 1,000 times the evaluations of stiff contacts would take a day.

@@ -4,7 +4,7 @@
 Advance of simulated time: to the next output, by solver steps, or to a failure.
 
 Between two calls of the simulation the time is a whole number of nanoseconds, and the simulation
-is exactly there. So every input acts at a time that a bag can hold.
+is exactly there. Every input therefore acts at a time that a ROS time stamp holds exactly.
 """
 
 from contextlib import suppress
@@ -180,7 +180,7 @@ class TimeAdvance:
         self.requests.end(reason, state.now)
 
     def restart_motion(self) -> None:
-        """Treat the present motion as a new one, e.g. after a reset."""
+        """Restart stall detection, and end a wait for kernels, e.g. after a reset."""
         self._state.is_held = False
         if self.stall is not None:
             simulation = self._state.simulation
@@ -227,7 +227,7 @@ class TimeAdvance:
             self.requests.finish(self._state.now)
 
     def _check_stall(self) -> None:
-        """Stop simulated time in a stall: a clock that stands still explains nothing."""
+        """Stop simulated time in a stall, with a reason: a stopped clock gives none."""
         if self.stall is None:
             return
         state = self._state
@@ -243,7 +243,7 @@ class TimeAdvance:
             self.end_requests(reason)
 
     def stand_on_nanoseconds(self) -> None:
-        """Move the simulation to the time of the run; it may have stopped in between."""
+        """Move the simulation to the time of the run if it stopped between two nanoseconds."""
         state = self._state
         try:
             self._advance_to(state.now)
@@ -254,9 +254,9 @@ class TimeAdvance:
 
     def is_held(self) -> bool:
         """
-        Return whether simulated time waits for kernels; if they are ready it resumes.
+        Resume simulated time if its kernels are ready; return whether it still waits for them.
 
-        Kernels of steps, or of outputs that are due now.
+        It waits for kernels of steps, or of outputs that are due now and are sent here.
         """
         state = self._state
         if not state.is_held and not self._broadcast.owes:
@@ -265,7 +265,7 @@ class TimeAdvance:
         if not state.is_held:
             self._note_hold(
                 'the kernels that measure reactions and contacts are not ready yet; they are '
-                'compiled once on a machine')
+                'compiled once per machine')
         if self._held_why and wall.monotonic() - self._held_since > _LOGGED_WAIT_S:
             _LOGGER.info(
                 'simulated time is waiting at t = %.9g s: %s', seconds(state.now), self._held_why)
@@ -301,7 +301,7 @@ class TimeAdvance:
     def waits(self) -> str:
         """Return what simulated time waits for, or ''; thread-safe."""
         kernels = self._state.simulation.contact_kernels
-        what, since = 'kernels that measure', self._broadcast.waits_for()
+        what, since = 'kernels of measured forces', self._broadcast.waits_for()
         if self._state.is_held and kernels is not None:
             what = 'the kernels for contacts' if self._held_for_contacts else 'kernels'
             since = kernels.seconds
@@ -325,7 +325,7 @@ class TimeAdvance:
             state.simulation.contact_kernels.hurry()
         self._note_hold(
             'shells are near each other for the first time, and the kernels for contacts are not '
-            'ready yet; they are compiled once on a machine' if for_contacts else
+            'ready yet; they are compiled once per machine' if for_contacts else
             'the compiler is running, and a kernel has to be loaded')
 
     def _note_hold(self, why: str) -> None:
@@ -379,8 +379,8 @@ class TimeAdvance:
             self._state.simulation.advance_to(seconds(time))
 
     def _over(self) -> str:
-        return (f'the duration of {self._state.parameters["duration"]:g} s has passed; reset the '
-                'run, or set a longer one')
+        return (f'the duration of {self._state.parameters["duration"]:g} s has passed; reset '
+                'with reset_time: true, or set a longer duration')
 
     def _next_target(self, end: int | None) -> int:
         state = self._state

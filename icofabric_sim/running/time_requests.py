@@ -18,7 +18,7 @@ class StepRequest:
     def __init__(self, count: int | None = None) -> None:
         """Request `count` steps; None: the `step_count` in force when they start."""
         self._wanted, self.count, self.taken = count, count or 0, 0
-        self.is_shown = False
+        self.is_shown = False  # whether the state at its end is published
         self.future: Future[Any] = Future()
 
     def begin(self, step_count: int) -> None:
@@ -39,9 +39,9 @@ class AdvanceRequest:
     """Duration of simulated time in whole nanoseconds."""
 
     def __init__(self, duration: int | None = None) -> None:
-        """Request a `duration` [ns]; None: the `advance_duration` in force when it is read."""
+        """Request a `duration` [ns]; None: the `advance_duration` when it is processed."""
         self.duration, self.start, self.end = duration, 0, 0
-        self.is_shown = False
+        self.is_shown = False  # whether the state at its end is published
         self.future: Future[Any] = Future()
 
     @property
@@ -66,7 +66,7 @@ class TimeRequests:
     """
     Queue of requests that advance the time; answers include the reason of an early end.
 
-    Advances that only wait for a time, because it runs, are kept separately.
+    Advances requested while time runs only wait for their end, in a separate list.
     """
 
     def __init__(self) -> None:

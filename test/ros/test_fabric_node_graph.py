@@ -141,7 +141,7 @@ def test_slider_costs_a_line_a_second_at_most(tmp_path):
         assert client.get('connector.stiffness') == [699.0]
         lines = node.log().splitlines()[before:]
         assert 1 <= len(lines) <= passed + 1, lines
-        assert 'the changed fabric runs since t = ' in lines[0]
+        assert 'the changed fabric has been running since t = ' in lines[0]
         assert node.stop() == 0
 
 

@@ -248,7 +248,7 @@ def test_cause_of_a_slow_run_is_the_rest(clock):
 
 def test_cause_of_a_slow_run_is_the_machine(clock):
     _, cause = spend(clock, RealTimeFactor(1.0), steps=0.018, rest=0.002, share=0.5)
-    assert 'the processor is shared: this thread got 50% of one' in cause
+    assert 'the processor is shared: this thread got 50% of a core' in cause
 
 
 def test_time_that_is_waited_for_counts_for_nothing(clock):

@@ -104,7 +104,7 @@ def test_what_is_changed_meanwhile_is_not_overwritten(monkeypatch):
 
     monkeypatch.setattr(present_module, 'solve_run_equilibrium', slow)
     with Beside(runner):
-        with pytest.raises(RuntimeError, match='have changed during the search'):
+        with pytest.raises(RuntimeError, match='have changed during the solve'):
             runner.solve_equilibrium().result(LIMIT)
         assert found and runner.simulation.snapshot().linear_velocity[50, 2] == 0.1
 

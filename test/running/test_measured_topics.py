@@ -172,7 +172,7 @@ def test_a_live_run_waits_for_the_kernels_and_its_bag_holds_every_output(awaited
     caplog.set_level('INFO', 'icofabric_sim')
     with Beside(runner) as beside:
         beside.wait_for(lambda: runner.status().waits)
-        assert runner.status().waits == 'compiling kernels that measure, for 3 s so far'
+        assert runner.status().waits == 'compiling kernels of measured forces, for 3 s so far'
         # Who listens to poses alone gets them, and services answer.
         beside.wait_for(lambda: sink.messages)
         assert runner.set_paused(True).result(60.0) == 0

@@ -68,7 +68,7 @@ def test_advance_has_the_bits_of_a_run():
 
 @pytest.mark.parametrize(('deed', 'reason'), [
     (lambda runner: runner.set_paused(True), 'ended by a pause'),
-    (lambda runner: runner.set_paused(False), 'time runs on'),
+    (lambda runner: runner.set_paused(False), 'the run was resumed'),
     (lambda runner: runner.reset(), 'ended by a reset'),
     (lambda runner: runner.stop(), 'the run has ended')])
 @pytest.mark.parametrize('running', [False, True])
@@ -82,7 +82,7 @@ def test_advance_that_is_ended_says_why(deed, reason, running):
         beside.wait_for(lambda: runner.now > 0)
         assert not first.done()
         deed(runner)
-        if reason == 'time runs on' and running:
+        if reason == 'the run was resumed' and running:
             # It does so already: nothing is ended by that.
             runner.post(lambda: None).result(60.0)
             assert not first.done()

@@ -250,7 +250,7 @@ def test_wrench_that_waits_for_a_body_that_is_gone_is_dropped(caplog):
     assert runner.dropped == 1 and sink.messages == []
     [warning] = warnings_said(caplog)
     assert warning.startswith(
-        '1 waiting wrench was dropped (~/wrench; the first for t = 0.01 s): ')
+        '1 waiting input was dropped (~/wrench; the first for t = 0.01 s): ')
     assert 'the weave has changed' in warning
 
 

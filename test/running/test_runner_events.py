@@ -228,7 +228,7 @@ def test_queue_of_those_that_wait_is_bounded(monkeypatch, caplog):
             push(runner, stamp=stamp * 10**6)
         runner.take_steps().result(60.0)
     assert runner.dropped == 3
-    assert any('3 wrenches are already waiting for their stamps' in record.getMessage()
+    assert any('3 inputs are already waiting for their stamps' in record.getMessage()
                for record in caplog.records)
 
 

@@ -95,7 +95,7 @@ def test_wrench_that_the_simulation_fails_on_ends_the_run_in_order(caplog):
     assert runner.failure == 'too much' and 0 < runner.now == now < 10_000_000
     assert len(sink.messages) == 2 and runner.dropped == 1
     [warning] = messages_of(caplog, 'dropped')
-    assert warning.startswith('1 waiting wrench was dropped') and 'has stopped' in warning
+    assert warning.startswith('1 waiting input was dropped') and 'has stopped' in warning
 
 
 def test_infinite_load_is_forgotten_by_a_reset():
@@ -161,7 +161,7 @@ def test_endless_commands_do_not_stop_the_time():
 
 ENDINGS = {
     'pause': (lambda runner: runner.set_paused(True), 'ended by a pause'),
-    'resume': (lambda runner: runner.set_paused(False), 'time runs on'),
+    'resume': (lambda runner: runner.set_paused(False), 'the run was resumed'),
     'reset': (lambda runner: runner.reset(), 'ended by a reset'),
     'stop': (lambda runner: runner.stop(), 'the run has ended'),
 }
@@ -218,7 +218,7 @@ def test_wrenches_beyond_the_end_are_counted(caplog):
     run(runner)
     assert runner.dropped == runner.status().dropped == 2
     [warning] = messages_of(caplog, 'dropped')
-    assert '2 waiting wrenches' in warning and '/loads/tip' in warning and 'ended' in warning
+    assert '2 waiting inputs' in warning and '/loads/tip' in warning and 'ended' in warning
 
 
 def test_wrenches_that_a_reset_forgets_are_counted(caplog):
@@ -228,7 +228,7 @@ def test_wrenches_that_a_reset_forgets_are_counted(caplog):
         runner.reset().result(60.0)
     assert runner.dropped == 1 and sink.messages == []
     [warning] = messages_of(caplog, 'dropped')
-    assert warning.startswith('1 waiting wrench was dropped') and 'reset' in warning
+    assert warning.startswith('1 waiting input was dropped') and 'reset' in warning
 
 
 @pytest.mark.parametrize('method', ['leapfrog', 'srkn6', 'dop8'])

@@ -100,7 +100,7 @@ class Completeness:
         self._is_over = self._has_failed = False
 
     def begin_at(self, time: int) -> None:
-        """Start at the first checkpoint of `time` [ns], after the messages before it."""
+        """Skip to the first checkpoint with stamp `time` [ns], but follow earlier events."""
         for name, when, data in self._run.messages(
                 stop=time, names=(topics.EVENTS.name, topics.WEAVE.name)):
             if name == topics.WEAVE.name:
@@ -224,7 +224,7 @@ class Completeness:
             return
         self._settle()
         if self._is_over:
-            raise Departure(self._now, 'a message that was not sent', self._full(
+            raise Departure(self._now, 'a message that the run did not send', self._full(
                 topics.BROKEN.name))
         before, self._now, self._may_clear = self._now, time, False
         self._has_come = False
@@ -297,7 +297,7 @@ class Completeness:
             self._owed.remove(topic)
             return
         raise Departure(
-            time, 'a message that was not sent, or a duplicate',
+            time, 'a duplicate, or a message that the run did not send',
             self._full(topic.name))
 
     def _is_finite(self) -> bool:

@@ -29,19 +29,19 @@ OPTIONS = {
     'fabric': Option(
         '', 'name of the recorded node whose topics are played; empty: the first in the bag'),
     'rate': Option(
-        1.0, 'recorded over wall time; 0: as fast as possible', 0.0, 1e6, live=True),
+        1.0, 'ratio of recorded to wall time; 0: as fast as possible', 0.0, 1e6, live=True),
     'start_offset': Option(
         0.0, 'start offset into the bag [s]', 0.0, _MAX_TIME_S),
     'seek': Option(
-        -1.0, 'recorded time to seek [s]; at the start: initial time; -1: none', -1.0,
-        _MAX_TIME_S, live=True),
+        -1.0, 'recorded time [s] to jump to, or to start at; -1: no jump', -1.0, _MAX_TIME_S,
+        live=True),
     'loop': Option(False, 'restart at the end', live=True),
     'stay': Option(False, 'pause at the end instead of ending the node', live=True),
     'start_paused': Option(False, 'start paused'),
     'inputs': Option(
         False, 'also publish the recorded wrenches and twists, on their topics'),
     'publish_clock': Option(True, 'publish /clock with the recorded time'),
-    'clock_rate': Option(100.0, 'of /clock [Hz of recorded time]', 1e-3, 1e6),
+    'clock_rate': Option(100.0, 'rate of /clock [Hz of recorded time]', 1e-3, 1e6),
     'record.path': Option(
         '', 'bag folder for the simulation that ~/continue starts; empty: no recording'),
     'record.storage': Option('mcap', 'storage of that bag: mcap or sqlite3'),

@@ -40,7 +40,7 @@ class NotRepeatable(BagError):
 
 
 class Departure(Exception):
-    """Divergence from the bag: either the simulation or the recorded run failed alone."""
+    """Divergence from the bag: only one of the two runs failed, or a message does not fit."""
 
     def __init__(self, nanoseconds: int, text: str, topic: str = '') -> None:
         """Store the time, the `text` that describes the divergence, and its `topic`, if any."""
@@ -70,9 +70,10 @@ class Resimulation:
         Start at the start of the bag, or at its last checkpoint not after `start` [ns].
 
         `threads` other than 0 replaces the scene's number. `on_time` receives the time [ns] from
-        time to time. `on_input` receives each input before it acts. `on_jump` is called when the
-        simulation was replaced or set, with a flag whether its state continues. `on_message`
-        receives every message before it is repeated.
+        time to time. `on_input` receives each input before it acts. `on_message` receives every
+        message before it is repeated. `on_jump` is called with True after states were set, or a
+        re-weave that keeps the motion; with False after the first build, the start checkpoint, a
+        reset or another re-weave.
         """
         self.run, self.parameters = run, Parameters({}, frozenset())
         self.counts: Counter[str] = Counter()

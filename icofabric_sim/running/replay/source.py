@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Data source of a player: the state of one recorded fabric at any time, and the messages after.
+Data source of a player: the state of one recorded fabric at any time, and later messages.
 """
 
 from collections.abc import Iterator
@@ -90,8 +90,8 @@ class ReplaySource:
         stored = self._reader.topics.get(f'{self.fabric}{_WEAVE}')
         if stored is not None and stored.message_count:
             return ''
-        return (f'{self.path} does not contain its scene ({self.fabric}{_WEAVE}), so pages have '
-                'nothing to draw; if it is a file of a split bag, use the folder')
+        return (f'{self.path} does not contain its scene ({self.fabric}{_WEAVE}), so viewers '
+                'cannot draw the fabric; if it is a file of a split bag, use the folder')
 
     def state_at(self, time: int) -> Frame:
         """

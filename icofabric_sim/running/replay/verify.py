@@ -117,14 +117,14 @@ class Verification:
         count = sum(self.compared.values())
         span = f't = {seconds(self.start):.9g} s to {seconds(self.end):.9g} s'
         kinds = ', '.join(_counted(self.compared))
-        last = f'{self.verdict}: {count:,} outputs of {span} ({kinds})'
+        last = f'{self.verdict}: {count:,} outputs from {span} ({kinds})'
         if self.difference is not None:
             last = f'{self.verdict} at {self.difference}'
         elif self.gaps:
             missing = sum(gap.messages for gap in self.gaps)
             what = 'message is' if missing == 1 else 'messages are'
             last = (f'{self.verdict}: {missing:,} recorded {what} missing; the {count:,} outputs '
-                    f'of {span} present ({kinds}) are '
+                    f'from {span} present ({kinds}) are '
                     f'{"consistent" if self.elsewhere else "identical"}')
         return last
 
@@ -140,9 +140,9 @@ def verify_run(
     """
     Simulate a recorded run again and compare, up to the first difference.
 
-    `start` selects the last checkpoint not after that time [ns], `stop` ends there. `threads`
-    replaces the scene's number. `on_time` receives the time [ns] from time to time. Raises
-    NotRepeatable if the run cannot be simulated again.
+    `start` selects the last checkpoint not after that time [ns]; `stop` [ns] is the last time
+    compared. `threads` replaces the scene's number. `on_time` receives the time [ns] from time to
+    time. Raises NotRepeatable if the run cannot be simulated again.
     """
     elsewhere = foreign_parts(run)
     compared: Counter[str] = Counter()
@@ -228,11 +228,13 @@ def _recorded_by(run: RecordedRun) -> str:
 def _note(comparison: ExactComparison | CloseComparison, again: Resimulation) -> str:
     notes = []
     if again.failure:
-        notes.append(f'the recorded run failed at its end, and so does this one: {again.failure}')
+        notes.append(
+            'the recorded run failed at its end, and so does the second simulation: '
+            f'{again.failure}')
     if isinstance(comparison, CloseComparison):
         notes.append(
-            f'at most {comparison.largest:.2g} apart (position over a, or rad), where '
-            f'{comparison.bound_there:.2g} is explained')
+            f'largest difference {comparison.largest:.2g} (position over half edge a, or rad), '
+            f'allowed {comparison.bound_there:.2g}')
         if comparison.meaningless_since is not None:
             notes.append(
                 f'from t = {seconds(comparison.meaningless_since):.6g} s on, small differences '
