@@ -380,7 +380,7 @@ def test_other_machine_is_compared_within_tolerance_and_growth(
     near = verify(shaken(pushed, tmp_path / 'near', 1e-12))
     assert near.verdict == 'consistent' and near.compared['~/poses'] > 5
     assert set(near.compared) == {'~/poses'} and 'abacus' in '\n'.join(near.lines())
-    assert 'apart' in near.note
+    assert 'largest difference' in near.note
     far = verify(shaken(pushed, tmp_path / 'far', 1e-4, version='0.0.1'))
     assert far.verdict == 'differs' and far.difference is not None
     assert far.difference.nanoseconds == pose_times(pushed)[1]
