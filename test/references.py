@@ -68,7 +68,7 @@ def resultants(scene, position, axes):
         act(first, r1, pull)
         act(second, r2, -pull)
     for load in scene.loads.values():
-        part = len(load.bodies) if load.total else 1
+        part = len(load.bodies) if load.is_divided else 1
         for body in load.bodies:
             to_world = axes[body] if load.in_body_axes else np.eye(3)
             act(body, position[body] + load.point @ axes[body], load.force @ to_world / part)

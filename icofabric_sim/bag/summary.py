@@ -16,11 +16,11 @@ from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import CHECKPOINT
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.summary import (
+    amplification_text,
     as_lines,
     evaluations_text,
     Row,
     size_text,
-    times,
     vector,
 )
 import numpy as np
@@ -202,7 +202,8 @@ class BagSummary:
             until = self.number('meaningful_until')
             meaning = 'to the end' if until == math.inf else f'until t = {until:.4g} s'
             rows.append((
-                'growth', f'a small disturbance grew {times(self.number("growth"), at_least)}; '
+                'growth', 'a small disturbance grew '
+                f'{amplification_text(self.number("growth"), at_least)}; '
                 + ('the effect on errors is not known, because they were not estimated'
                    if math.isnan(until) else f'the trajectory is meaningful {meaning}')))
         if 'evaluation_count' in self.custom:

@@ -9,7 +9,13 @@ from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.running.run_monitor import RunMonitor
 from icofabric_sim.running.run_records import Errors, Status, step_limit
-from icofabric_sim.scene.summary import evaluations_text, Row, size_text, times, vector
+from icofabric_sim.scene.summary import (
+    amplification_text,
+    evaluations_text,
+    Row,
+    size_text,
+    vector,
+)
 from icofabric_sim.simulation.reports.divergence import Growth
 from icofabric_sim.simulation.simulation import Simulation
 from icofabric_sim.simulation.stepping.methods import facts_of
@@ -119,7 +125,7 @@ def accuracy_rows(
 
 def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
     """Return the growth of a small disturbance and a verdict; `tolerance` 0: given step."""
-    text = f'a small disturbance grew {times(growth.largest, growth.at_least)}'
+    text = f'a small disturbance grew {amplification_text(growth.largest, growth.at_least)}'
     if growth.ended:
         text += f' until t = {growth.time[-1]:.6g} s, when {growth.ended}'
     until = growth.meaningful_until

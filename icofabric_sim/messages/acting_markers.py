@@ -99,7 +99,7 @@ class ActingMarkers:
             bodies = np.array([target]) if channel is None else channel.bodies
             bodies = bodies[:: max(1, len(bodies) // _MAX_ARROWS)]
             place, turn = snapshot.position[bodies], snapshot.orientation[bodies]
-            if channel is not None and channel.total:
+            if channel is not None and channel.is_divided:
                 wrench = Wrench(*(part / len(channel.bodies) for part in wrench))
             point = np.zeros(3) if channel is None else np.asarray(channel.point)
             begin = place + _turned(turn, point)

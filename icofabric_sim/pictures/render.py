@@ -245,7 +245,7 @@ def push_of_channel(
 ) -> Push:
     """Return the total force [N] of a load channel at the centroid of its bodies."""
     channel = scene.loads[name]
-    whole = force if channel.total else len(channel.bodies) * force
+    whole = force if channel.is_divided else len(channel.bodies) * force
     if channel.in_body_axes:
         axes = cosines_from_quaternions(orientation[channel.bodies])
         whole = np.einsum('a,nai->i', whole / len(channel.bodies), axes)

@@ -289,7 +289,7 @@ def _rate(scene: Scene, received: InputMessage) -> float:
     if isinstance(target, ChannelTarget):
         channel = scene.loads[target.name]
         turning += math.hypot(*channel.point) * straight
-        if channel.total:
+        if channel.is_divided:
             straight, turning = straight / len(channel.bodies), turning / len(channel.bodies)
     mass, inertia = _lightest(scene, target)
     return math.sqrt(straight / (mass * size) + turning / inertia)

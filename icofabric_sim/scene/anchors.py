@@ -3,7 +3,7 @@
 """
 Anchors: connectors from an edge of a body to a fixed or moving point of the world.
 
-Anchors without a law use that of `connector.*` (k_e, k_c and natural length D). They do not resist
+Anchors use k_e, k_c and the natural length D of `connector.*` by default. They do not resist
 bending, and break only at their own limits.
 """
 
@@ -19,7 +19,7 @@ from icofabric_sim.scene.breakage import BREAK_LENGTH_NAMES
 from icofabric_sim.scene.connector_laws import spring_law
 from icofabric_sim.scene.drives import Drive
 from icofabric_sim.scene.paths import Path, PathPiece, require_followed
-from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.tables import read_numeric_table
 from icofabric_sim.scene.weave_geometry import WeaveGeometry
 import numpy as np
 
@@ -134,7 +134,7 @@ def make_anchor_path(parameters: Parameters, name: str) -> Path:
     # A slow import, needed only by scenes with tables.
     from scipy.interpolate import CubicSpline
 
-    table = read_time_table(key, file, {4: 'time [s] and displacement x, y, z [m]'})
+    table = read_numeric_table(key, file, {4: 'time [s] and displacement x, y, z [m]'})
     places = np.array(position) + table[:, 1:]
     with np.errstate(over='ignore', invalid='ignore'):
         spline = CubicSpline(table[:, 0], places, bc_type='clamped')

@@ -60,7 +60,7 @@ def check_attachments(parameters: Parameters, geometry: WeaveGeometry) -> None:
                 'them, or give a longer weave.connector_length')
 
 
-def woven_spans(weave: Weave, azimuth: float, points: np.ndarray) -> np.ndarray:
+def woven_end_to_end(weave: Weave, azimuth: float, points: np.ndarray) -> np.ndarray:
     """
     Return the vector from the first to the second end of each connector as woven [m], (c, 3).
 
@@ -85,7 +85,7 @@ def woven_lengths(parameters: Parameters, weave: Weave) -> float | np.ndarray:
             parameters['connector.attachment_scale'] == 1.0):
         return weave.geometry.connector_length
     points = attachment_points(parameters, weave.geometry.half_edge)
-    spans = woven_spans(weave, parameters['weave.azimuth'], points)
+    spans = woven_end_to_end(weave, parameters['weave.azimuth'], points)
     lengths: np.ndarray = np.linalg.norm(spans, axis=1)
     if not len(lengths):
         return weave.geometry.connector_length

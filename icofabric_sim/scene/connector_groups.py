@@ -4,7 +4,7 @@
 Select the connectors of `connector_groups.NAME` by two groups of bodies or by an edge pair.
 
 Connectors have three directions, by the edges that they join (Table 5): up and down, north and
-south, west and east. Each direction has a third of the connectors, four at every inner body.
+south, west and east. Each direction has four connectors at every inner body.
 """
 
 from collections.abc import Mapping

@@ -22,12 +22,12 @@ _Law = tuple[float, float, float | np.ndarray, LawTable | None]
 class ConnectorLaws(NamedTuple):
     """Coefficients of eq 2 of all connectors; arrays of shape (c,), or (1,) if all are equal."""
 
-    extension: np.ndarray  # k_e [N/m], above the natural length
-    compression: np.ndarray  # k_c [N/m], below it
+    extension: np.ndarray  # stiffness k_e [N/m] above the natural length
+    compression: np.ndarray  # stiffness k_c [N/m] below it
     natural_length: np.ndarray  # D [m]
 
     @property
-    def plain(self) -> bool:
+    def is_single_linear_spring(self) -> bool:
         """True if all connectors are the same symmetric spring (eq 1)."""
         return len(self.extension) == 1 and bool(self.extension[0] == self.compression[0])
 
@@ -41,7 +41,7 @@ class ConnectorTables(NamedTuple):
     """Tabulated laws that replace eq 2; `ConnectorLaws` then holds their largest slopes."""
 
     tables: tuple[LawTable, ...]
-    of: np.ndarray  # (c,) int, table of each connector, -1: none; (0,) without tables
+    of: np.ndarray  # (c,) int, index in `tables` of each connector, -1: none; (0,) without tables
     stops: np.ndarray = np.zeros(0, bool)  # (c,) the run stops beyond the table; (0,) likewise
 
     def describe_beyond(self, length: np.ndarray, bodies: np.ndarray) -> tuple[str, bool]:

@@ -17,7 +17,7 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.paths import Path, PathPiece, require_followed
 from icofabric_sim.scene.supports import FREEDOMS, named_freedoms, Supports
-from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.tables import read_numeric_table
 import numpy as np
 
 # Relative tolerance within which velocities and positions count as equal.
@@ -29,7 +29,7 @@ class Drive(NamedTuple):
     """One drive, `drives.NAME`."""
 
     bodies: np.ndarray  # (m,) int32
-    middle: np.ndarray  # (3,) [m] centroid: mean of their centres at the start
+    middle: np.ndarray  # (3,) [m] centroid of their centres at the start
     path: Path
     moves: np.ndarray  # (4,) bool: prescribed x, y, z and rotation; the others stay free
 
@@ -61,8 +61,8 @@ def make_drives(
             if twice.any():
                 raise ParameterError(
                     key, f'{key}: body {int(bodies[np.argmax(twice)])} is held by a support, '
-                    f'which fixes a freedom that the drive moves; take the body out of one of the '
-                    f'groups, or name other freedoms in drives.{name}.freedoms')
+                    f'which fixes a degree of freedom that the drive moves; take the body out of '
+                    f'one of the groups, or name other freedoms in drives.{name}.freedoms')
         path = make_path(parameters, f'drives.{name}')
         middle = state.position[bodies].mean(axis=0)
         drive = Drive(bodies, middle, path, moves)
@@ -249,7 +249,7 @@ def _table(
     from scipy.interpolate import CubicSpline
 
     name = f'{prefix}.file'
-    table = read_time_table(name, file, {
+    table = read_numeric_table(name, file, {
         4: 'time [s] and displacement x, y, z [m]',
         7: 'time [s], displacement x, y, z [m] and rotation vector x, y, z [rad]'})
     values = np.zeros((len(table), 6))

@@ -26,7 +26,7 @@ class FieldWrench(NamedTuple):
 class Electric(NamedTuple):
     """Charges and dipoles of shells, and the fields; one row if all shells are equal."""
 
-    charge: np.ndarray  # (n,) or (1,) q [C]
+    charge: np.ndarray  # (n,) or (1,) Q [C]
     dipole: np.ndarray  # (n, 3) or (1, 3) p [C m], body axes
     electric: np.ndarray  # (3,) E [V/m]
     magnetic: np.ndarray  # (3,) B [T]
@@ -42,7 +42,7 @@ class Electric(NamedTuple):
 
     @property
     def force(self) -> np.ndarray:
-        """Force q E [N] on every body if the field `is_potential`, else 0."""
+        """Force Q E [N] on every body if the field `is_potential`, else 0."""
         return float(self.charge[0]) * self.electric if self.is_potential else np.zeros(3)
 
     def wrenches(self, size: float) -> list[FieldWrench]:

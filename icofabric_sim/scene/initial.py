@@ -146,7 +146,7 @@ def _replace(
 def _check_motion(
     name: str, table: BodyTable, parameters: Parameters, supports: Supports | None
 ) -> None:
-    """Refuse velocities and spins of held bodies, and those that no step can follow."""
+    """Refuse velocities and spins of held bodies, and those that no time step can resolve."""
     largest = MAX_RATE_PER_S * 0.5 * parameters['shell.edge_length']
     for columns, unit, limit in (
             (_VELOCITY, 'm/s', largest), (_SPIN, 'rad/s', MAX_RATE_PER_S),
@@ -159,7 +159,7 @@ def _check_motion(
                     else supports.rotation[:, None])[table.bodies]
         for wrong, why in (
                 (held & (moves != 0.0), 'a support holds the body in that freedom; set it to 0'),
-                (np.abs(moves) > limit, f'steps can follow {limit:g} {unit} at most')):
+                (np.abs(moves) > limit, f'time steps resolve {limit:g} {unit} at most')):
             if wrong.any():
                 row, column = np.argwhere(wrong)[0]
                 raise ParameterError(

@@ -11,15 +11,15 @@ integral.
 
 from typing import NamedTuple
 
-from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.tables import read_numeric_table
 import numpy as np
 
 
 class LawTable(NamedTuple):
     """
-    Piecewise cubic law: f + t (d + t (c + t b)) with t = length - anchor, one piece per row.
+    Piecewise cubic law: f + t (d + t (c + t b)) with t = length - base length, one piece per row.
 
-    Columns: smallest length [m], anchor [m], f [N], d, c, b, energy at the anchor [J].
+    Columns: smallest length [m], base length [m], f [N], d, c, b, energy at the base length [J].
     """
 
     rows: np.ndarray  # (m, 7)
@@ -30,16 +30,16 @@ class LawTable(NamedTuple):
     def evaluate(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the tension [N] and the energy [J] at lengths [m]."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
-        _, anchor, f, d, c, b, energy = self.rows[piece].T
-        t = length - anchor
+        _, base, f, d, c, b, energy = self.rows[piece].T
+        t = length - base
         return f + t * (d + t * (c + t * b)), energy + t * (
             f + t * (d / 2.0 + t * (c / 3.0 + t * b / 4.0)))
 
     def slope(self, length: np.ndarray) -> np.ndarray:
         """Return the slope of the tension [N/m] at lengths [m]."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
-        _, anchor, _, d, c, b, _ = self.rows[piece].T
-        t = length - anchor
+        _, base, _, d, c, b, _ = self.rows[piece].T
+        t = length - base
         return np.asarray(d + t * (2.0 * c + t * (3.0 * b)))
 
 
@@ -49,7 +49,7 @@ def read_law(name: str, file: str) -> LawTable:
 
     Raises ParameterError with the file, the line and a remedy.
     """
-    table = read_time_table(
+    table = read_numeric_table(
         name, file, {2: 'length [m], force [N]'}, first='lengths', unit='m')
     return make_law(table[:, 0], table[:, 1], file)
 

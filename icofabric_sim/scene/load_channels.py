@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Wrench channels of a scene, and the loads that the scene applies to them."""
+"""Load channels of a scene, and the loads that the scene applies to them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 
 class LoadChannel(NamedTuple):
     """
-    Wrench channel `loads.NAME`.
+    Load channel `loads.NAME`.
 
     `force` and `torque` act, times the profile, until a received wrench replaces them.
     """
@@ -22,7 +22,7 @@ class LoadChannel(NamedTuple):
     in_body_axes: bool
     point: np.ndarray  # (3,) [m], body axes, from the centre
     hold: float  # [s], 0: until replaced
-    total: bool  # the wrench is divided among the bodies
+    is_divided: bool  # the wrench is divided among the bodies
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
     profile: Profile
@@ -44,7 +44,7 @@ def make_channels(
             in_body_axes=field('frame') == 'body',
             point=np.array(field('point')),
             hold=field('hold'),
-            total=field('share') == 'total',
+            is_divided=field('share') == 'total',
             force=np.array(field('force')),
             torque=np.array(field('torque')),
             profile=make_profile(parameters, f'loads.{name}'),

@@ -29,17 +29,17 @@ class BodyMasses(NamedTuple):
     inertia: np.ndarray  # [kg m^2]; the smallest principal moment if not isotropic
 
     @property
-    def alike(self) -> bool:
+    def all_equal(self) -> bool:
         """True if all bodies have the mass and inertia of the shell."""
         return len(self.mass) == 1
 
-    def of(self, body: int) -> float:
+    def mass_of(self, body: int) -> float:
         """Return the mass [kg] of one body."""
-        return float(self.mass[0 if self.alike else body])
+        return float(self.mass[0 if self.all_equal else body])
 
     def total(self, bodies: int) -> float:
         """Return the total mass [kg] of this number of `bodies`."""
-        return float(self.mass.sum()) if not self.alike else bodies * float(self.mass[0])
+        return float(self.mass.sum()) if not self.all_equal else bodies * float(self.mass[0])
 
 
 class _MassProperties(NamedTuple):

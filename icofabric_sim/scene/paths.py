@@ -86,7 +86,7 @@ class PathPiece(NamedTuple):
 def require_followed(
     name: str, file: str, spline: 'CubicSpline', parameters: Parameters
 ) -> None:
-    """Refuse a table whose path of 3 or 6 coordinates is faster than steps can follow."""
+    """Refuse a table whose path of 3 or 6 coordinates is faster than time steps can resolve."""
     times = spline.x
     slopes = spline(np.append(times, 0.5 * (times[1:] + times[:-1])), 1)
     a = 0.5 * parameters['shell.edge_length']
@@ -94,7 +94,7 @@ def require_followed(
         fastest = float(np.abs(slopes[:, first:first + 3]).max(initial=0.0))
         if fastest > MAX_RATE_PER_S * size:
             raise ParameterError(
-                name, f'{name}: {file} moves with up to {fastest:.3g} {unit}: steps can follow '
+                name, f'{name}: {file} moves with up to {fastest:.3g} {unit}: time steps resolve '
                 f'{MAX_RATE_PER_S * size:g} {unit} at most')
 
 

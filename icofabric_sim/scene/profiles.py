@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from icofabric_sim.checks import number_in
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.tables import read_numeric_table
 
 _KINDS = ('steady', 'ramp', 'half_sine', 'sine', 'table')
 # Above about 1e9 rad/s no time step could resolve the profile.
@@ -152,7 +152,7 @@ def _number(word: str) -> float:
 
 
 def _table(name: str, file: str, start: float) -> list[Piece]:
-    table = read_time_table(name, file, {2: 'two columns, time [s] and factor'})
+    table = read_numeric_table(name, file, {2: 'two columns, time [s] and factor'})
     times, factors = (start + table[:, 0]).tolist(), table[:, 1].tolist()
     pieces = []
     for t, u, f, g in zip(times, times[1:], factors, factors[1:]):

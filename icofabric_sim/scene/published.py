@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies whose poses are published and recorded, and bodies that are tf2 frames."""
+"""Bodies whose poses are published and recorded, and bodies with a tf2 frame."""
 
 from collections.abc import Mapping
 import re
@@ -26,7 +26,7 @@ def published_bodies(
 def framed_bodies(
     parameters: Parameters, groups: Mapping[str, np.ndarray]
 ) -> np.ndarray | None:
-    """Return the sorted bodies that are tf2 frames (`tf.group`); None: no frames."""
+    """Return the sorted bodies with a tf2 frame (`tf.group`); None: no frames."""
     return _bodies_of(parameters, 'tf.group', groups, 'none')
 
 

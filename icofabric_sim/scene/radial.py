@@ -22,7 +22,7 @@ def check_radius(parameters: Parameters, geometry: WeaveGeometry) -> float:
     """
     Return the radius [m] of the lowest level; weave.radius 0 gives a quarter circle.
 
-    Raises ParameterError if rows would overlap behind or inside the axis.
+    Raises ParameterError if the rows exceed a full circle, or shells would reach the axis.
     """
     box = parameters['weave.box']
     rows = (size_for_box(box, geometry) if any(box) else parameters['weave.size'])[0]

@@ -28,7 +28,7 @@ def check_rates(parameters: Parameters, shell: Shell) -> None:
         limit, single = MAX_RATE_PER_S * size, not isinstance(value, list)
         if not max(map(abs, [value] if single else value)) <= limit:
             raise ParameterError(
-                name, f'{name} {value!r} {unit}: steps can follow {limit:g} {unit} at most; '
+                name, f'{name} {value!r} {unit}: time steps resolve {limit:g} {unit} at most; '
                 'choose a smaller one')
     mass, _ = smallest_mass_and_inertia(parameters, shell)
     for name, rate in _rates(parameters, shell):

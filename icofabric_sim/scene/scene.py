@@ -58,7 +58,7 @@ from icofabric_sim.scene.radial import bend, check_radius
 from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
 from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
-from icofabric_sim.scene.tables import read_time_table
+from icofabric_sim.scene.tables import read_numeric_table
 from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
 from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.scene.weave_connect import Connections
@@ -296,7 +296,7 @@ class Scene:
                     orientation, geometry)
                 for name in checked.names('tractions')},
             electric=make_electric(
-                checked, groups, len(position), equal_masses=masses.alike),
+                checked, groups, len(position), equal_masses=masses.all_equal),
             drives=drives,
             anchors=anchors,
             initial=start,
@@ -320,7 +320,7 @@ class Scene:
         return html_of('Scene', {
             'weave': f'{weave.kind}, variant {weave.variant}, '
                      f'{" x ".join(map(str, weave.size))} grid positions',
-            'bodies': f'{self.body_count:,}, {self.masses.total(self.body_count):.6g} kg in all',
+            'bodies': f'{self.body_count:,}, {self.masses.total(self.body_count):.6g} kg in total',
             'connectors': f'{self.connector_count:,}, {geometry.connector_length:.6g} m',
             'connector angle': f'{geometry.connector_angle:.6g} rad',
             'pitch': f'{geometry.pitch:.6g} m',
@@ -494,7 +494,7 @@ def _shell(parameters: Parameters) -> Shell:
     file = parameters['shell.layers'].strip()
     if not file:
         return shell
-    table = read_time_table(
+    table = read_numeric_table(
         'shell.layers', file, {2: 'distance from the centre [m] and density [kg/m^3]'},
         first='distances', unit='m')
     try:

@@ -39,7 +39,7 @@ def evaluations_text(
     taken: float, others: float, shown: float, *, is_estimated: bool
 ) -> str:
     """
-    Return the numbers of force evaluations of a run as text: in steps, and for other uses.
+    Return the numbers of force evaluations of a run as text: for integration, and for other uses.
 
     `shown` of the `others` are for outputs; the rest estimate errors, or only choose steps.
     """
@@ -51,7 +51,7 @@ def evaluations_text(
     return f'{taken:,.0f} evaluations of the forces' + (beside and f'; beside them {beside}')
 
 
-def times(growth: float, at_least: bool = False) -> str:
+def amplification_text(growth: float, at_least: bool = False) -> str:
     """Return an error amplification as text."""
     if growth == math.inf:
         return 'more than 1e308 times'
@@ -82,10 +82,10 @@ def describe_scene(scene: Scene) -> list[Row]:
             f'connector angle theta = {angle:.6g} rad = {math.degrees(angle):.6g} degrees, '
             f'pitch W = {geometry.pitch:.6g} m',
         ),
-        ('depths', _depths(scene)),
+        ('size', _size(scene)),
         ('bodies', f'{scene.body_count:,}' + _loose(scene)),
         ('connectors', f'{scene.connector_count:,}, {_springs(scene)}'),
-        ('mass', f'{scene.masses.total(scene.body_count):.6g} kg in all' + _own_masses(scene)),
+        ('mass', f'{scene.masses.total(scene.body_count):.6g} kg in total' + _own_masses(scene)),
         ('gravity', vector(parameters['gravity'], 'm/s^2')),
     ]
     rows += _several('groups', (
@@ -136,13 +136,14 @@ def _region(scene: Scene) -> list[Row]:
         '', f'cut to {text.strip()}, {sides_text(2.0 * region.half_extent)} m')]
 
 
-def _depths(scene: Scene) -> str:
+def _size(scene: Scene) -> str:
     if scene.weave.kind == 'orthogonal' and not scene.parameters['weave.region']:
         depth = slab_depth(scene.weave.size, scene.geometry)
-        return ' x '.join(f'{value:.6g}' for value in depth) + ' m, over the circumscribing cubes'
+        return ' x '.join(f'{value:.6g}' for value in depth) + (
+            ' m between outer faces of the cubes around shells')
     woven = scene.weave.position
     spread = woven.max(axis=0) - woven.min(axis=0)
-    return ' x '.join(f'{value:.6g}' for value in spread) + ' m, over the centres'
+    return ' x '.join(f'{value:.6g}' for value in spread) + ' m between outer centres'
 
 
 def _loose(scene: Scene) -> str:
@@ -157,7 +158,7 @@ def _springs(scene: Scene) -> str:
     tables = scene.connectors.tables.tables
     if tables:
         text = f'by table ({", ".join(table.file for table in tables)})'
-    elif laws.plain:
+    elif laws.is_single_linear_spring:
         text = f'stiffness {_range(laws.extension)} N/m'
     else:
         text = (
@@ -170,7 +171,7 @@ def _springs(scene: Scene) -> str:
     for name in ('bending', 'twisting'):
         stiffness = getattr(scene.connectors, f'{name}_stiffness')
         if stiffness.any():
-            text += f', against {name} {_range(stiffness)} N m/rad'
+            text += f', {name} stiffness {_range(stiffness)} N m/rad'
     arms = scene.connectors.arms
     if arms is not None:
         text += (f', Maxwell arms of {_range(arms.stiffness)} N/m that relax in '
@@ -202,7 +203,7 @@ def _group(scene: Scene, prefix: str) -> str:
 def _load(scene: Scene, name: str) -> str:
     load = scene.loads[name]
     frame = 'the axes of each body' if load.in_body_axes else 'world axes'
-    share = 'divided among them' if load.total else 'on each body'
+    share = 'divided among them' if load.is_divided else 'on each body'
     text = f'{name}: ~/loads/{name} on {_group(scene, f"loads.{name}")}, {frame}, {share}'
     if load.force.any() or load.torque.any():
         text += (
@@ -250,7 +251,7 @@ def _anchor(scene: Scene, name: str) -> str:
             'stiffness', 'stiffness_extension', 'stiffness_compression', 'natural_length')):
         extension, compression, rest = scene.anchors[name].law
         stiffness = f'{extension:g}' if extension == compression else (
-            f'{extension:g} / {compression:g}')
+            f'k_e / k_c = {extension:g} / {compression:g}')
         text += f', {stiffness} N/m, natural length {rest:g} m'
     longest, shortest = scene.anchors[name].limits
     limits = [f'above {longest:g} m'] * math.isfinite(longest) + [

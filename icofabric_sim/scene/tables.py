@@ -17,7 +17,7 @@ _MAX_ROWS = 1_000_000  # rows
 _MAX_LINE_LENGTH = 10_000  # characters
 
 
-def read_time_table(
+def read_numeric_table(
     name: str, file: str, widths: dict[int, str], *, first: str = 'times', unit: str = 's'
 ) -> np.ndarray:
     """
@@ -75,7 +75,7 @@ def read_named_table(name: str, file: str, sets: Sequence[Sequence[str]]) -> Bod
     Read a table of bodies with some of the `sets` of columns.
 
     The first line names the columns: `body`, and one or more complete sets. Empty lines and lines
-    that begin with # are skipped. The file is searched as in `read_time_table`. Raises
+    that begin with # are skipped. The file is searched as in `read_numeric_table`. Raises
     ParameterError for the parameter `name`.
     """
     path, lines = _read_lines(name, file)

@@ -42,7 +42,9 @@ class FaceWrench(NamedTuple):
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
     point: np.ndarray  # (3,) [m], body axes
-    normal: np.ndarray  # (3,) body axes: only the force component along it acts; zero: all of it
+    # (3,) body axes; frictionless: only the force component along this normal acts; zero vector:
+    # the whole force acts.
+    normal: np.ndarray
 
 
 class Traction(NamedTuple):

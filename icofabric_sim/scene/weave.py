@@ -4,7 +4,7 @@
 Woven fabrics: positions and orientations of the icosahedra, and their connectors.
 
 Source: "A Mathematical Model of Icosahedral Materials", "Weaves". Rows, columns and levels run
-along the fabric's axes, which are rotated against the world axes in the bias orientation.
+along the fabric's axes, which are rotated relative to the world axes in the bias orientation.
 """
 
 from dataclasses import dataclass
@@ -136,7 +136,8 @@ def build_weave(
     - Bias, boundary 'fabric': the same slab turned about the origin.
     - Bias, boundary 'upright': the bodies of a turned fabric whose centres lie in the box that the
       cells of the orthogonal slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as
-      large as the box). The corner of the variant (icosahedron or gap) is at its centre.
+      large as the box). Its centre has the corner grid point of the variant
+      (shell or gap).
 
     `azimuth` and `boundary` apply to bias only. A `region`, centred on those cells, keeps only the
     bodies whose centres lie inside, in grid order: by z, then y, then x.

@@ -75,7 +75,7 @@ def geometry_from_length(half_edge: float, length: float) -> WeaveGeometry:
 
 def geometry_from_angle(half_edge: float, angle: float) -> WeaveGeometry:
     """
-    Return the weave geometry for a connector angle [rad] to the circumscribing cube (eq 53).
+    Return the weave geometry for a connector angle [rad] to the grid axis (eq 53).
 
     Raises `ValueError` unless theta_min <= angle < pi/4 (eq 54).
     """

@@ -11,8 +11,8 @@ Centres are the grid points with even x + y + z for variants 0 and 2, odd for 1 
 numbers them along columns (x = 2i + ..., y = j, z = k) in variants 0 and 1, and along rows
 (x = i, y = 2j + ..., z = k) in variants 2 and 3, and notes that any permutation of the axes gives
 an equivalent rule. `along` chooses one of the six rules: 'column', 'row', or the axes in the order
-of counting: 'xyz' is 'column' and 'yxz' is 'row'. In 'zxy' a position is 2k + ... along z, lines
-follow each other along x, and sheets of lines along y.
+of counting: 'xyz' is 'column' and 'yxz' is 'row'. In 'zxy' a position is 2k + ... along z,
+consecutive lines are offset along x, and consecutive sheets of lines along y.
 """
 
 from itertools import permutations

@@ -149,10 +149,10 @@ class StaticFabric:
         # scaled by them the eigenvalues of the Hessian are squared frequencies.
         masses = self.packed.masses
         self.root = np.sqrt(np.repeat(np.column_stack(masses), 3, axis=1))
-        if masses.alike:
+        if masses.all_equal:
             self.root = self.root[0]
         # Without supports, because forces on held degrees of freedom give the reactions.
-        unheld = self.model if masses.alike else self.model._replace(
+        unheld = self.model if masses.all_equal else self.model._replace(
             supports=pack_supports(masses, None, self.layout))
         self.unheld = without(unheld, *BESIDE_ACCELERATIONS)
 

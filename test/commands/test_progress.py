@@ -33,7 +33,7 @@ class Work:
         self.notice, self.out = CompileNotice(), io.StringIO()
         for module in (terminal, wait_notice):
             monkeypatch.setattr(module.time, 'monotonic', lambda: self.now)
-        self.notice._patience._ended = 0.0
+        self.notice._wait_notice._end_s = 0.0
         monkeypatch.setattr(terminal, 'compile_notice', self.notice)
         monkeypatch.setattr(terminal, '_LINE_INTERVAL_S', 0.1)
         self.progress = terminal.Progress(total, 's', stream=self.out, **choices)
@@ -121,7 +121,7 @@ def test_summary_states_the_compiler_apart(monkeypatch, capsys):
 
 
 def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr('icofabric_sim.process.interrupts._GRACE', 0.0)
+    monkeypatch.setattr('icofabric_sim.process.interrupts._GRACE_S', 0.0)
     compiled = []
 
     def interrupted():

@@ -43,7 +43,7 @@ def test_masses_come_from_groups_and_bodies():
     assert scene.masses.inertia == pytest.approx(inertia, rel=1e-15)
     assert scene.masses.total(scene.body_count) == pytest.approx(expected.sum(), rel=1e-15)
     plain = make_scene((3, 3, 3))
-    assert plain.masses.alike and plain.masses.total(14) == 14 * plain.shell.mass
+    assert plain.masses.all_equal and plain.masses.total(14) == 14 * plain.shell.mass
 
 
 @pytest.mark.long

@@ -234,7 +234,7 @@ def test_state_of_one_run_is_the_start_of_another(tmp_path):
     ('body,wx_body_rad_s,wy_body_rad_s,wz_body_rad_s\n0,0,0,2\n',
      'line 2, column wz_body_rad_s: 2 rad/s of body 0: a support holds'),
     ('body,wx_rad_s,wy_rad_s,wz_rad_s\n1,-1e300,0,0\n',
-     r'column wx_rad_s: -1e\+300 rad/s of body 1: steps can follow 1e\+09 rad/s at most'),
+     r'column wx_rad_s: -1e\+300 rad/s of body 1: time steps resolve 1e\+09 rad/s at most'),
     # Python's float takes these for 10 and for 1.
     ('body,x_m,y_m,z_m\n1,1_0,0,0\n', 'line 2, must be 4 finite numbers'),
     ('body,x_m,y_m,z_m\n1,\u0661,0,0\n', 'line 2, must be 4 finite numbers'),
@@ -269,7 +269,7 @@ def test_what_moves_faster_than_steps_can_follow_is_refused(name, value, limit):
         'groups.g': 'x_max', 'initial.it.group': 'all', 'bodies.b.position': [0.0, 0.0, 0.5],
         'anchors.tie.position': [0.0, 0.0, 0.1], **(_SINE if 'drives' in name else {})})
     with pytest.raises(ico.ParameterError, match=(
-            f'{name} .*: steps can follow {limit} at most; choose')) as caught:
+            f'{name} .*: time steps resolve {limit} at most; choose')) as caught:
         changed(scene, {name: value})
     assert caught.value.name == name
 
@@ -282,13 +282,13 @@ def test_a_state_or_a_table_faster_than_steps_can_follow_is_refused(tmp_path):
             {'drives': {'d': {'group': 'all', **way}}},
             {'anchors': {'d': {'position': [0.0, 0.0, 0.1], 'file': way['file']}}}):
         with pytest.raises(ico.ParameterError, match=(
-                r'\.d\.file: .* moves with up to .* m/s: steps can follow 1e[+]07 m/s at most')):
+                r'\.d\.file: .* moves with up to .* m/s: time steps resolve 1e[+]07 m/s at most')):
             make_scene((2, 2, 2), **sections)
     run = ico.compile_scene(make_scene((2, 2, 2)))
     spin = np.zeros((run.scene.body_count, 3))
     spin[2, 1] = 1e300
     with pytest.raises(ValueError, match=(
-            r'angular_velocity of body 2 is .* rad/s: steps can follow 1e[+]09 rad/s at most')):
+            r'angular_velocity of body 2 is .* rad/s: time steps resolve 1e[+]09 rad/s at most')):
         run.set_state(angular_velocity=spin)
     assert not run.snapshot().angular_velocity.any()
 

@@ -19,7 +19,7 @@ def complete_state(
     Return the `given` parts, and those of `now` where None is given; quaternions of unit length.
 
     Raises TypeError or ValueError that names the part and the body, also where it moves faster
-    than steps can follow shells of a `half_edge` [m].
+    than time steps resolve for shells of a `half_edge` [m].
     """
     count = len(now.position)
     values = {}
@@ -36,7 +36,7 @@ def complete_state(
         if given[name] is not None and fast.any():
             body = int(np.argmax(fast))
             raise ValueError(
-                f'{name} of body {body} is {checks.shown(values[name][body])} {unit}: steps can '
-                f'follow {MAX_RATE_PER_S * size:g} {unit} at most')
+                f'{name} of body {body} is {checks.shown(values[name][body])} {unit}: time '
+                f'steps resolve {MAX_RATE_PER_S * size:g} {unit} at most')
     values['orientation'] = unit_quaternions(values['orientation'])
     return InitialState(**values)

@@ -344,7 +344,7 @@ class Inputs:
         if isinstance(target, BodyTarget):
             return WrenchRow(np.array([target.number], np.int32), True, *wrench, piece=piece)
         channel = self._channels[target]
-        part = len(channel.bodies) if channel.total else 1
+        part = len(channel.bodies) if channel.is_divided else 1
         return WrenchRow(
             channel.bodies, channel.in_body_axes, wrench.force / part, wrench.torque / part,
             channel.point, piece)

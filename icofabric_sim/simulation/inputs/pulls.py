@@ -118,7 +118,7 @@ class Pulls:
         """
         held = min(_LONGEST_HOLD_S, _FABRIC_RADIANS / rate if rate > 0.0 else math.inf)
         for body in self.bodies:
-            own = self._scene.masses.of(body)
+            own = self._scene.masses.mass_of(body)
             if body not in self._masses:
                 self._masses[body] = math.sqrt(own * connected(body))
             stiffness = self._strength * STIFFNESS * self._masses[body]
@@ -129,7 +129,7 @@ class Pulls:
             stiffness = self._strength * STIFFNESS * mass
             damping = min(
                 2.0 * DAMPING_RATIO * math.sqrt(stiffness * mass),
-                _LARGEST_DAMPING_RATIO * self._scene.masses.of(body) / held)
+                _LARGEST_DAMPING_RATIO * self._scene.masses.mass_of(body) / held)
             position, velocity = motion(body)
             away = np.clip(self._targets[body] - position, -_FARTHEST, _FARTHEST)
             self._forces[body] = _capped(

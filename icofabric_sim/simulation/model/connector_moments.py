@@ -8,7 +8,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, Twisting
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.scene.attachments import woven_spans
+from icofabric_sim.scene.attachments import woven_end_to_end
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
 import numpy as np
@@ -29,7 +29,7 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
     if links is None or not (kappa_b.any() or kappa_t.any()):
         return PackedMoments(None, None, None)
     ends = [_links_of(scene, layout, links, end) for end in range(2)]
-    spans = woven_spans(
+    spans = woven_end_to_end(
         scene.weave, scene.parameters['weave.azimuth'], connectors.attachment)
     spans /= np.linalg.norm(spans, axis=1, keepdims=True)
     bending = twisting = woven = each = None

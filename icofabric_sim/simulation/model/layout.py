@@ -333,7 +333,7 @@ def make_links(
     if 18 * layout.slot_count > np.iinfo(np.int32).max:
         raise ValueError('too many bodies to number their attachment points with 32 bits')
     side, reach = _sides(grid, connections), 0
-    variety = None if laws.plain and not tables.tables else _no_laws(layout)
+    variety = None if laws.is_single_linear_spring and not tables.tables else _no_laws(layout)
     packed = _pack_tables(layout, tables)
     for piece, pair, codes in _from_either_end(connections):
         own, other = block[pair[:, 0]], block[pair[:, 1]]

@@ -226,7 +226,7 @@ def pack_scene(
             breakage = pack_breakage(
                 layout, links, connector_list.listed, scene.connectors.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
-    if scene.supports is not None or not masses.alike:
+    if scene.supports is not None or not masses.all_equal:
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     model = Model(
@@ -246,7 +246,7 @@ def pack_scene(
         shells=pack_own_shells(scene, layout),
         wrapping=None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
-        masses=None if masses.alike else Masses(
+        masses=None if masses.all_equal else Masses(
             layout.spread(masses.mass[:, None], empty=0.0),
             layout.spread(masses.inertia[:, None], empty=0.0),
             float(masses.mass.max()), float(masses.inertia.max())),

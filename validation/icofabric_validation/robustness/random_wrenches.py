@@ -67,7 +67,7 @@ def push_at_random(name: str, pushes: int, seed: int, tolerance: float | None = 
         channel = CHANNEL
         scene = scene.with_changes({f'loads.{CHANNEL}': {'group': 'all', 'share': 'total'}})
     weight = scene.body_count * scene.shell.mass * STANDARD_GRAVITY
-    shares = 1.0 if scene.loads[channel].total else float(len(scene.loads[channel].bodies))
+    shares = 1.0 if scene.loads[channel].is_divided else float(len(scene.loads[channel].bodies))
     simulation, outputs = ico.compile_scene(scene), Outputs(scene)
     simulation.warm_up()
     # Load all kernels, with those of contacts, before the first push.

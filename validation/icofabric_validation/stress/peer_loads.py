@@ -39,7 +39,7 @@ class PeerLoads:
         for channel, rows in zip(self._channels, self._rows):
             profile = channel.profile
             factor = profile.pieces[profile.begun(within)].at(time)
-            if channel.total:
+            if channel.is_divided:
                 factor /= len(channel.bodies)
             push = np.broadcast_to(factor * channel.force, (len(rows), 3))
             turn = np.broadcast_to(factor * channel.torque, (len(rows), 3))
