@@ -457,7 +457,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            RESTARTS),
         _s('motion', 'hold', '',
            'hold: no motion; velocity: constant twist (linear, angular); ramp: from rest to that '
-           'twist; sine: harmonic about the start; table: path from a file',
+           'twist; sine: harmonic from the start position; table: path from a file',
            RESTARTS, choices=('hold', 'velocity', 'ramp', 'sine', 'table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the centroid of the group, world axes; sine: amplitude [m]', RESTARTS),
