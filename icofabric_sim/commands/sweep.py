@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--keep', action='append', metavar='PHRASE',
         help="results to keep: energies, extremes, bag, 'displacement GROUP', tension, "
-             "'reaction GROUP', 'frequencies COUNT', moduli, gap, 'curve KIND STRAIN [POINTS "
+             "'reaction GROUP', 'frequencies [COUNT]', moduli, gap, 'curve KIND STRAIN [POINTS "
              "[AXIS]]'; all: docs/howto/sweep.md; may be repeated")
     parser.add_argument(
         '--duration', type=float, metavar='S', help='simulated time [s] of each run')

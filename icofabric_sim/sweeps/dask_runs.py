@@ -100,7 +100,7 @@ class Pool:
         Yield outcomes as runs finish.
 
         `leaders` are of different kernel variants; `followers[i]` need the kernels that leader i
-        compiles, so they wait for leader i. The first leader runs alone.
+        compiles, so they wait for leader i. All other leaders wait for the first one.
         """
         waiting: deque[RunRequest] = deque(leaders[:1])
         later: dict[str, list[RunRequest]] = {

@@ -4,15 +4,16 @@
 Independent check: energies of a slab by SciPy's minimiser with separately written forces.
 
 The forces, second derivatives and equilibrium solver of this package are not used, only the
-attachment points, the vertices of the icosahedron and the numbers of the scene. Springs are
-lengths between points. Contact is the potential of docs/contact.md in another form. With the
-slacks s_f = h_f - n_f . x of the 40 faces of two shells, min(p_A, p_B) is the least slack, so
+attachment points, the vertices of the icosahedron and the numbers of the scene. Springs act
+between points. Contact is the potential of docs/contact.md in another form. With the
+slacks s_f = h_f - n_f . x of the 40 faces of two shells, min(p_A, p_B) of that page is
+the least slack, so
 
     M_0 = volume of {x: all s_f(x) >= 0},    M_1 = sum over f of the integral of s_f over R_f
 
 where R_f = {x: 0 <= s_f(x) <= all others} is the part of the overlap to which face f is nearest.
-By the slack of face f the derivative of M_0 is its area, that of M_1 the volume of R_f. All are
-convex polytopes, which Qhull finds (SciPy's HalfspaceIntersection and ConvexHull).
+The derivative of M_0 with respect to s_f is the area of face f, that of M_1 the volume of R_f.
+All are convex polytopes, which Qhull finds (SciPy's HalfspaceIntersection and ConvexHull).
 """
 
 from collections.abc import Sequence
@@ -50,7 +51,7 @@ _ABSENT_PARAMETERS: Final = (
 
 
 class Compared(NamedTuple):
-    """Energy and its derivative by the strain at one strain, by this package and by SciPy."""
+    """Energy at one strain, and its derivative there, by this package and by SciPy."""
 
     strain: float
     package: float  # [J]
@@ -160,7 +161,7 @@ class PlainSlab:
                 (Rotation.from_rotvec(parts[:, 3:]) * self._turn).as_matrix())
 
     def energy(self, place: np.ndarray) -> tuple[float, np.ndarray]:
-        """Energy [J] and its gradient by the coordinates [J], (6 n,)."""
+        """Energy [J] and its gradient with respect to the coordinates [J], (6 n,)."""
         position, turn = self.pose(place)
         energy, wrench = self._springs(position, turn)
         for first, second in self._near(position):

@@ -61,7 +61,7 @@ RESULT_KINDS: Final[dict[str, ResultKind]] = {
         'mean displacement of a group from its initial position, and the largest of any body [m]'),
     'extremes': ResultKind(
         (RUN,), 'extremes',
-        'largest relative extension, compression and displacement during the run'),
+        'largest relative extension and compression, and largest displacement [m], of the run'),
     'bag': ResultKind((RUN,), 'bag', 'the recorded run, as icofabric run writes it'),
     'tension': ResultKind(
         (STATICS,), 'tension', 'largest and smallest (most compressive) force of a connector [N]'),
@@ -92,7 +92,7 @@ RESULT_KINDS: Final[dict[str, ResultKind]] = {
         'on an independent implementation of the forces'),
     'places': ResultKind(
         (MECHANISMS,), 'places', 'number of zero-energy motions of the woven fabric, and the '
-        'degrees of freedom at corners, edges, faces, interior and depths that take part'),
+        'degrees of freedom at corners, edges, faces, interior and each depth that take part'),
     'contacts': ResultKind(
         (STATICS,), 'contacts',
         'pairs in contact at equilibrium, largest overlap [m] and force [N]'),

@@ -55,8 +55,8 @@ def features_digest() -> str:
     """
     Return a hash of the processor features that kernels are compiled for.
 
-    NUMBA_CPU_NAME does not determine these features: Numba adds the features of this processor
-    unless NUMBA_CPU_FEATURES is given.
+    NUMBA_CPU_NAME does not determine these features: if it is set, Numba adds the features of
+    this processor unless NUMBA_CPU_FEATURES is set too.
     """
     from numba.core.registry import cpu_target
     _, _, features = cpu_target.target_context.codegen().magic_tuple()

@@ -23,8 +23,8 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     """
     Return moduli at small strains, then strength from evenly spaced strains.
 
-    The slab has buckled at the first state of lower stress than the state before, if no connector
-    broke in between.
+    The slab buckles at the last state before the stress first decreases, if no connector has
+    broken by then.
     """
     kind, strains, axis, direction, name = curve_arguments(phrase)
     small = [strain for strain in _MODULUS_STRAINS if strain < (1.0 - 1e-9) * strains[0]]

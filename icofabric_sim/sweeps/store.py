@@ -5,7 +5,8 @@ The store of finished runs: one folder per run, named by its key.
 
 A run is written under another name and renamed when complete, so a folder named by a key is a
 finished run even after a crash. Several sweeps may share a store: they reuse each other's finished
-runs and do not compute a run twice. The store must be on a file system shared by all workers.
+runs and, where the file system has locks, do not compute a run twice. The store must be on a file
+system shared by all workers.
 """
 
 from collections.abc import Iterator

@@ -79,7 +79,7 @@ def sweep(
     WorkersDiffer
         Source, libraries, processor target or store of a worker differ.
     SchedulerLost
-        The Dask scheduler or all its workers were lost.
+        The Dask scheduler or all its workers were lost, or no worker connected.
     """
     if progress is not None:
         checks.function('progress', progress)
@@ -137,7 +137,7 @@ class Study:
         store: str | os.PathLike[str] = _PLACE, on_validated: ValidationCallback | None = None
     ) -> 'Study':
         """
-        Return a sweep of parameters that may be incomplete without the varied ones.
+        Return a sweep of parameters that may be valid only with the varied values.
 
         `on_validated` is called with the number of validated runs and of all runs.
         """
@@ -188,7 +188,8 @@ class Study:
             self._files_of[texts] = known
             for name, file in built.files.items():
                 if file.content is None:
-                    raise ValueError(f'{name} is needed, but the bag does not contain this file')
+                    raise ValueError(
+                        f'the scene needs {name}, which its bag does not contain')
                 self._contents[file.total] = file.content
         else:
             check_parameters(parameters)

@@ -47,7 +47,7 @@ class Range(NamedTuple):
     logarithmic: bool
 
     def at(self, place: float, *, is_integer: bool) -> float | int:
-        """Return the value at a fraction from 0 to 1; all integers have equal shares of it."""
+        """Return the value at a fraction from 0 to 1, of which all integers have equal shares."""
         if is_integer:
             span = int(self.high) - int(self.low) + 1
             return int(self.low) + min(int(place * span), span - 1)
@@ -137,9 +137,9 @@ def _checked(text: str, name: Name, found: Range) -> Range:
     default = find_specification(name.parameter).default
     sample = default[0] if isinstance(default, list) else default
     if isinstance(sample, (str, bool)) or (isinstance(default, list) and name.element is None):
-        way = f'; {text}[0] is its first element' if isinstance(default, list) else ''
+        way = f', or vary one element, such as {text}[0]' if isinstance(default, list) else ''
         raise ValueError(
-            f'vary: {text} is not a single number, so it takes no range; list its values{way}')
+            f'vary: {text} is not a single number, so it takes no range; list whole values{way}')
     if not (math.isfinite(found.low) and math.isfinite(found.high) and found.low < found.high):
         raise ValueError(
             f'vary: {text}: the lower end must be below the upper end, got {found.low:g} to '

@@ -115,7 +115,7 @@ def test_samples_are_seeded_spread_and_within_their_ranges(method):
     ({'vary': {'connector.stiffness': {'from': 1, 'to': 2, 'step': 1}}}, 'unknown key step'),
     ({'vary': {'connector.stiffness': {'from': 1, 'to': 'x'}}}, 'to must be a number'),
     ({'vary': {'connector.stiffness': '1..2'}}, 'range without a count'),
-    ({'vary': {'gravity': '1..2/3'}}, r'gravity\[0\] is its first element'),
+    ({'vary': {'gravity': '1..2/3'}}, r'such as gravity\[0\]'),
     ({'vary': {'gravity[3]': [1.0]}}, 'gravity has 3 elements'),
     ({'vary': {'gravity[0]': [1.0], 'gravity': [[0.0, 0.0, 0.0]]}}, 'cannot both vary'),
     ({'vary': {'weave.size[0]': '3..6/3'}}, 'not all integers'),
