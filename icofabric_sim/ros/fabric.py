@@ -76,9 +76,9 @@ class FabricNode(AnsweringNode):
         """
         Build the scene of the validated `parameters`; raise ValueError if that is impossible.
 
-        With `simulation`, continue from its state instead. `on_built` is called before anything
-        starts that needs an orderly end, e.g. a bag. `presence` is a node that joined the graph
-        earlier. `ranks` share the steps.
+        With `simulation`, continue from its state instead. `on_built` is called once the scene is
+        built, before a bag is opened. `presence` is a node that joined the graph earlier. `ranks`
+        are MPI processes that share the steps.
         """
         super().__init__(
             'icofabric', allow_undeclared_parameters=True, start_parameter_services=False
@@ -148,9 +148,10 @@ class FabricNode(AnsweringNode):
         self, closing: Callable[[], AbstractContextManager[None]] = nullcontext
     ) -> None:
         """
-        Stop the simulation and close the bag within `closing`; a second call has no effect.
+        Stop the simulation and close the bag; a second call has no effect.
 
-        The bag is closed even if a call of the middleware blocks the run's thread.
+        The bag is closed in the context that `closing` returns, even if a call of the middleware
+        blocks the run's thread.
         """
         self.runner.stop()
         while self._thread.is_alive() and not self._is_blocked():
@@ -158,7 +159,7 @@ class FabricNode(AnsweringNode):
         is_alive = self._thread.is_alive()
         if is_alive:
             self.get_logger().error(
-                f'publishing is blocked for {_BLOCKED_S:g} s: the run ends at its present time')
+                f'publishing has been blocked for {_BLOCKED_S:g} s: the run ends')
         self.answers.end('the node has ended')
         self.live.close()
         # The current values belong to the run's thread.
@@ -171,7 +172,7 @@ class FabricNode(AnsweringNode):
         return time.monotonic() - self.live.busy_since > _BLOCKED_S
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        """Validate a change before rclpy applies it; both parameter services use this method."""
+        """Validate a change before rclpy applies it; both set_parameters services call it."""
         if self._gate is None:
             return super().set_parameters_atomically(parameter_list)
         return self._gate.set_atomically(parameter_list, super().set_parameters_atomically)
@@ -297,7 +298,7 @@ def run_node(node: FabricNode, signals: StopSignals) -> int:
         f', {count} ranks share the steps' if count > 1 else '')
     if node.runner.paused and not node.runner.now and node.runner.parameters['publish_clock']:
         _LOGGER.info(
-            'started paused: /clock stays at 0 until ~/pause, ~/step or ~/advance is called, '
+            'started paused: /clock stays at 0 until ~/pause (data: false), ~/step or ~/advance, '
             'and nodes that wait for a clock wait until then')
     server = Server(node)
     # Freeze imported objects: a garbage collection over them would block the node.

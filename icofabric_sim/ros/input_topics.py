@@ -63,7 +63,7 @@ class InputTopics:
         """
         Pass on all messages that have arrived on every topic; call from the executor's thread.
 
-        A message that a reliable publisher got acknowledged has arrived: the middleware confirms a
+        An acknowledged message of a reliable publisher has arrived: the middleware acknowledges a
         message once it is in the queue of the subscription.
         """
         for topic, subscription in self._subscriptions.items():

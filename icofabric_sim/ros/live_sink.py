@@ -23,13 +23,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # Time for delivery of the last messages [s].
 _LAST_DELIVERY_S = 0.3
-# Subscribers confirm messages about once per full queue of the publisher, and at least every three
-# seconds. A healthy subscriber confirms before the next message, unless that follows within this
-# time [s]. So its backlog is empty at some check.
+# Subscribers acknowledge messages about once per full queue of the publisher, and at least every
+# three seconds. A healthy subscriber acknowledges a message before the next one if they are this
+# time [s] apart, so some check finds no unacknowledged message.
 _CONFIRMATION_S = 0.01
 # A subscriber is stuck if its backlog was never empty for this time [s] and this number of checks.
 _STUCK_AFTER_S, _STUCK_CHECKS = 5.0, 20
-# A check costs 0.1 ms; it is skipped while fewer messages than this are unconfirmed.
+# A check costs 0.1 ms; it is skipped while fewer messages than this are unacknowledged.
 _MIN_CHECKED_COUNT = 10
 
 
@@ -52,9 +52,7 @@ def message_class(type_name: str) -> Any:
 
 
 class _Outlet:
-    """
-    Publisher with the number of messages sent since all subscribers had confirmed all of them.
-    """
+    """Publisher, and number of messages since subscribers had last acknowledged all."""
 
     def __init__(self, publisher: Publisher, depth: int) -> None:
         self.publisher = publisher
@@ -65,7 +63,7 @@ class _Outlet:
 
 class LiveSink:
     """
-    Publishers of serialised messages; a topic without subscribers is not built.
+    Publishers of serialised messages, which are built only for topics with subscribers.
 
     Publishing never waits for a subscriber. The queue of a reliable publisher keeps the last
     messages; a full queue drops the oldest one, which is counted.
@@ -108,7 +106,7 @@ class LiveSink:
 
     def offer(self, topic: Topic, build: Callable[[], bytes]) -> None:
         """
-        Publish the result of `build` if it has subscribers and no other thread is publishing.
+        Publish the result of `build` if `topic` has subscribers and no other thread is publishing.
         """
         if not self._lock.acquire(blocking=False):
             return

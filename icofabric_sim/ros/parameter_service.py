@@ -45,10 +45,10 @@ class GuardedParameterService(ParameterService):
 
     def __init__(self, node: Node, answers: Answers) -> None:
         """
-        Serve the parameters of `node`, whose other requests wait in `answers`.
+        Serve the parameters of `node`; `answers` holds its pending requests.
 
         A node that builds changes in another thread stores the future of the last build in
-        `build`.
+        `node.build`.
         """
         self._node_weak_ref = weakref.ref(node)
         self._answers = answers
@@ -100,7 +100,7 @@ class GuardedParameterService(ParameterService):
         return response
 
     def _set(self, messages: Any) -> 'tuple[SetParametersResult, Future[str] | None]':
-        """Validate one change; return the result and the future of the reason for its rollback."""
+        """Validate one change; return the result, and a future of why its build failed, or ''."""
         wanted = []
         for message in messages:
             try:

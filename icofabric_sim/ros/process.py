@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node's process: ROS start, log, and a spin that survives any request."""
+"""A node's process: ROS start, log, and an executor that survives errors in callbacks."""
 
 from collections.abc import Callable, Iterable
 import logging
@@ -119,7 +119,7 @@ def log_to_ros(logger: RcutilsLogger | None = None) -> None:
 
 
 class Server:
-    """Executor of one node that continues after errors in requests."""
+    """Executor of one node that continues after errors in callbacks."""
 
     def __init__(self, node: Node) -> None:
         """Prepare to serve `node`."""
@@ -139,7 +139,7 @@ class Server:
             except Exception as error:  # noqa: BLE001 - e.g. a text that is not UTF-8
                 if rclpy.ok():
                     self._errors.log(
-                        type(error).__name__, f'a request could not be handled: {error!r}')
+                        type(error).__name__, f'a callback failed: {error!r}')
 
 
 def spin(node: Node, is_over: Callable[[], bool]) -> None:

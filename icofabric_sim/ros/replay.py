@@ -114,7 +114,7 @@ class ReplayNode(AnsweringNode):
             self.source.close()
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Validate a change before rclpy applies it; both parameter services use this method."""
+        """Validate a change before rclpy applies it; both set_parameters services call it."""
         if self._player is None:
             return super().set_parameters_atomically(parameter_list)
         try:
@@ -170,7 +170,7 @@ class ReplayNode(AnsweringNode):
                 self.get_logger().warning(f'{name} is not played: {reason}')
 
     def _diagnose(self, status: ReplayStatus) -> bytes:
-        notes = {'messages not taken': str(self._live.not_taken)}
+        notes = {'messages not taken in time': str(self._live.not_taken)}
         if self.continuation is not None:
             notes['simulated again up to [s]'] = f'{seconds(self.continuation.reached):.9f}'
         warning = '' if self._clock_watch is None else self._clock_watch.note
@@ -199,7 +199,7 @@ class ReplayNode(AnsweringNode):
     async def _step(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        return await self._answer(self.player.step, response, 'stepped by one frame')
+        return await self._answer(self.player.step, response, 'stepped to the next poses')
 
     async def _seek(self, request: Any, response: Any) -> Any:
         time = request.time.sec * NANOSECONDS + request.time.nanosec
@@ -214,7 +214,7 @@ class ReplayNode(AnsweringNode):
     async def _continue(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Rebuild the run up to the present recorded time, and continue with a simulation."""
+        """Simulate the run again up to the present recorded time, and continue from there."""
         if self.continuation is not None:
             response.success, response.message = False, 'the simulation is already being built'
             return response
@@ -311,8 +311,8 @@ def _log_bag_contents(node: ReplayNode) -> None:
     others = [name for name in source.fabrics if name != source.fabric]
     if others:
         logger.warning(
-            f'this bag holds {len(others)} more: {", ".join(others)}; parameter fabric selects '
-            'the one to play')
+            f'this bag also holds {", ".join(others)}; the parameter fabric selects the fabric '
+            'to play')
     elif source.left_out:
         logger.info(
             f'not played, because not topics of {source.fabric}: {", ".join(source.left_out)}; '

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Transition from a replay to a simulation: the recorded run is rebuilt up to a time and continues.
+Transition from a replay to a simulation: the run is simulated again to a time and continues.
 """
 
 from collections.abc import Mapping
@@ -22,15 +22,15 @@ _RECORDED_NODE_PARAMETERS = ('record.path', 'record.storage', 'publish_clock')
 
 
 class ReplayContinuation:
-    """Recorded run that is being rebuilt as a running simulation."""
+    """Recorded run that is simulated again to continue it."""
 
     def __init__(self, path: Path, fabric: str, paused: bool) -> None:
         """Prepare the run of `fabric` in the bag `path`; it will start paused if `paused`."""
         self._path, self._fabric, self._paused = path, fabric, paused
         self._simulation: 'Simulation | None' = None
         self._parameters: 'Parameters | None' = None
-        self.reached = 0  # [ns] recorded time reached by the rebuild
-        self.is_cancelled = False  # true cancels the rebuild
+        self.reached = 0  # [ns] recorded time simulated so far
+        self.is_cancelled = False  # true cancels the simulation
 
     def build(self, time: int) -> 'Future[None]':
         """Simulate the recorded run again up to `time` [ns] in a new thread."""
@@ -64,10 +64,10 @@ class ReplayContinuation:
         presence: 'Presence',
     ) -> int:
         """
-        Run the simulation as the node that the replay was, until stopped; return the exit status.
+        Run the simulation under the node name of the replay; return the exit status at its end.
 
-        The simulation keeps the real-time factor of the replay (`rate`). `presence` has stayed in
-        the graph.
+        The simulation keeps the real-time factor of the replay (`rate`). `presence` has kept the
+        ROS participant in the graph since the node of the replay ended.
         """
         from icofabric_sim.ros.fabric import FabricNode, run_node
 

@@ -37,7 +37,7 @@ def main(argv: list[str] | None = None) -> int:
         end_process(main(sys.argv))
     signals = StopSignals(ends_process=argv is sys.argv)
     if set(argv[1:]) & {'-h', '--help', '--version'}:
-        print(f'replay_node of icofabric_sim {__version__}: plays recorded fabric\n{_usage()}')
+        print(f'replay_node of icofabric_sim {__version__}: plays a recorded run\n{_usage()}')
         return 0
     with import_without_gc():
         from icofabric_sim.terminal import CommandFailed, InputError

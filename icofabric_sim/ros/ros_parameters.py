@@ -94,8 +94,8 @@ def make_start_parameters(overrides: Mapping[str, Any]) -> Parameters:
     parameters = make_parameters(own)
     if parameters['tf.group'] and find_spec(_TF_PACKAGE) is None:
         raise ParameterError(
-            'tf.group', f'tf.group {parameters["tf.group"]!r}: frames are messages of the package '
-            f"{_TF_PACKAGE}, which is not installed; it comes with ROS 2, '' disables frames")
+            'tf.group', f'tf.group {parameters["tf.group"]!r} needs the package {_TF_PACKAGE}, '
+            "which is not installed: install it (part of ROS 2), or set tf.group to ''")
     check_parameters(parameters)
     return parameters
 
@@ -118,8 +118,8 @@ class ParameterGate:
         """
         Start from `parameters`; `on_change` is called with every accepted change.
 
-        `limit` returns the stability limit [s] of the running fabric, `held` the values of
-        parameters that ROS declares.
+        `limit` returns the stability limit [s] of the running fabric, `held` the present value of
+        a parameter that ROS declares.
         """
         self.accepted = parameters
         self._on_change = on_change
@@ -221,11 +221,11 @@ class ParameterGate:
 
 def restore_type(value: Any, default: Any) -> Any:
     """
-    Return the `value` that a parameter file gives where a tool has sent a text instead.
+    Convert a string sent by `ros2 param` to the value that a parameter file would give.
 
-    `ros2 param load` and `set` read YAML 1.1, in which 1e-06 and 1.5E3 are texts, and they send a
-    list with such an item as one text. `default` has the intended type. A text that YAML 1.1 reads
-    as a number was quoted, and stays a text.
+    `ros2 param load` and `set` read YAML 1.1, in which 1e-06 and 1.5E3 are strings, and they send
+    a list with such an item as one string. `default` has the intended type. A string that YAML 1.1
+    would read as a number was quoted by the user and stays a string.
     """
     if isinstance(value, array):
         value = list(value)

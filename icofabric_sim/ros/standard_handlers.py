@@ -185,7 +185,7 @@ class StandardHandlers:
         self._fill(response.state, view, Entities(view.scene).number(request.entity))
 
     async def SetEntityState(self, request: Any, response: Any) -> None:
-        """Set the pose and velocities of a body; supported freedoms stay at rest."""
+        """Set pose and velocities of a body; coordinates fixed by a support stay at rest."""
         view, state = await self._view(), request.state
         entities = Entities(view.scene)
         body = entities.number(request.entity)
@@ -218,7 +218,7 @@ class StandardHandlers:
             await self._answers.of(lambda: self._runner.set_body_state(body, checked))
 
     async def GetEntityInfo(self, request: Any, response: Any) -> None:
-        """Describe an entity: shell, supported or free, and its groups."""
+        """Describe an entity: shell, free or fixed by a support, and its groups."""
         view, kind = await self._view(), self._messages.EntityCategory
         entities, info = Entities(view.scene), response.info
         body = entities.number(request.entity)
@@ -259,7 +259,7 @@ class StandardHandlers:
     def _end_reason(self) -> str:
         if self._runner.failure:
             return f'the simulation has stopped; reset it first: {self._runner.failure}'
-        return 'its duration has passed' if self._runner.finished else ''
+        return 'the duration of the run has passed' if self._runner.finished else ''
 
     async def _view(self) -> View:
         runner = self._runner

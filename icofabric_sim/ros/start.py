@@ -38,15 +38,15 @@ class StopSignals:
     """
     Handlers of SIGINT and SIGTERM for one orderly end of the node.
 
-    rclpy's handlers shut down the context while the node still has to publish. A second Ctrl-C (a
-    launch sends one after the user's) would end the process before its bag is closed.
+    rclpy's handlers shut down the context while the node still has to publish. `ros2 launch` sends
+    a second SIGINT after the user's Ctrl-C, which would end the process before its bag is closed.
     """
 
     def __init__(self, *, ends_process: bool = False) -> None:
         """
         Install the handlers, also for ignored signals: a shell lets background jobs ignore SIGINT.
 
-        `ends_process`: the process ends with the node, also by force.
+        `ends_process`: the process ends with the node, and may be ended by force.
         """
         self.received = False
         self._ends_at_once, self._ends_process = True, ends_process
@@ -85,8 +85,8 @@ class StopSignals:
         """
         Ignore signals from now on: the process ends with its own exit status.
 
-        With a `status`, only the middleware is left to end. If that takes too long, the process is
-        ended with this status.
+        Give a `status` once only the middleware remains to shut down. If the shutdown takes too
+        long, the process is ended with this status.
         """
         for number in _STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
@@ -152,9 +152,8 @@ def end_process(status: int) -> NoReturn:
     """
     End a process whose files are closed, without running C++ destructors.
 
-    Threads of the middleware and of the compiler's libraries outlive the objects that destructors
-    delete. While kernels are compiled, such an end can be a segmentation fault after all work is
-    done.
+    At a normal exit destructors delete objects that threads of the middleware and the compiler
+    still use, which can crash the process after all work is done.
     """
     rclpy = sys.modules.get('rclpy')
     if rclpy is not None:
@@ -170,10 +169,10 @@ def end_process(status: int) -> NoReturn:
 @contextmanager
 def import_without_gc() -> Iterator[None]:
     """
-    Import without garbage collection, which took a tenth of the start.
+    Import without garbage collection, which slows imports down.
 
     Imported objects are also excluded from later collections, which would delay a running node. If
-    a ROS package is missing, one line says so and the process ends with status 2.
+    a package is missing, print one line and end the process with status 2.
     """
     gc.disable()
     try:
@@ -196,7 +195,7 @@ def import_without_gc() -> Iterator[None]:
 
 
 def check_domain() -> None:
-    """Reject a ROS_DOMAIN_ID without valid ports, on which the middleware fails unclearly."""
+    """Reject a ROS_DOMAIN_ID without valid ports; the error of the middleware is unclear."""
     text = os.environ.get('ROS_DOMAIN_ID', '')
     if text.strip().isdecimal() and int(text) > _MAX_DOMAIN_ID:
         raise ValueError(
@@ -206,7 +205,7 @@ def check_domain() -> None:
 
 def non_ros_arguments(arguments: list[str]) -> list[str]:
     """
-    Return the arguments outside of `--ros-args ... --`, without remapping rules in the old form.
+    Return the arguments outside of `--ros-args ... --`, except remapping rules `name:=value`.
     """
     own, for_ros = [], False
     for argument in arguments:

@@ -17,7 +17,7 @@ _INTERVAL_S = 1.0
 
 @contextmanager
 def reporting_start(node: Node) -> Iterator[None]:
-    """Report for `node` once a second from another thread until the block ends."""
+    """Publish /diagnostics of `node` once a second, from another thread, during the block."""
     publisher = node.create_publisher(
         message_class(DIAGNOSTICS.type), DIAGNOSTICS.name, quality(DIAGNOSTICS))
     report, over = HealthReport(node.get_fully_qualified_name()), threading.Event()

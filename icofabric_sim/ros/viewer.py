@@ -38,7 +38,7 @@ _CHECK_INTERVAL_S = 1.0
 # A change of parameters is answered within seconds; the node may have ended meanwhile [s].
 _ANSWER_WAIT_S = 30.0
 # Answer if the parameter service is missing.
-_MISSING_SERVICE = '{0} is not available: is the fabric {1} running in this ROS domain?'
+_MISSING_SERVICE = '{0} of {1} is not available: is the node running in this ROS domain?'
 
 
 class NodeActions:
@@ -83,7 +83,7 @@ class NodeActions:
         request = SetParametersAtomically.Request(parameters=[
             Parameter(each, value=given).to_parameter_msg()
             for each, given in with_kind(name, value).items()])
-        return self._call(self._parameters, 'its parameter service', request, lambda answer: (
+        return self._call(self._parameters, 'the parameter service', request, lambda answer: (
             answer.result.successful, answer.result.reason))
 
     def _call(

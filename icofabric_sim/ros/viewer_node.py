@@ -27,7 +27,7 @@ def main(argv: list[str] | None = None) -> int:
 
     Exit status:
         0 done, also by SIGINT or SIGTERM
-        2 bad input, or the extra is not installed
+        2 bad input, or the pip extra `viewer` is not installed
         130 interrupted before the page was open
     """
     if argv is None:

@@ -180,7 +180,7 @@ def test_refusal_names_the_parameter_and_the_reason(client, before_refusals, nam
 def test_refusals_changed_nothing(client, before_refusals, node, tmp_path):
     assert held(client) == before_refusals
     assert len(client.received['/icofabric/weave']) == 1
-    assert 'could not be handled' not in node.log()
+    assert 'a callback failed' not in node.log()
 
 
 def test_atomic_change_is_refused_as_a_whole(client, before_refusals):
@@ -436,4 +436,4 @@ def test_parameters_answer_while_ten_thousand_bodies_run(client):
 
 def test_nothing_ended_the_executor(client, node):
     assert client.pause() > 0
-    assert 'Traceback' not in node.log() and 'could not be handled' not in node.log()
+    assert 'Traceback' not in node.log() and 'a callback failed' not in node.log()

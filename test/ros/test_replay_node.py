@@ -106,7 +106,7 @@ def test_services_and_parameters(tmp_path, bag):
         # From frame to frame.
         answers = [client.call('~/step') for _ in range(3)]
         assert [answer.message for answer in answers] == [
-            f'stepped by one frame, t = 0.0{k}0000000 s' for k in (2, 4, 6)]
+            f'stepped to the next poses, t = 0.0{k}0000000 s' for k in (2, 4, 6)]
         client.wait_for(lambda: POSE_TIMES[3] in stamps(poses), 'the third step')
         assert set(stamps(poses)) == set(POSE_TIMES[:4]) and clock[-1] == POSE_TIMES[3]
 
