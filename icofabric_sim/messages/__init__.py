@@ -3,7 +3,7 @@
 """
 ROS messages built as bytes with NumPy views of their numbers; no ROS needed.
 
-Building a message from objects costs a hundred times more than the step it reports. Each class
+Building a message from objects takes a hundred times as long as computing the step. Each class
 here therefore writes the constant parts of its message once and exposes the numbers as an array.
 Publishers and bags use the same bytes.
 """

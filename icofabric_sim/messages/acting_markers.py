@@ -3,8 +3,8 @@
 """
 MarkerArray of loads, supports, planes and contacts for viewers.
 
-A few lists replace one marker for each arrow. Empty lists are sent as removals, so that the
-display does not depend on earlier messages.
+A list marker for each kind replaces a marker for each arrow. Empty lists are sent as removals, so
+that the display does not depend on earlier messages.
 """
 
 from collections.abc import Iterator, Mapping

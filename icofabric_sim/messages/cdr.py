@@ -174,6 +174,7 @@ class CdrReader:
         self._take(size, 1)
 
     def finish(self) -> None:
+        """Raise ValueError if more than padding is left."""
         left = len(self._view) - self._position
         if not left < PADDING_BELOW:
             raise self.error(f'{left} bytes follow its end')

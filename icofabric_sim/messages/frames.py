@@ -4,7 +4,7 @@
 
 import re
 
-# Stands for the frame of each body of a channel in turn.
+# frame_id of a wrench in body axes that acts on every body of a channel; prefix of frame names.
 ANY_BODY = 'icosahedron'
 _BODY = re.compile(rf'{ANY_BODY}_(0|[1-9][0-9]{{0,9}})')
 _MAX_SHOWN_LENGTH = 100

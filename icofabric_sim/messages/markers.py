@@ -70,7 +70,7 @@ def held_bodies(scene: Scene) -> np.ndarray:
 
 
 def list_numbers(scene: Scene) -> set[int]:
-    """Return the ids of the lists of connectors and anchors, including empty ones."""
+    """Return the ids of the list markers of connectors and anchors, including empty lists."""
     numbers = {len(STRAIN_CLASSES)} if scene.anchors else set()
     if scene.connector_count:
         numbers.update((*range(len(STRAIN_CLASSES)), len(STRAIN_CLASSES) + 1))

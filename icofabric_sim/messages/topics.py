@@ -88,7 +88,7 @@ def _publish(name: str, type_name: str, **options: Any) -> Topic:
 POSES = _publish(
     '~/poses', PoseArrayBytes.TYPE, recorded=Recorded.ALWAYS, rate='publish_rate',
     build=lambda outputs, run, now: [outputs.poses(run.snapshot(), now)])
-# Numbers of the bodies in `~/poses` and `~/state` if publish.* selects bodies.
+# Indices of the bodies in `~/poses` and `~/state` if publish.* selects bodies.
 BODIES = _publish(
     '~/bodies', Float64MultiArrayBytes.TYPE, latched=True, depth=1, recorded=Recorded.IF_SENT)
 CONNECTORS = _publish(
@@ -106,7 +106,7 @@ MARKERS = _publish(
 STATE = _publish(
     '~/state', Float64MultiArrayBytes.TYPE, rate='publish_rate',
     build=lambda outputs, run, now: [outputs.state(run.snapshot())])
-# Spins of eq 18; `~/state` has them in world axes.
+# Angular velocities in body axes (eq 18); `~/state` has them in world axes.
 BODY_SPIN = _publish(
     '~/angular_velocity_body', Float64MultiArrayBytes.TYPE, rate='publish_rate',
     build=lambda outputs, run, now: [outputs.body_spin(run.snapshot())])
@@ -163,7 +163,7 @@ ENERGIES = {
 
 
 class Outputs:
-    """Message layouts of one scene, written once; the numbers change with every snapshot."""
+    """Message builder of one scene: layouts are written once, numbers for every snapshot."""
 
     def __init__(self, scene: Scene) -> None:
         """Create the layouts; large messages are built in place on request."""
@@ -216,7 +216,7 @@ class Outputs:
 
     def bodies(self) -> bytes | None:
         """
-        Return `~/bodies`: (m,) numbers of the bodies in `~/poses`; None if all are published.
+        Return `~/bodies`: (m,) indices of the bodies in `~/poses`; None if all are published.
         """
         chosen = self.scene.published_bodies
         if chosen is None:
@@ -320,8 +320,8 @@ class Outputs:
         """
         Return `~/connectors` or `~/icosahedra` that removes all markers of an earlier weave.
 
-        The message uses the namespace of the topic: Foxglove removes the markers of a namespace,
-        RViz all.
+        The message uses the namespace of the topic, because Foxglove removes only markers of the
+        given namespace; RViz removes all markers of the topic.
         """
         namespace = topic.name.removeprefix('~/')
         marker = MarkerBytes(self.frame_id, namespace, 0, MarkerType.LINE_LIST)
@@ -331,7 +331,7 @@ class Outputs:
         """
         Return `~/weave`: the `parameters` in force as a ROS parameter file, with named files.
 
-        They equal those of the scene, except for output rates and the like that may have changed.
+        They equal those of the scene, except for changed output rates, duration etc.
         """
         if self._described is None or self._described[0] is not parameters:
             text = append_files(dump_parameters(parameters.complete()), self.scene.files)

@@ -47,7 +47,7 @@ class TransformsBytes:
     def filled(
         self, nanoseconds: SupportsIndex, position: np.ndarray, orientation: np.ndarray
     ) -> bytes:
-        """Return the message: stamp [ns], (n, 3) [m], (n, 4) x y z w, both in the parent frame."""
+        """Return the message: `position` (n, 3) [m], `orientation` (n, 4) x y z w, parent axes."""
         self._stamps[self._stamp_places] = split_nanoseconds(nanoseconds)
         self._values[self._places[:, :3]] = position
         self._values[self._places[:, 3:]] = orientation
