@@ -349,7 +349,7 @@ def test_plain_argument_and_several_fabrics(tmp_path, bag):
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain())})
     assert done.returncode == 0, done.stderr
     assert 'topics of /b/fabric, t = 0 s to 2 s' in done.stderr
-    assert 'holds 1 more: /icofabric; parameter fabric selects' in done.stderr
+    assert 'this bag also holds /icofabric; the parameter fabric selects' in done.stderr
 
 
 def test_seek_service_of_rosbag2():
