@@ -104,7 +104,7 @@ class BagReader:
 
     def custom_on(self, topic: str) -> dict[str, str]:
         """
-        Return the custom data in the messages of one topic; each fabric in a bag has its own.
+        Return the custom data in the messages of one topic; each fabric has a topic of its own.
         """
         if topic not in self.topics:
             return {}
@@ -135,8 +135,8 @@ class BagReader:
             raise
         except Exception as error:
             raise BagError(
-                f'{self.path} is damaged: {error}; for MCAP, `icofabric recover {self.path}` '
-                'recovers the messages before the damage') from error
+                f'{self.path} is damaged: {error}; `icofabric recover {self.path}` copies the '
+                'readable messages to a new bag') from error
 
     def close(self) -> None:
         """Close the files; a second call has no effect."""

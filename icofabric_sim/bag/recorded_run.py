@@ -154,9 +154,10 @@ class RecordedRun:
 
     def breaks(self) -> list[tuple[int, np.ndarray]]:
         """
-        Return the time [ns] of each breakage message, with connector and break time [s], (m, 2).
+        Return the time [ns] and the table (m, 2) of each breakage message.
 
-        All connectors broken until that time are listed; -1 - k stands for anchor k.
+        The table has a row for each connector broken so far: its number (-1 - k: anchor k) and the
+        time of its break [s].
         """
         def pairs(data: bytes) -> np.ndarray:
             return np.array(decode_float64_multi_array(data).values).reshape(-1, 2)

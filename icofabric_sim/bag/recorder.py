@@ -30,7 +30,7 @@ from icofabric_sim.bag.storage import (
 from icofabric_sim.messages import StringBytes
 from rosbags.interfaces import QosDurability
 
-# [s] of wall time: a killed recording may lose one second, of which writing takes a part.
+# [s] of wall time. A kill may lose 1 s of a recording: this interval and the time to write.
 FLUSH_INTERVAL_S = 0.25
 QUEUE_BYTES = 128 * 2**20
 CUSTOM_TOPIC = '/icofabric/recording'
@@ -51,7 +51,7 @@ class BagRecorder:
     recorded before is finished as a complete bag if the disk has room for the final index.
 
     Custom data is written to the metadata when the bag is closed, and at once as a JSON message on
-    `custom_topic`, the first message of the bag, because a killed bag has no metadata. Each
+    `custom_topic`, the first message of the bag, because a killed bag has no metadata.yaml. Each
     further file of a split bag starts with the custom data and the last message of each latched
     topic, so that it can be read alone. BagReader skips these repetitions when it reads the entire
     bag.

@@ -32,7 +32,7 @@ class RecoveryReport(NamedTuple):
     """
     Recovered messages by topic, times of the first and last [ns], and custom data.
 
-    `damage` describes where reading ended; it is empty for a complete source.
+    `damage` describes skipped chunks and where reading ended; it is empty for a complete source.
     """
 
     path: Path
@@ -54,7 +54,8 @@ def recover_bag(
     """
     Copy every readable message of a bag, or of a bare file, into a new complete bag.
 
-    MCAP yields all messages up to the last closed chunk, SQLite all up to the last commit.
+    MCAP yields all messages up to the last closed chunk, except in damaged chunks, SQLite all up
+    to the last commit.
     Storage, compression, files of a split bag, topics with their QoS, order and custom data are
     preserved. `on_progress` receives the completed fraction, 0 to 1. The source is not changed.
     """

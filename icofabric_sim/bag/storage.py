@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Elements of a bag: message types, QoS profiles, custom data, folders."""
+"""Elements of a bag: message types, QoS profiles, custom data."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
@@ -190,7 +190,7 @@ def qos_entries(profiles: Sequence[Qos]) -> list[dict[str, Any]]:
 
 
 def parse_qualities_of_service(stored: Any) -> list[Qos]:
-    """Parse the stored profiles of a topic; return none if they are unreadable."""
+    """Parse the stored profiles of a topic; return an empty list if they are unreadable."""
     try:
         return parse_qos(stored)
     except Exception:  # any error in foreign data; the messages matter more

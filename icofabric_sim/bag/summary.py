@@ -70,7 +70,7 @@ class BagSummary:
 
     @property
     def finished(self) -> bool:
-        """Return whether the recorder finished the bag; a recovered bag lacks its last message."""
+        """Return True if the recorder closed the bag: only then the custom data contain `failure`."""
         return 'failure' in self.custom
 
     @property
