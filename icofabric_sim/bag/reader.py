@@ -104,7 +104,7 @@ class BagReader:
 
     def custom_on(self, topic: str) -> dict[str, str]:
         """
-        Return the custom data in the messages of one topic; each fabric has a topic of its own.
+        Return the custom data in the messages of one topic; each fabric writes to another topic.
         """
         if topic not in self.topics:
             return {}

@@ -70,7 +70,7 @@ class BagSummary:
 
     @property
     def finished(self) -> bool:
-        """Return True if the recorder closed the bag: only then the custom data contain `failure`."""
+        """Return whether the recorder closed the bag, which adds `failure` to the custom data."""
         return 'failure' in self.custom
 
     @property
