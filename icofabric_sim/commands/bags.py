@@ -29,7 +29,7 @@ def bag_path(text: str) -> Path:
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
     """
-    Map errors of a bag to exit statuses: not a bag (bad input), or damaged, unfinished, foreign.
+    Map errors of a bag to exit statuses: 2 (not a bag), or 1 (damaged, unfinished or foreign).
     """
     from icofabric_sim.bag import BagError
     try:

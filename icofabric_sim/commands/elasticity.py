@@ -55,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='rotation axis of a bend, normal to --axis (default: the next axis, y for x)')
     parser.add_argument(
         '--along', nargs=3, type=float, metavar=('X', 'Y', 'Z'),
-        help='displacement direction of the moved end in a shear, or an oblique pull or push '
-             '(reversed for a push; default: --axis; for a shear the next axis, y for x)')
+        help='displacement direction of the moved end in a pull or, reversed, a push (default: '
+             '--axis), or in a shear (default: the next axis, y for --axis x)')
     parser.add_argument(
         '--cycles', type=int, default=0, metavar='N',
         help='load and unload N times and report the dissipated energy (%(default)d: load only)')
@@ -300,7 +300,8 @@ def rest_text(scene: 'Scene') -> list[str]:
     angle = geometry_from_length(woven.half_edge, natural).connector_angle
     return [
         f'  connector.natural_length {natural:.6g} m: these are constants of the woven state, '
-        f'supported; the free fabric is in equilibrium at weave.connector_angle {angle:.6g} rad']
+        'held by external stress; the free fabric is in equilibrium at weave.connector_angle '
+        f'{angle:.6g} rad']
 
 
 _BRANCHES = {

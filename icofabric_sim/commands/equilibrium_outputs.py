@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Output files of `icofabric statics` and `icofabric modes`: tables and pictures."""
+"""Output files of `icofabric statics`, `modes` and `elasticity`: tables and pictures."""
 
 import argparse
 import csv
@@ -136,7 +136,7 @@ def _arrows(reactions: 'Reactions | None', tension: float) -> tuple['Push', ...]
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare --output and --picture."""
     parser.add_argument('--output', metavar='DIR', help='folder for tables (CSV)')
-    parser.add_argument('--picture', metavar='FILE', help='draw start and equilibrium to this PNG')
+    parser.add_argument('--picture', metavar='FILE', help='draw the results to this PNG')
 
 
 def outputs_of(arguments: argparse.Namespace) -> EquilibriumOutputs:

@@ -150,8 +150,7 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
         duration = arguments.end
     if not 0.0 < duration < math.inf:
         raise InputError(
-            'duration required: give --duration S, the simulated time in seconds (the scene '
-            'has duration 0)')
+            'duration required: give --duration S, the simulated time in seconds (above 0)')
     start, end = time_span(arguments, 0.0, duration)
     with bad_input():
         scene = Scene.from_parameters(parameters)

@@ -72,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
     """
     Run the verb in `argv` (default: `sys.argv`).
 
-    In the default case signals stay ignored, so the process should exit.
+    Without `argv`, SIGINT and SIGTERM are ignored after the verb ends; the caller should exit.
 
     Return the exit status: 0 done, 1 failed run or damaged file, 2 bad input, 130 interrupted.
     """

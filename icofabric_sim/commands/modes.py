@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--branch', choices=('pull', 'push'),
         help='stiffness assumed in pictures and animations for connectors at their natural '
-             'length: pull uses k_e, push uses k_c (default: push). Lists, files and bands '
-             'contain both')
+             'length: pull uses k_e, push uses k_c (default: push). Lists and files contain '
+             'both; bands only this one (default: both)')
     parser.add_argument(
         '--equilibrium', action='store_true',
         help='about the equilibrium under the loads of the scene, as found by icofabric statics '

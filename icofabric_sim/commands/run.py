@@ -245,8 +245,7 @@ def _complete(arguments: argparse.Namespace, parameters: 'Parameters') -> 'Param
         parameters = parameters.with_changes(changes)
     if not parameters['duration'] > 0.0:
         raise InputError(
-            'duration required: give --duration S, the simulated time in seconds (the scene '
-            'has duration 0)')
+            'duration required: give --duration S, the simulated time in seconds (above 0)')
     return parameters
 
 

@@ -133,7 +133,7 @@ def growth_rows(growth: Growth, tolerance: float) -> list[Row]:
         return [('growth', f'{text}; the effect on errors is not known, because they were not '
                            'estimated')]
     if not growth.is_sensitive:
-        basis = 'errors' if tolerance == 0.0 else 'tolerance'
+        basis = 'errors' if tolerance == 0.0 else 'tolerance x duration'
         end = 'the error at that time' if growth.ended else 'the final error'
         return [('growth', f'{text}: {end} stays below {growth.final_error(tolerance):.2g} '
                            f'({basis}, times growth)')]
@@ -199,8 +199,8 @@ def _kept(monitor: RunMonitor, status: Status) -> list[Row]:
     """Describe the times of the results of a failed run: outputs, steps, and the kept state."""
     if not status.failure:
         return []
-    return [('', f'failed: outputs end at t = {seconds(status.time):.6g} s, steps and the '
-                 'balance at the failure; energy and momentum at the end are from the last '
+    return [('', f'failed: outputs reach t = {seconds(status.time):.6g} s; steps and the energy '
+                 'balance are those at the failure, energy and momentum those of the last '
                  f'valid state, t = {monitor.last.time:.6g} s')]
 
 

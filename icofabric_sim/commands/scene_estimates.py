@@ -82,7 +82,8 @@ def frequency_bound(scene: Scene) -> float:
     """
     Return an upper bound of the angular frequencies [rad/s] of straight, unstrained connectors.
 
-    (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2 for each of them; g^2 <= 1/m + r^2/I of a body.
+    With mass-weighted coordinates x of both bodies and the gradient g of a connector's length:
+    (g1.x1 + g2.x2)^2 <= 2 (g1.x1)^2 + 2 (g2.x2)^2, and g^2 <= 1/m + r^2/I of a body.
     """
     if not scene.connector_count:
         return 0.0

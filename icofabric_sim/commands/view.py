@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene_arguments(parser, 'SCENE|BAG', 'the folder of a bag')
     parser.add_argument(
         '--host', default='127.0.0.1',
-        help='address to serve at; other addresses than this machine require a token '
-             '(%(default)s)')
+        help='address to serve at; for other machines the printed address contains a token, '
+             'which the page requires (%(default)s)')
     parser.add_argument(
         '--port', type=int, default=8080,
         help='port, or the next free one (%(default)s)')
