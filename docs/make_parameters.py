@@ -49,11 +49,11 @@ _METHODS = """
 ## Methods
 
 Values of `solver.method`, from `icofabric_sim.METHODS`. `auto` chooses one of them for each scene
-([accuracy.md](accuracy.md)), and `icofabric info` states the choice and the reason. *Evaluations*
-is the number of force evaluations per step. *Stable* is the longest stable step times the largest
-angular frequency of the fabric. In a step in which a connector with two stiffnesses crosses its
-natural length, `srkn4` and `srkn6` have order 4 and are not symplectic; the other symplectic
-methods have order 2.
+([accuracy.md](accuracy.md)), and `icofabric info --compile` states the choice and the reason.
+*Evaluations* is the number of force evaluations per step. *Stable* is the longest stable step
+times the largest angular frequency of the fabric. In a step in which a connector with two
+stiffnesses crosses its natural length, `srkn4` and `srkn6` have order 4 and are not symplectic;
+the other symplectic methods have order 2.
 
 | method | order | symplectic | evaluations | stable | source |
 |---|---|---|---|---|---|

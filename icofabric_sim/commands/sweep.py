@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""`icofabric sweep STUDY|SCENE`."""
+"""`icofabric sweep SWEEP_FILE|SCENE`."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
@@ -37,7 +37,7 @@ _WRITE_AFTER, _WRITE_TIMES = 2.0, 20.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the verb."""
-    add_scene_arguments(parser, 'STUDY|SCENE', 'a sweep file (STUDY), see docs/howto/sweep.md')
+    add_scene_arguments(parser, 'SWEEP_FILE|SCENE', 'a sweep file, see docs/howto/sweep.md')
     parser.add_argument(
         '--vary', metavar='NAME:=VALUES', action='append', default=[],
         help="values of a parameter: '[300.0, 500.0]', or a range: 0.1..0.7/13 for 13 values, "
