@@ -360,7 +360,7 @@ def _of_all(values: np.ndarray) -> float | np.ndarray:
 
 def load_scene(path: str | Path) -> Scene:
     """
-    Read a scene from a ROS 2 parameter file, with the result of `fabric_node --params-file`.
+    Read a scene from a ROS 2 parameter file; `fabric_node --params-file` runs the same scene.
 
     Parameters
     ----------

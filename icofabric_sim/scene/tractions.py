@@ -12,7 +12,7 @@ the face and e2 = n x e1, and the polynomial g in the face coordinates (`variati
 
 A follower traction turns with its body; all faces together give one wrench in body axes. A
 traction of fixed direction keeps its world direction as woven while its points turn with the body;
-on a flat face it is equivalent to one force at a point of the body, for every polynomial.
+on a flat face it is equivalent to one force, or to a couple if the total vanishes.
 """
 
 from collections.abc import Mapping

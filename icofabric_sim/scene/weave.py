@@ -98,8 +98,8 @@ def fabric_orientation(kind: Kind, azimuth: float = 0.0) -> np.ndarray:
     Return the unit quaternion x, y, z, w that rotates the fabric's axes to the world.
 
     Bias: the smallest rotation that takes (1, 1, 1) to the vertical, then `azimuth` [rad] about
-    the vertical. A face of each icosahedron then points up, and the three axes of the gaps tilt by
-    54.736 degrees, as the document requires; the document leaves the azimuth open.
+    the vertical. A face of each icosahedron then points up, and the three axes of the grid make
+    54.736 degrees with the vertical, as the document requires; it leaves the azimuth open.
     """
     if kind != 'bias':
         return np.array([0.0, 0.0, 0.0, 1.0])
@@ -136,8 +136,8 @@ def build_weave(
     - Bias, boundary 'fabric': the same slab turned about the origin.
     - Bias, boundary 'upright': the bodies of a turned fabric whose centres lie in the box that the
       cells of the orthogonal slab fill, from -W/2 to (N - 1/2) W (with `box`: from -W/2 on, and as
-      large as the box). Its centre has the corner grid point of the variant
-      (shell or gap).
+      large as the box). At its centre is the grid point that would be the corner
+      of a slab: a shell in variants 0 and 2, a gap in 1 and 3.
 
     `azimuth` and `boundary` apply to bias only. A `region`, centred on those cells, keeps only the
     bodies whose centres lie inside, in grid order: by z, then y, then x.

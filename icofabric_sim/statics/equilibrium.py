@@ -4,8 +4,9 @@
 Equilibria (eq 48): configurations without unbalanced forces and moments on the bodies.
 
 A trust-region method on positions and rotations minimises the potential energy, so every accepted
-step lowers it. The Hessian is analytic and may be singular. Loads that follow their bodies, and
-torques, have no potential; they are constant within a step and updated after it.
+step lowers it. The Hessian may be singular; it is analytic except for contacts and body forces,
+where differences replace it. Loads that follow their bodies, and torques, have no potential; they
+are constant within a step and updated after it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -125,7 +126,9 @@ class Equilibrium(AsTable):
     # Zero-energy motions, including rigid motions of the whole; -1: not counted, because the
     # fabric is not in equilibrium or has more than 400,000 degrees of freedom.
     mechanism_count: int
-    unstable_count: int  # motions that lower the energy; -1: not counted; large: 1 = at least one
+    # Motions that lower the energy; -1: not counted; above 400,000 degrees of freedom 1 means at
+    # least one.
+    unstable_count: int
     force_scale: float  # [N] largest acting force
     unbalanced_wrench: np.ndarray  # (n, 6) unbalanced forces [N] and torques [N m] on free bodies
     tension: np.ndarray  # (c,) [N], positive in extension
@@ -152,7 +155,7 @@ class Equilibrium(AsTable):
     # Force, torques and point of each contact, including friction; None without contact.
     contacts: ContactForces | None = None
     # Smallest contact.friction with which contact forces balance the loads; infinite: none does;
-    # NaN: not a single equilibrium with friction.
+    # NaN: the result has no friction, or is a state of a load path.
     friction_needed: float = math.nan
 
     def __repr__(self) -> str:
@@ -885,7 +888,7 @@ def judge_equilibrium(here: Configuration) -> tuple[str, Curvature, Mapping[str,
     """
     Return the verdict of an equilibrium, its curvature, and the curvatures of both branches.
 
-    The first curvature counts motions that are independent of the side of kinks.
+    The first curvature is that with the larger of k_e and k_c at each kink.
     """
     jumps = here.kink_jumps
     if not len(jumps):

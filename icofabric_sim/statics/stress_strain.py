@@ -56,7 +56,9 @@ class CurvePoint(NamedTuple):
     # Connectors at their kink at strain 0, or past their natural length since. If there are any,
     # the response depends on their initial distance from the kink.
     past_kink: int
-    rest_stress: float  # [Pa] at strain 0, natural and woven lengths differ; NaN: no equilibrium
+    # [Pa] stress at strain 0, where other forces act or natural and woven lengths differ; NaN: no
+    # equilibrium.
+    rest_stress: float
     # Strains xx, yy, zz of the middle third between the ends: slopes of displacements over woven
     # positions. NaN if all its bodies have the same position along that axis.
     middle_strain: tuple[float, float, float]
