@@ -136,6 +136,8 @@ class Resimulation:
         compared = {topic.name: topic for topic in (
             *(topic for topic in topics.PERIODIC if topic.compared), topics.CHECKPOINT,
             topics.BODIES)}
+        # The published bodies stand before the checkpoint of a bag that starts during a run.
+        early: list[tuple[Topic, int, bytes]] = []
         for name, time, data in self.run.messages(start=self._begin, stop=stop):
             if self._skip_to_checkpoint:
                 if name != topics.CHECKPOINT.name:
@@ -147,13 +149,18 @@ class Resimulation:
                 self._take_weave(time, self.run.decoded(decode_string, data))
             elif name == topics.EVENTS.name:
                 self._take_event(self.run.event(time, data))
+            elif topic is topics.BODIES and self._simulation is None:
+                early.append((topic, time, data))
             elif topic is topics.CHECKPOINT and self._simulation is None:
                 self._begin_at(self.run.decoded(decode_uint8_multi_array, data))
             elif topic is not None:
-                self.reach(time)
-                yield topic, time, data
+                for message in (*early, (topic, time, data)):
+                    self.reach(message[1])
+                    yield message
+                early.clear()
             elif name != topics.DIAGNOSTICS.name:
                 self._take_input(name, time, data)
+        yield from early
 
     def reach(self, time: int) -> None:
         """Advance to `time` [ns], unless the run has failed."""

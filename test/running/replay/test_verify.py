@@ -85,6 +85,18 @@ def test_run_driven_at_random_is_identical(tmp_path: Path, seed: int, method: st
     assert sum(counts['inputs'] for counts in (second, third, last)) > 10
 
 
+@pytest.mark.parametrize('changes', [{'publish.stride': 3}, {'publish.group': 'wall'}])
+def test_bags_of_some_bodies_that_begin_during_a_run_are_identical(
+        tmp_path: Path, changes: dict[str, Any]) -> None:
+    """The published bodies are in the bag before the checkpoint at which it begins."""
+    Drive(tmp_path / 'bag', lively_scene(step_count=5, **changes), script_with_pushes(1)).run()
+    results = [verify(tmp_path / name) for name in ('bag', 'bag_1', 'bag_2', 'bag_3')]
+    for result, begun in zip(results, (0, 1, 1, 1)):
+        assert result.verdict == 'identical' and not result.difference, result.lines()
+        assert result.compared['~/poses'] > 1 and result.compared['~/bodies'] > 0
+        assert result.repeated['begun at a checkpoint'] == begun
+
+
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_storages_compression_and_several_files(tmp_path: Path, storage: str) -> None:
     scene = lively_scene(**{
