@@ -342,7 +342,7 @@ def test_failure_exits_with_1_and_keeps_the_record(call: Callable[..., Result]) 
     assert 'has become unsafe at t = ' in result.err and 'bodies' in result.err
     assert 'smaller step' in result.err
     assert re.search('^stopped ', result.out, re.MULTILINE)
-    kept, = re.findall('are from the last valid state, t = (.*) s', result.out)
+    kept, = re.findall('those of the last valid state, t = (.*) s', result.out)
     assert f'J at t = {kept} s' in result.out
     summary = summarise_bag('bag')
     assert 'has become unsafe' in summary.failure
