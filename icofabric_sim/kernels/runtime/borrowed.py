@@ -3,9 +3,9 @@
 """
 Arrays whose references are not counted.
 
-A compiled function with a loop counts a reference to each of its arrays when it begins and ends,
-for which processors stop all else: longer than small functions take. Who hands on a borrowed
-array has to keep the array itself until the call is over.
+A compiled function with a loop counts a reference to each of its arrays when it begins and ends.
+Counting halts other work of the processor for longer than small functions take. The caller that
+passes on a borrowed array has to keep the array itself until the call is over.
 """
 
 from typing import Any
@@ -29,7 +29,7 @@ def _without_owner(typingctx: Any, array: Any) -> Any:
 
 
 def borrowed(array: np.ndarray) -> np.ndarray:
-    """The same array; compiled, without counting."""
+    """Return `array` itself; compiled code does not count the reference."""
     return array
 
 

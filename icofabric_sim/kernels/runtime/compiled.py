@@ -38,8 +38,8 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Compile `function` as `compiled` does, and always into the functions that call it.
 
-    For what is done for every block: left to itself the optimiser looks at the length of a
-    function alone, and a call of one costs as much as a part of its work.
+    Meant for work that is done for every block. The optimiser alone decides by the length of a
+    function, and a call costs as much as a fraction of its work.
     """
     if _PLAIN:
         return function
@@ -47,14 +47,14 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class _NoCache(NullCache):
-    """Tells kernels from what else Numba compiles in this process."""
+    """A cache that marks kernels among all functions that Numba compiles in this process."""
 
 
 class _Part(CPUDispatcher):
     """
-    A kernel as other kernels call it: without entrances for Python and C.
+    A kernel as other kernels call it: without wrappers for Python and C.
 
-    With an `entrance`, that is compiled in its place, and kept on disk as the kernel.
+    An `entrance` is compiled in place of the function, and stored on disk as the kernel.
     """
 
     _compiler: Any
@@ -73,33 +73,35 @@ class _Part(CPUDispatcher):
 
     @property
     def _cache(self) -> Any:
-        """What is on disk; looked for when something asks for it, as few kernels are used."""
+        """Cache on disk, opened on first access because a process uses few kernels."""
         if self._kept is None:
             self._kept = _NoCache()
-            # Else no folder can be written.
+            # RuntimeError: no folder can be written.
             with suppress(RuntimeError):
                 self._kept = KernelCache(self._made_of, entrance=bool(self._entrance))
         return self._kept
 
     @_cache.setter
     def _cache(self, unused: Any) -> None:
-        """Numba begins with a cache that holds nothing."""
+        """Ignore the empty cache that Numba sets at first."""
 
     def _compilation_chain_init_hook(self) -> None:
-        """Types of other packages, which Numba looks for before it reads those of arguments."""
+        """
+        Skip the types of other packages, which Numba loads before it reads those of arguments.
+        """
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """
-        How another kernel calls this one: with numbers of the source as with any others.
+        Return the template of a call by another kernel; literal numbers count as plain numbers.
 
-        To Numba each is a type of its own, for which all would be compiled once more.
+        Numba gives each literal its own type, and would compile all kernels once more for it.
         """
         return super().get_call_template(
             tuple(unliteral(kind) for kind in args),
             {name: unliteral(kind) for name, kind in kws.items()})
 
     def compile(self, sig: Any) -> Any:
-        """Compile for such arguments, or load what is on disk."""
+        """Compile for such arguments, or load the kernel from disk."""
         with compiling(self._entrance):
             return super().compile(sig)
 
@@ -108,7 +110,7 @@ class _Kernel(_Part):
     """
     A kernel as Python calls it: an entrance to its part.
 
-    So what both Python and other kernels call is typed and written once.
+    A function that both Python and other kernels call is therefore typed and written once.
     """
 
     def __init__(self, function: Callable[..., Any], *, inline: bool = False) -> None:
@@ -121,11 +123,11 @@ class _Kernel(_Part):
         self._compile_call, self._compiler.compile = self._compiler.compile, self._compile
 
     def _compile(self, arguments: Any, result: Any) -> Any:
-        # A part is made when something asks for it: where all is on disk nothing does.
+        # The part is made when another kernel calls it: no kernel does if all are on disk.
         self._call.__globals__['part'] = self._as_part()
         return self._compile_call(arguments, result)
 
-    # What other kernels ask for.
+    # Attributes that other kernels read.
     def get_call_template(self, args: Any, kws: Any) -> Any:
         return self._as_part().get_call_template(args, kws)
 
@@ -133,7 +135,9 @@ class _Kernel(_Part):
         return self._as_part().get_overload(sig)
 
     def is_ready(self, *arguments: Any) -> bool:
-        """Whether nothing has to be compiled for such arguments: it is loaded, or on disk."""
+        """
+        Check that the kernel for such arguments is loaded or on disk and need not be compiled.
+        """
         types = tuple(self.typeof_pyval(argument) for argument in arguments)
         return types in self.overloads or (
             isinstance(self._cache, KernelCache)
@@ -146,20 +150,20 @@ class _Kernel(_Part):
 
 
 def _handing_on(function: Callable[..., Any]) -> Any:
-    """Make a function of the same name and arguments that hands them on to `part`."""
+    """Return a function of the same name and arguments that calls `part` with them."""
     names = function.__code__.co_varnames[:function.__code__.co_argcount]
     code = _call_of(len(names)).replace(
         co_varnames=names, co_name=function.__name__, co_qualname=function.__qualname__)
     call = FunctionType(code, {'__builtins__': builtins})
     call.__module__ = function.__module__
-    # Which Numba would find out twice, a third of the time that a kernel takes to be defined.
+    # Numba would inspect the function twice, a third of the time of a kernel's definition.
     call.__signature__ = inspect.signature(call)  # type: ignore[attr-defined]
     return call
 
 
 @cache
 def _call_of(count: int) -> CodeType:
-    """The code of a function that hands so many arguments on to `part`."""
+    """Return the code of a function that calls `part` with its `count` arguments."""
     names = ', '.join(f'argument_{number}' for number in range(count))
     made: dict[str, Any] = {}
     exec(f'def call({names}):\n    return part({names})\n', made)
@@ -168,7 +172,7 @@ def _call_of(count: int) -> CodeType:
 
 
 class _Compilations(event.Listener):
-    """Reports the compilation of kernels; what comes from disk is none."""
+    """Listener that reports compilations of kernels, but not kernels loaded from disk."""
 
     def __init__(self) -> None:
         self._depth = 0
@@ -181,7 +185,7 @@ class _Compilations(event.Listener):
         compile_notice.require_allowed()
         self._depth += 1
         if self._depth == 1:
-            # Of millions of objects that the compiler keeps: a fifth of its time.
+            # Garbage collection of its millions of objects takes a fifth of the compiler's time.
             self._collects = gc.isenabled()
             gc.disable()
         reason = target().why
@@ -199,7 +203,7 @@ class _Compilations(event.Listener):
 
 
 class _Passes(event.Listener):
-    """Ends a compilation between its passes where the process is to end."""
+    """Listener that ends a compilation between two passes if the process is to end."""
 
     def on_start(self, happening: event.Event) -> None:
         exit_request.check()
@@ -211,13 +215,14 @@ class _Passes(event.Listener):
 @contextmanager
 def _blas_is_there() -> Iterator[None]:
     """
-    Spare Numba the import of scipy.linalg, by which it learns that there is BLAS: a fifth of ours.
+    Spare Numba the import of scipy.linalg, which takes a fifth of the import time of this package.
 
-    There is, as this package needs SciPy; code that calls it imports it when it is compiled.
+    Numba imports scipy.linalg to check for BLAS. This package requires SciPy, so BLAS is
+    available; code that calls BLAS imports it when the code is compiled.
     """
     from numba.np import linalg
 
-    if 'numba.np.arraymath' in sys.modules:  # it has asked already
+    if 'numba.np.arraymath' in sys.modules:  # Numba has checked for BLAS already
         yield
         return
     asks, linalg.ensure_blas = linalg.ensure_blas, lambda: None
@@ -232,7 +237,9 @@ def _blas_is_there() -> Iterator[None]:
 
 @cache
 def _set_up_compiler() -> None:
-    """Have Numba load all that it can compile: a tenth of a node's start, where nothing is."""
+    """
+    Load all that Numba can compile; an empty cache spends a tenth of a node's start on the load.
+    """
     with _blas_is_there():
         cpu_target.typing_context.refresh()
         cpu_target.target_context.refresh()

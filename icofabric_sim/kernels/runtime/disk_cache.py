@@ -35,8 +35,8 @@ _LOGGER = logging.getLogger('icofabric_sim')
 _PACKAGE = Path(__file__).resolve().parents[2]
 
 
-# The rooms that compiled functions come from and take constants from. Neither imports another
-# room (test/kernels/test_kernel_cache.py reads their imports).
+# The rooms of the compiled functions and of their constants. They import no other room
+# (test/kernels/test_kernel_cache.py checks their imports).
 _STAMPED = ('geometry', 'kernels')
 # A folder of compiled kernels takes some 100 MB. Installations and working trees that share the
 # cache folder rarely have more different sources in use.
@@ -45,7 +45,7 @@ _STAMP_NAME = re.compile('[0-9a-f]{16}')
 
 
 def _source_files() -> list[tuple[str, int]]:
-    """Paths of the source of all kernels, and when each was changed last [ns]."""
+    """Return the paths of the source of all kernels and the time of last change of each [ns]."""
     paths = (
         os.path.join(folder, name) for room in _STAMPED
         for folder, _, names in os.walk(_PACKAGE / room) for name in names
@@ -54,7 +54,9 @@ def _source_files() -> list[tuple[str, int]]:
 
 
 def _is_as_stamped() -> bool:
-    """Whether the source is still what was stamped; a file that came later has no part in it."""
+    """
+    Check that no source file has changed since the stamp; files added later are not examined.
+    """
     try:
         return all(os.stat(path).st_ctime_ns == changed for path, changed in _FILES)
     except OSError:
@@ -63,9 +65,10 @@ def _is_as_stamped() -> bool:
 
 def _source_stamp() -> tuple[str, str]:
     """
-    Source of all kernels together, because they call each other, and the compiler's version.
+    Return the hash of the source of all kernels, and the version of the compiler.
 
-    Numba looks at the file of a function alone, and adds its own version.
+    All kernels share one hash because they call each other. Numba would hash only the file of a
+    function, and adds its own version.
     """
     digest, first = hashlib.sha256(), len(str(_PACKAGE)) + 1
     for path, _ in _FILES:
@@ -186,25 +189,25 @@ class _CacheFile(IndexDataCacheFile):
     def _load_index(self) -> Any:
         try:
             return super()._load_index()
-        except Exception:  # noqa: BLE001 - cut short, or it names records that are gone
+        except Exception:  # noqa: BLE001 - truncated, or it names records that no longer exist
             return {}
 
     def _load_data(self, name: str) -> Any:
         try:
             return super()._load_data(name)
-        except Exception as error:  # noqa: BLE001 - cut short by a full disk or a power failure
+        except Exception as error:  # noqa: BLE001 - truncated by a full disk or a power failure
             raise OSError(f'{name} cannot be read') from error
 
     def _data_name(self, number: int) -> str:
-        # Numba counts. Then the index of a process that is ended before it has written its entry,
-        # or that another one has outrun, names the entry of an older source or other arguments.
+        # Numba numbers the entries. An index may then name an entry of an older source or of other
+        # arguments: after a process ended before it wrote the entry, or two processes raced.
         return self._data_name_pattern.replace('{number:d}', uuid.uuid4().hex[:16])
 
     def _save_index(self, overloads: Any) -> None:
         super()._save_index(overloads)
         if len(overloads) > 1:
-            # Its first entry has cleared the folder. To look through thousands of files at each
-            # of them would be a part of the time of compiling.
+            # The first entry has cleared the folder. Listing thousands of files for each further
+            # entry would take a noticeable fraction of the compile time.
             return
         pattern = self._data_name_pattern.partition('{number:d}')[0]
         used = set(overloads.values())
@@ -215,9 +218,7 @@ class _CacheFile(IndexDataCacheFile):
 
 @contextmanager
 def _one_writer(folder: str) -> Iterator[None]:
-    """
-    Keep other processes from writing there: the last one would drop what the others have added.
-    """
+    """Lock `folder` against other processes, whose writes would drop each other's entries."""
     os.makedirs(folder, exist_ok=True)
     with open(os.path.join(folder, 'icofabric.lock'), 'ab') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -226,22 +227,24 @@ def _one_writer(folder: str) -> Iterator[None]:
 
 @cache
 def _provide_runtime() -> None:
-    """Tell the linker where Numba's runtime library is; what compiles does it again, and more."""
+    """
+    Give the linker the addresses of Numba's runtime library, as setting up the compiler does.
+    """
     for name, address in _nrt.c_helpers.items():
         binding.add_symbol(name if name.startswith('_') else f'NRT_{name}', address)
 
 
 class _Entries(CompileResultCacheImpl):
-    """What is kept of a kernel: what a call of it needs."""
+    """Entries of a kernel on disk, reduced to the data that a call needs."""
 
     _locator_classes = [_Locator]
 
     def reduce(self, cres: Any) -> Any:
         """
-        Leave out the text that says its types, and empty environments.
+        Omit the text of the types, and empty environments.
 
-        Numba keeps an environment for each function that went into the code, some fifty a kernel,
-        and to load one it imports the module of that function.
+        Numba keeps an environment for each function that went into the code, some fifty a kernel.
+        To load an environment, Numba imports the module of its function.
         """
         *kept, reload_init, environments = super().reduce(cres._replace(type_annotation=''))
         return (*kept, reload_init, tuple(one for one in environments if one.consts))
@@ -251,12 +254,12 @@ class KernelCache(FunctionCache):
     """The entries of one kernel."""
 
     _impl_class = _Entries
-    # Why entries could not be written, once that has been said.
+    # The error by which entries could not be written, once it has been logged.
     _lost = ''
 
     def __init__(self, function: Callable[..., Any], *, entrance: bool) -> None:
         """
-        Raise RuntimeError where no folder can be written.
+        Raise RuntimeError if no folder can be written.
 
         `entrance`: the entries can be called from Python, not from other kernels only.
         """
@@ -267,9 +270,10 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """
-        Load a compiled kernel, if there is one.
+        Load a compiled kernel, or return None if the cache has none.
 
-        Numba's own sets the compiler up first; machine code needs its runtime library only.
+        The method of Numba sets the compiler up first; machine code needs only its runtime
+        library.
         """
         _provide_runtime()
         with self._guard_against_spurious_io_errors():
@@ -277,9 +281,10 @@ class KernelCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """
-        Keep a compiled kernel if that is possible.
+        Write a compiled kernel to disk if its source has not changed since the stamp.
 
-        Not where a source has changed since they were stamped: it may have been read afterwards.
+        A source that changed after the stamp may have been read after its change. A disk error is
+        logged once.
         """
         try:
             if not _is_as_stamped():
@@ -294,10 +299,10 @@ class KernelCache(FunctionCache):
                     '%s; NUMBA_CACHE_DIR names another folder for them', error)
 
     def holds(self, types: tuple[Any, ...], target: Any) -> bool:
-        """Whether there is an entry for arguments of such types."""
+        """Check that the cache has an entry for arguments of such types."""
         return self._index_key(types, target.codegen()) in self._cache_file._load_index()
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        # Numba's key has the target: a level of x86-64, or a processor (target.py). Where only
-        # its features are given, the processor at hand says how many lanes there are.
+        # Numba's key has the target: a level of x86-64, or a processor (target.py). If only
+        # features are given, the processor at hand determines the number of lanes.
         return *super()._index_key(sig, codegen), LANES, self._entrance

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Keeps one thread from compiling: where a kernel is missing it hears of it, and does other things.
+Keep one thread from compiling: a missing kernel raises KernelsMissing in this thread.
 
-A live run has to answer while the compiler works for a minute, so it takes back what it began
-(`Driver`) and waits until another thread or process has the kernel ready. Kernels on disk may
-count as missing too: they are loaded under the lock of the compiler, which another thread may hold
-for as long.
+A live run has to answer while the compiler works for a minute. The run therefore rolls back the
+step it began (`Driver`), and waits until another thread or process has compiled the kernel.
+Kernels on disk may count as missing too. They are loaded under the lock of the compiler, which
+another thread may hold for as long.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,12 +20,12 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
 Result = TypeVar('Result')
-# Until a kernel that another thread loads is tried again [s].
+# Time until a kernel that another thread loads is tried again [s].
 _RETRY = 1e-3
 
 
 class _Guard(threading.local):
-    """Whether this thread must not compile, or not even load."""
+    """State of a thread that must not compile, and perhaps not load kernels either."""
 
     def __init__(self) -> None:
         self.is_on = False
@@ -39,7 +39,7 @@ class _Guard(threading.local):
 
 
 class _Watch(event.Listener):
-    """Hears when a thread is about to compile, or to ask for the lock of the compiler."""
+    """Listener for threads that are about to compile, or to acquire the lock of the compiler."""
 
     def on_start(self, happening: event.Event) -> None:
         if happening.kind in _guard.forbids:
@@ -50,7 +50,7 @@ class _Watch(event.Listener):
 
 
 class _End(event.Listener):
-    """Ends compilations of other threads between their passes, as the process ends."""
+    """Listener that ends compilations of other threads between two passes, as the process ends."""
 
     def on_start(self, happening: event.Event) -> None:
         if threading.current_thread() is not threading.main_thread():
@@ -69,9 +69,9 @@ for _kind in (_COMPILING, _LOADING):
 @contextmanager
 def no_compiling(*, loading: bool | Callable[[], bool] = False) -> Iterator[None]:
     """
-    Have KernelsMissing raised where this thread would compile; load a kernel if `loading`.
+    Raise KernelsMissing if this thread would compile; load kernels from disk only if `loading`.
 
-    `loading` may be a function, which is asked at each kernel.
+    `loading` may be a function, which is called for each kernel.
     """
     before = _guard.is_on, _guard.may_load
     _guard.is_on, _guard.may_load = True, loading if callable(loading) else lambda: loading
@@ -83,11 +83,15 @@ def no_compiling(*, loading: bool | Callable[[], bool] = False) -> Iterator[None
 
 @contextmanager
 def none_becomes_ready() -> Iterator[None]:
-    """In a guarded thread: no kernel comes up meanwhile, which part of a team would miss."""
+    """
+    Keep kernels from becoming ready meanwhile if this thread is guarded.
+
+    Otherwise only some threads of a team would find a kernel missing.
+    """
     if not _guard.forbids:
         yield
         return
-    # Kernels come up under this lock.
+    # Kernels become ready under this lock.
     lock = global_compiler_lock._lock
     if not lock.acquire(blocking=False):
         raise KernelsMissing
@@ -98,7 +102,7 @@ def none_becomes_ready() -> Iterator[None]:
 
 
 def is_compiler_free() -> bool:
-    """Whether no other thread compiles or loads."""
+    """Check that no other thread compiles or loads kernels."""
     lock = global_compiler_lock._lock
     if not lock.acquire(blocking=False):
         return False
@@ -107,7 +111,7 @@ def is_compiler_free() -> bool:
 
 
 def end_compiling() -> None:
-    """Have other threads than the main one compile nothing any more: the process ends."""
+    """End compilations in all threads but the main one, because the process ends."""
     event.register('numba:run_pass', _End())
 
 
@@ -115,9 +119,10 @@ def guarded_alike(
     work: Callable[..., Result], has_failed: Callable[[], bool]
 ) -> Callable[..., Result]:
     """
-    Return `work` for other threads of a team, which must not compile where this one must not.
+    Return `work` for other threads of a team, guarded against compilation as this thread is.
 
-    They begin once the kernel is there, which this thread may load, or end where it `has_failed`.
+    The other threads start once the kernel is ready, which this thread may load. They end if
+    `has_failed` returns True.
     """
     if not _guard.forbids:
         return work

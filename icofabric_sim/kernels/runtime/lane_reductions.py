@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the numbers of a vector have in common: their sum, and the largest of them."""
+"""Reductions of the numbers of a vector: their sum, and the largest of them."""
 
 import math
 
@@ -10,7 +10,7 @@ from icofabric_sim.kernels.runtime.lanes import lane, LANES, Vector
 
 @compiled
 def largest_lane(value: Vector) -> float:
-    """Largest number of a vector; infinite where one is not a number."""
+    """Return the largest number of a vector; infinity if one is not a number."""
     largest = 0.0
     for i in range(LANES):
         number = lane(value, i)
@@ -21,7 +21,7 @@ def largest_lane(value: Vector) -> float:
 
 @compiled
 def sum_of_lanes(value: Vector) -> float:
-    """Sum of the numbers of a vector."""
+    """Return the sum of the numbers of a vector."""
     total = 0.0
     for i in range(LANES):
         total += lane(value, i)

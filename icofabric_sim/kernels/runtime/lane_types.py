@@ -24,7 +24,7 @@ _config: Any = config
 
 
 def _has_avx512() -> bool:
-    """Whether code is made for a processor with AVX-512, see target.py."""
+    """Check that code is made for a processor with AVX-512, see target.py."""
     if _config.CPU_NAME and _config.CPU_NAME != 'host':
         return '+avx512f' in (_config.CPU_FEATURES or '')
     return host_features().get('avx512f', False)
@@ -70,7 +70,7 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def _pointer(context: Any, builder: Any, sig: Any, args: Any, indices: list[int]) -> Any:
-    """Address of the first lane: `args` are the array and its indices."""
+    """Return the address of the first lane: `args` are the array and its indices."""
     array_type = sig.args[0]
     array = context.make_array(array_type)(context, builder, args[0])
     places = [context.cast(builder, args[i], sig.args[i], types.intp) for i in indices]
@@ -83,7 +83,7 @@ def _pointer(context: Any, builder: Any, sig: Any, args: Any, indices: list[int]
 
 @intrinsic
 def load_row(typing: Any, array: Any, row: Any, index: Any) -> Any:
-    """Lanes of a 2-D array."""
+    """Load lanes of a 2-D array."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, sig, args, [1, 2]), align=8)
     return lanes_type(array, row, index), generate
@@ -91,7 +91,7 @@ def load_row(typing: Any, array: Any, row: Any, index: Any) -> Any:
 
 @intrinsic
 def load_flat(typing: Any, array: Any, index: Any) -> Any:
-    """Lanes of a 1-D array."""
+    """Load lanes of a 1-D array."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load(_pointer(context, builder, sig, args, [1]), align=8)
     return lanes_type(array, index), generate
@@ -99,7 +99,7 @@ def load_flat(typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def load_pairs(typing: Any, array: Any, places: Any, stride: Any, offset: Any) -> Any:
-    """Two numbers side by side of a 1-D array of doubles, for each lane."""
+    """Load two adjacent numbers of a 1-D array of doubles for each lane."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
         data = builder.gep(data, [context.cast(builder, args[3], sig.args[3], types.intp)])
@@ -153,7 +153,7 @@ def store_flat(typing: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def spread(typing: Any, value: Any) -> Any:
-    """The same number in all lanes."""
+    """Copy a number into all lanes."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         empty = ir.Constant(_VECTOR, ir.Undefined)
         first = builder.insert_element(empty, args[0], ir.Constant(_INDEX, 0))
@@ -171,7 +171,7 @@ def _call(builder: Any, name: str, arguments: list[Any], extra: list[Any] | None
 
 @intrinsic
 def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """A b + c, rounded once where the processor can."""
+    """Compute a b + c, rounded once if the processor can."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _call(builder, f'llvm.fmuladd.v{LANES}f64', list(args))
     return lanes_type(a, b, c), generate
@@ -179,7 +179,7 @@ def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 @intrinsic
 def magnitude(typing: Any, a: Any) -> Any:
-    """Absolute values."""
+    """Compute absolute values."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _call(builder, f'llvm.fabs.v{LANES}f64', list(args))
     return lanes_type(a), generate
@@ -187,7 +187,7 @@ def magnitude(typing: Any, a: Any) -> Any:
 
 @intrinsic
 def square_root(typing: Any, a: Any) -> Any:
-    """Square roots, correctly rounded."""
+    """Compute square roots, correctly rounded."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
     return lanes_type(a), generate
@@ -196,11 +196,11 @@ def square_root(typing: Any, a: Any) -> Any:
 @intrinsic
 def inverse_square_root(typing: Any, a: Any) -> Any:
     """
-    1 / sqrt(a) to about two units in the last place, for normal positive numbers.
+    Compute 1 / sqrt(a) to about two units in the last place, for normal positive numbers.
 
     AVX-512 has a first guess y of 14 bits. With h = 1 - a y^2 the root is
     y (1 + h/2 + 3 h^2/8 + 5 h^3/16 + ...), whose next term is below 2^-53. A square root and a
-    division take three times as long; elsewhere those are used.
+    division take three times as long; other processors use them.
     """
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         def constant(value: float) -> Any:
@@ -226,7 +226,7 @@ def inverse_square_root(typing: Any, a: Any) -> Any:
 
 @intrinsic
 def choose(typing: Any, mask: Any, a: Any, b: Any) -> Any:
-    """`a` where the mask is true, else `b`."""
+    """Select `a` where the mask is true, else `b`."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(*args)
     return lanes_type(mask, a, b), generate
@@ -234,7 +234,7 @@ def choose(typing: Any, mask: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def unpack_bits(typing: Any, bits: Any) -> Any:
-    """Mask from the low bits of a byte, lane 0 first."""
+    """Make a mask from the low bits of a byte, lane 0 first."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         byte = args[0]
         if LANES < 8:
@@ -245,7 +245,7 @@ def unpack_bits(typing: Any, bits: Any) -> Any:
 
 @intrinsic
 def is_any(typing: Any, mask: Any) -> Any:
-    """Whether a lane is true."""
+    """Check that the mask is true in at least one lane."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = ir.IntType(LANES)
         return builder.icmp_unsigned('!=', builder.bitcast(args[0], word), ir.Constant(word, 0))
@@ -254,7 +254,7 @@ def is_any(typing: Any, mask: Any) -> Any:
 
 @intrinsic
 def lane_of(typing: Any, value: Any, lane: Any) -> Any:
-    """The number in one lane."""
+    """Return the number in one lane."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = context.cast(builder, args[1], sig.args[1], types.int32)
         return builder.extract_element(args[0], place)
@@ -263,7 +263,7 @@ def lane_of(typing: Any, value: Any, lane: Any) -> Any:
 
 @intrinsic
 def replace_lane(typing: Any, value: Any, lane: Any, number: Any) -> Any:
-    """The vector with another number in one lane."""
+    """Return the vector with another number in one lane."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = context.cast(builder, args[1], sig.args[1], types.int32)
         return builder.insert_element(args[0], args[2], place)
@@ -271,7 +271,7 @@ def replace_lane(typing: Any, value: Any, lane: Any, number: Any) -> Any:
 
 
 def _define_operator(operation: Any, result: Any, generate: Any) -> None:
-    """An operator between two vectors."""
+    """Define an operator between two vectors."""
     class Template(AbstractTemplate):
 
         def generic(self, args: Any, keywords: Any) -> Any:

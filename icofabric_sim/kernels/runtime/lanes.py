@@ -3,9 +3,10 @@
 """
 Vectors in kernels: one lane for each of LANES bodies in neighbouring slots.
 
-Compiled, a vector is a register (lane_types.py); with NUMBA_DISABLE_JIT=1 it is a NumPy array and
-the functions below are what they say, so the same kernels run in plain Python. Both agree but for
-the last bit: a compiled `fma` rounds once, and `rsqrt` may be off by two units in the last place.
+Compiled, a vector is a register (lane_types.py). With NUMBA_DISABLE_JIT=1 a vector is a NumPy
+array and the bodies of the functions below run, so the same kernels work in plain Python. Both
+agree except for the last bit: a compiled `fma` rounds once, and `rsqrt` may be off by two units in
+the last place.
 """
 
 from typing import Any
@@ -26,12 +27,12 @@ Vector = Any
 
 
 def load(array: np.ndarray, row: int, index: int) -> Vector:
-    """Elements index to index + LANES of a row of a 2-D array."""
+    """Return elements index to index + LANES of a row of a 2-D array."""
     return array[row, index:index + LANES].copy()
 
 
 def load_at(array: np.ndarray, index: int) -> Vector:
-    """Elements index to index + LANES of a 1-D array."""
+    """Return elements index to index + LANES of a 1-D array."""
     return array[index:index + LANES].copy()
 
 
@@ -39,9 +40,9 @@ def load_pair(
     array: np.ndarray, places: Vector, stride: int, offset: int
 ) -> tuple[Vector, Vector]:
     """
-    Return for each lane two numbers side by side of a 1-D array of doubles.
+    Return for each lane two adjacent numbers of a 1-D array of doubles.
 
-    They begin `offset` after `stride` times the lane's place, without its fraction.
+    The first is at index `offset` + `stride` * place, with the place of the lane rounded down.
     """
     index = stride * places.astype(np.int32) + offset
     return array[index], array[index + 1]
@@ -58,57 +59,57 @@ def store_at(array: np.ndarray, index: int, value: Vector) -> None:
 
 
 def splat(value: float) -> Vector:
-    """The same number in all lanes."""
+    """Return a vector with one number in all lanes."""
     return np.full(LANES, float(value))
 
 
 def fma(a: Vector, b: Vector, c: Vector) -> Vector:
-    """A b + c."""
+    """Compute a b + c."""
     return a * b + c
 
 
 def fabs(a: Vector) -> Vector:
-    """Absolute values."""
+    """Compute absolute values."""
     return np.abs(a)
 
 
 def sqrt(a: Vector) -> Vector:
-    """Square roots."""
+    """Compute square roots."""
     return np.sqrt(a)
 
 
 def rsqrt(a: Vector) -> Vector:
-    """1 / sqrt(a), for normal positive numbers."""
+    """Compute 1 / sqrt(a), for normal positive numbers."""
     return 1.0 / np.sqrt(a)
 
 
 def where(mask: Any, a: Vector, b: Vector) -> Vector:
-    """`a` where the mask is true, else `b`."""
+    """Return `a` where the mask is true, else `b`."""
     return np.where(mask, a, b)
 
 
 def maximum(a: Vector, b: Vector) -> Vector:
-    """The larger of two numbers; `b` where either is not a number."""
+    """Return the larger of two numbers; `b` where either is not a number."""
     return np.where(a > b, a, b)
 
 
 def bits(byte: int) -> Any:
-    """Mask from the low bits of a byte, lane 0 first."""
+    """Return a mask from the low bits of a byte, lane 0 first."""
     return (int(byte) >> np.arange(LANES)) & 1 == 1
 
 
 def any_lane(mask: Any) -> bool:
-    """Whether the mask is true in a lane."""
+    """Check that the mask is true in at least one lane."""
     return bool(np.any(mask))
 
 
 def lane(value: Vector, index: int) -> float:
-    """The number in one lane."""
+    """Return the number in one lane."""
     return float(value[index])
 
 
 def insert(value: Vector, index: int, number: float) -> Vector:
-    """The vector with another number in one lane."""
+    """Return the vector with another number in one lane."""
     changed = value.copy()
     changed[index] = number
     return changed

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Imports Numba, and tells it what to compile for before it makes its code generator; see target.py.
+Import Numba, and set its compile target before Numba makes its code generator; see target.py.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from llvmlite.binding import ffi
 @contextmanager
 def _importing_numba() -> Iterator[None]:
     """
-    Import Numba without what only its reports need.
+    Import Numba without features that only its reports need.
 
-    The package coverage, which it imports wherever it is installed, a tenth of its own import; and
-    an event at each call of LLVM, for timers, a fifteenth of what compiling takes.
+    Numba imports the package coverage if it is installed, a tenth of the import time. Numba also
+    records an event for timers at each call of LLVM, a fifteenth of the compile time.
     """
     bars = 'coverage' not in sys.modules and (
         os.environ.get('NUMBA_JIT_COVERAGE', '0') in ('', '0'))

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Kernels that others call by address: compiled once, and into none of them.
+Kernels that others call by address: compiled once, and not inlined into their callers.
 
-What kernels of all kinds of scenes call is optimised anew in each of them, by the compiler of the
-machine code; what two shells do to each other is longer than all else that a step does. A call by
-address takes some nanoseconds, so it is for work of a microsecond and more. The address is a
-number in a record of the scene, so what is kept on disk does not know it.
+The compiler of machine code optimises a kernel anew in each kernel variant that calls it. The
+contact of two shells is longer than the rest of a step. A call by address takes some nanoseconds,
+so it suits work of a microsecond and more. The address is a number in a record of the scene, so
+kernels on disk do not contain it.
 """
 
 from typing import Any
@@ -14,15 +14,16 @@ from typing import Any
 from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
 
-# Functions by their addresses, where nothing is compiled.
+# Functions by their addresses minus one, if compilation is disabled.
 _plain: list[Any] = []
 
 
 def address_of(kernel: Any, *arguments: Any) -> int:
     """
-    Address of a kernel for arguments of such types, compiled or loaded where it is not yet.
+    Return the address of a kernel for arguments of such types; compile or load it if necessary.
 
-    For as long as the process is there. Raises KernelsMissing where this thread must not compile.
+    The address is valid as long as the process runs. Raise KernelsMissing if this thread must not
+    compile.
     """
     if not hasattr(kernel, 'overloads'):
         if kernel not in _plain:
@@ -36,7 +37,9 @@ def address_of(kernel: Any, *arguments: Any) -> int:
 
 
 def _calls(result: types.Type) -> Any:
-    """Make what emits a call of an address with a tuple of arguments, for one type of result."""
+    """
+    Return the intrinsic that calls an address with a tuple of arguments, for one type of result.
+    """
     @intrinsic
     def emitted(typingctx: Any, address: Any, arguments: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiled parts of kernels: kept for linking, never turned into machine code of their own.
+Compiled parts of kernels: stored for linking, never turned into separate machine code.
 
 Numba optimises every function in full and emits its machine code, and does both again in each
-function that calls it, though only what Python calls is ever run by itself. A part gets passes
-over its own functions; the kernel that contains it is optimised as a whole, once.
+function that calls it, though only functions that Python calls are ever run separately. A part
+gets passes over its own functions; the kernel that contains it is optimised as a whole, once.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from numba.core.registry import cpu_target
 
 
 class _Compiling(threading.local):
-    """What this thread compiles: names of kernels' libraries, '' for parts, the innermost last."""
+    """Names of the libraries that this thread compiles, the innermost last; '' for a part."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -34,7 +34,7 @@ _compiling = _Compiling()
 
 @contextmanager
 def compiling(kernel: str) -> Iterator[None]:
-    """Compile a kernel of this qualified name, or '': a part."""
+    """Mark that this thread compiles the kernel of this qualified name; '' for a part."""
     _compiling.names.append(kernel)
     try:
         yield
@@ -61,35 +61,35 @@ class _PartLibrary(JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return 0: there is no machine code."""
+        """Return 0: a part has no machine code."""
         self._ensure_finalized()
         return 0
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """Return what a cache holds of it."""
+        """Return the content of a cache entry: the bitcode for linking."""
         self._ensure_finalized()
         return self.name, _PART, self._get_module_for_linking().as_bitcode()
 
 
 class _KernelLibrary(JITCodeLibrary):
     """
-    Code that is called from Python only: on disk it is machine code, with none to link.
+    Code that only Python calls: stored as machine code, with nothing to link.
 
-    Reading what others would link took half of the time that loading did.
+    Reading code for linking took half of the time of loading.
     """
 
     def _optimize_final_module(self) -> None:
-        # Once: Numba's run before this one is for references, of which kernels count hardly any.
+        # One run: Numba's first run removes reference counts, which kernels hardly have.
         full = self._codegen._module_pass_manager()
         if isinstance(full, tuple):
             manager, builder = full
             manager.run(self._final_module, builder)
         else:
-            # As Numba had it before LLVM's new pass managers.
+            # Numba versions before LLVM's new pass managers.
             super()._optimize_final_module()
 
     def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, tuple[str, ...]]]:
-        """Return what a cache holds of it: machine code, and the names that it defines."""
+        """Return the content of a cache entry: machine code, and the names that it defines."""
         self._ensure_finalized()
         module = self._final_module
         names = (
@@ -100,10 +100,10 @@ class _KernelLibrary(JITCodeLibrary):
 
 def _number_functions() -> None:
     """
-    Number what this process compiles so that no other process uses the same numbers.
+    Start the numbers of compiled functions where no other process uses the same numbers.
 
-    Numba tells functions of one name and type apart by a number, and counts from 1. But a kernel
-    is linked from parts that several processes have compiled: the fabs of one and the sqrt of
+    Numba distinguishes functions of one name and type by a number, and counts from 1. But a kernel
+    is linked from parts that several processes have compiled. The fabs of one and the sqrt of
     another, both lambdas, would be one function there.
     """
     first = int.from_bytes(os.urandom(7), 'big')
@@ -145,7 +145,7 @@ def _load_library(serialized: Any) -> Any:
 
 
 def _set_environment(name: str, environment: Any) -> None:
-    # A part has no place for it.
+    # A part has no symbol for an environment.
     if _codegen._engine.is_symbol_defined(name):
         _set_env(name, environment)
 
@@ -153,7 +153,7 @@ def _set_environment(name: str, environment: Any) -> None:
 _codegen.create_library = _create_library
 _codegen.unserialize_library = _load_library
 _codegen.set_env = _set_environment
-# Numba reads its settings anew when an environment variable of it changes, and would then take
-# this for code of another processor.
+# Numba reads its settings again when one of its environment variables changes. Without the fixed
+# value, it would then treat cached code as code for another processor.
 _magic = _codegen.magic_tuple()
 _codegen.magic_tuple = lambda: _magic

@@ -7,10 +7,10 @@ Records that kernels take: immutable, their fields packed for compiled code when
         power: np.ndarray
         done: np.ndarray
 
-A field is an array, a number, a truth value, another record, or None: the type of a kernel's
-argument says which fields are None, and Numba leaves out what they would need.
+A field is an array, a number, a truth value, another record, or None. The type of a kernel's
+argument states which fields are None, and Numba omits the code that only those fields need.
 
-A class with a method `absent` is asked for while kernels run instead:
+Kernels test a class with a method `absent` at run time instead:
 
     class Fuel(Record):
         mass: np.ndarray
@@ -19,10 +19,10 @@ A class with a method `absent` is asked for while kernels run instead:
         def absent(cls) -> 'Fuel':
             return cls(np.zeros(0))
 
-A field that may hold such a record or None has one type, whichever it holds, so kernels compiled
-for one serve the other. `is None` reads a word of the record then. For what costs a kernel less
-than a branch for each block, and for which another compilation would take seconds. The annotation
-of such a field names the class itself: one in quotes is not looked up.
+A field that may hold such a record or None has one type in both cases, so one compiled kernel
+serves both. `is None` then reads a word of the record. Use such a class where the branch costs a
+kernel little for each block, and another compilation would take seconds. The annotation of such a
+field names the class itself: a name in quotes is not looked up.
 """
 
 from collections.abc import Iterator
@@ -42,10 +42,10 @@ _MISSING = object()
 
 class _Address(ctypes.Structure):
     """
-    What Numba's dispatcher sees of a record.
+    Base with a buffer interface, by which Numba's dispatcher recognises a record.
 
-    It knows the type of an object that has a buffer by its class alone, in a tenth of the time
-    that asking Python takes.
+    The dispatcher looks up an object with a buffer by its class alone, in a tenth of the time of a
+    query in Python.
     """
 
     _fields_ = (('_address', ctypes.c_void_p),)
@@ -58,10 +58,10 @@ class Record(_Address):
     _fields: ClassVar[tuple[str, ...]] = ()
     _defaults: ClassVar[dict[str, Any]] = {}
     _kinds: ClassVar[dict[Any, type]] = {}
-    # What stands for None in a field, of the classes that kernels ask at run time.
+    # Classes of the fields in which a record stands for None, tested at run time.
     _absent: ClassVar[dict[str, 'type[Record]']] = {}
     _is_optional: ClassVar[bool] = False
-    # Of a class that belongs to one type of the fields: made when first asked for.
+    # Set in a class that belongs to one combination of field types.
     _numba_type: ClassVar[RecordType | None] = None
     _places: ClassVar[dict[str, tuple[int, int, int]] | None] = None
 
@@ -111,16 +111,16 @@ class Record(_Address):
         for value in packed.values():
             _pack(value, words)
         buffer = np.array(words, dtype=np.int64)
-        # Its words are addresses of what is in `packed`.
+        # The words are addresses of the values in `packed`.
         vars(record).update(ordered, _buffer=buffer, _packed=tuple(packed.values()))
         record._address = buffer.ctypes.data
         return record
 
     def __init__(self, *values: Any, **named: Any) -> None:
-        """Leave all to `__new__`."""
+        """Do nothing: `__new__` sets the fields."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse; kernels have read the fields."""
+        """Raise AttributeError; kernels have read the fields."""
         if name != '_address':
             raise AttributeError(f'{self._base().__name__}.{name} cannot be changed')
         super().__setattr__(name, value)
@@ -152,7 +152,7 @@ class Record(_Address):
         return {name: values[name] for name in self._fields}
 
     def _replace(self, **changed: Any) -> Self:
-        """Return the record with other values; what stays is not packed again."""
+        """Return the record with other values; unchanged fields are not packed again."""
         kind, values = type(self), vars(self)
         places = kind._find_places(values['_packed'])
         unknown = set(changed) - set(places)
@@ -176,7 +176,9 @@ class Record(_Address):
 
     @classmethod
     def _find_places(cls, packed: tuple[Any, ...]) -> dict[str, tuple[int, int, int]]:
-        """Number, first word and last of each field, the same for all records of a class."""
+        """
+        Return the number, first and last word of each field, equal for all records of a class.
+        """
         if cls._places is None:
             places, words = {}, [1] if cls._is_optional else []
             for number, (name, value) in enumerate(zip(cls._fields, packed)):
@@ -188,7 +190,7 @@ class Record(_Address):
 
     @classmethod
     def numba_type(cls) -> RecordType:
-        """Return the type of records of a class that has one: of every instance."""
+        """Return the Numba type of all records of this class, which must have a type."""
         assert cls._numba_type is not None
         return cls._numba_type
 
@@ -200,7 +202,7 @@ class Record(_Address):
 
 @cache
 def _absent(kind: type[Record]) -> Any:
-    """Make the record that stands for None in fields of this class; kept for good."""
+    """Return the record that stands for None in fields of this class; one for the process."""
     make: Any = kind
     record = make.absent()
     record._buffer[0] = 0
@@ -208,7 +210,7 @@ def _absent(kind: type[Record]) -> Any:
 
 
 def _kind_of(value: Any) -> Any:
-    """What the type of a field depends on, quickly."""
+    """Return a key that is equal for values whose fields have the same type; fast."""
     kind = type(value)
     if kind is np.ndarray:
         flags = value.flags
@@ -217,7 +219,7 @@ def _kind_of(value: Any) -> Any:
 
 
 def _kind(base: type[Record], fields: dict[str, Any]) -> type:
-    """Make the class of records with fields of such types."""
+    """Return the class of records with fields of such types."""
     kinds = tuple((name, _field_type(base, name, value)) for name, value in fields.items())
     return type(base.__name__, (base,), {
         '_numba_type': RecordType(base.__name__, kinds, optional=base._is_optional)})

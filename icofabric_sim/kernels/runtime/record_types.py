@@ -3,10 +3,10 @@
 """
 Records in kernels: a pointer to packed fields, which are read where they are used.
 
-Numba's own tuples are handed on field by field: a call of a kernel had some thousand arguments,
-each array with a reference to count. Most of the compiler's time went there. A record is
-immutable and the caller keeps it, so a kernel reads its fields by pointer, counts nothing, and
-the optimiser may take what it has read as constant.
+Numba passes its own tuples field by field. A call of a kernel had some thousand arguments, each
+array with a reference to count, which took most of the compile time. A record is immutable and
+its caller keeps it. A kernel therefore reads the fields by pointer and counts nothing, and the
+optimiser may treat loaded fields as constants.
 """
 
 import hashlib
@@ -59,12 +59,12 @@ class RecordType(types.Type):
         self.size = 8 * max(place, 1)
 
     def can_convert_to(self, typingctx: Any, other: Any) -> None:
-        """No record is another one."""
+        """Return None: no record converts to another one."""
         return
 
 
 def words_of(kind: types.Type) -> int:
-    """How many words a field takes."""
+    """Return the number of words that a field takes."""
     if isinstance(kind, types.NoneType):
         return 0
     if isinstance(kind, types.Array):
@@ -120,7 +120,9 @@ def _read_field(context: Any, builder: Any, record: RecordType, pointer: Any, na
 
 @lower_builtin(operator.is_, RecordType, types.NoneType)
 def _is_absent(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-    """Lower `record is None`: what a word says, or never."""
+    """
+    Lower `record is None`: read the first word, or return False if the record is not optional.
+    """
     if not signature.args[0].optional:
         return cgutils.false_bit
     present = _load(builder, values[0], 0, _WORD)
@@ -128,7 +130,7 @@ def _is_absent(context: Any, builder: Any, signature: Any, values: Any) -> Any:
 
 
 def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:
-    """Load a word of a record: as constant, because nothing writes into one."""
+    """Load a word of a record: as a constant, because nothing writes into a record."""
     address = builder.gep(
         builder.bitcast(pointer, _WORD.as_pointer()), [ir.Constant(ir.IntType(32), place)])
     value = builder.load(builder.bitcast(address, kind.as_pointer()))
@@ -138,15 +140,15 @@ def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:
 
 def _declare(module: Any, description: Any) -> Any:
     """
-    Declare a function, and that its records can be read from wherever it likes.
+    Declare a function whose records the optimiser can read anywhere in the function.
 
-    So the optimiser may read a field before a loop, though only some rounds of it ask for it.
+    The optimiser may then read a field before a loop, though only some rounds of the loop need it.
     """
     function = _declare_function(module, description)
     arguments = {argument.name: argument for argument in function.args}
     for name, kind in zip(description.args, description.argtypes):
         argument = arguments.get(f'arg.{name}')
-        # None: the module has the declaration already.
+        # The argument is None if the module has the declaration already.
         if isinstance(kind, RecordType) and argument is not None:
             argument.attributes.dereferenceable = kind.size
             argument.attributes.add('nonnull')
@@ -167,5 +169,5 @@ def _address_of(kind: RecordType, record: Any, context: Any) -> NativeValue:
 
 
 def register(record: type) -> None:
-    """Let `typeof` know instances of a class of records by their `_numba_type`."""
+    """Make `typeof` recognise instances of a class of records by their `_numba_type`."""
     typeof_impl.register(record)(lambda value, context: value._numba_type)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The processor that kernels are compiled for: a level of x86-64, the same on every machine of it.
+The processor that kernels are compiled for: a level of x86-64, equal on all machines of a level.
 
-So compiled kernels can be handed on: a cache that one machine has made serves the others of its
-level. The level is chosen before Numba is imported. Three things leave Numba its own target, with
-a cache of its own: Numba was imported earlier, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set, or
+Compiled kernels are therefore portable: a cache from one machine serves the others of its level.
+The level is chosen before Numba is imported. Numba keeps its own target, with a separate cache, in
+three cases: Numba was imported earlier, NUMBA_CPU_NAME or NUMBA_CPU_FEATURES is set, or
 ICOFABRIC_NATIVE=1. Child processes do not inherit the choice.
 """
 
@@ -19,17 +19,17 @@ _V3 = (
     'sse4.1', 'sse4.2', 'crc32', 'xsave', 'avx', 'avx2', 'bmi', 'bmi2', 'f16c', 'fma', 'lzcnt',
     'movbe')
 _V4 = (*_V3, 'avx512f', 'avx512bw', 'avx512cd', 'avx512dq', 'avx512vl')
-# What each level has, by LLVM's names, the higher one first: the x86-64 psABI, table 3.1.
+# Features of each level, by LLVM's names, the higher level first: x86-64 psABI, table 3.1.
 LEVELS = {'x86-64-v4': _V4, 'x86-64-v3': _V3}
-# LLVM would halve the registers of that level, as Intel's first such processors want it.
+# LLVM would use half of each register of x86-64-v4, as suits Intel's first such processors.
 _WHOLE_REGISTERS = '-prefer-256-bit'
 _NATIVE = 'ICOFABRIC_NATIVE'
-# This module is read before any other of the kernels.
+# This module is imported before all other modules of the kernels.
 _NUMBA_WAS_FIRST = 'numba' in sys.modules
 
 
 class Target(NamedTuple):
-    """What kernels are compiled for."""
+    """Target processor of the kernels."""
 
     level: str  # of x86-64; '': Numba's own target
     features: str  # as LLVM writes them
@@ -61,7 +61,7 @@ def target() -> Target:
 
 
 def host_features() -> dict[str, bool]:
-    """Return what the processor at hand has, by LLVM's names; nothing where LLVM cannot tell."""
+    """Return the features of the processor at hand, by LLVM's names; empty if LLVM has none."""
     from llvmlite import binding
     try:
         return dict(binding.get_host_cpu_features())
@@ -71,11 +71,11 @@ def host_features() -> dict[str, bool]:
 
 
 def host_processor() -> str:
-    """Name of the processor at hand, as LLVM calls it."""
+    """Return the name of the processor at hand, as LLVM calls it."""
     from llvmlite import binding
     return str(binding.get_host_cpu_name())
 
 
 def kernel_target() -> str:
-    """Name of what kernels are compiled for: a level, or a processor."""
+    """Return the name of the target of the kernels: a level, or a processor."""
     return target().level or os.environ.get('NUMBA_CPU_NAME') or host_processor()

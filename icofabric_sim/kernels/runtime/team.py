@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Threads that share the steps of one call: a barrier, a value that all see, and parts of work.
+Threads that share the steps of one call: a barrier, a shared value, and batches of work.
 
 Each thread computes its own run of blocks and waits for the others where it needs their results.
 Threads of Numba's own are not used: they would have to be started for every stage.
 
-Who waits looks at a flag for a while, which costs least where every thread has a core, and then
-sleeps until the last one wakes it (futex(2)). To offer the processor by sched_yield(2) in place of
-sleeping costs a turn of whatever else computes on the machine, milliseconds, at every barrier.
+A waiting thread polls a flag for a while, which costs least if every thread has a core. Then it
+sleeps until the last thread wakes it (futex(2)). Yielding the processor by sched_yield(2) in place
+of sleeping costs a time slice of other processes, milliseconds, at every barrier.
 """
 
 import platform
@@ -25,19 +25,19 @@ import numpy as np
 
 # Untyped: intrinsics are called without their first argument.
 _intrinsic: Any = intrinsic
-# Places in Team.flags, one cache line apart; from the last on one for each thread, where that of
-# what is shared next follows the number of parts taken.
+# Indices in Team.flags, one cache line apart. From the last index on each thread has a line: the
+# number of parts taken, then which of two shared values is used next.
 _ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN, _TAKEN = 0, 8, 16, 24, 32, 40
 _TURN, _LINE = 1, 8
-# What is taken of a run from behind counts so much, from the front 1.
+# A part taken from the back of a run adds this number to the count, one from the front adds 1.
 _BEHIND = 2**32
-# Blocks that are drifted and pushed in one go: they stay in the cache in between.
+# Blocks that are drifted and kicked together, so that they stay in the cache in between.
 TILE = 64
-# Looks at the flag before a thread sleeps: about 80 us, less than it takes to wake one, and 0.5 us
-# after so many in vain, for the next so many times.
+# Polls of the flag before a thread sleeps: about 80 us, less than the time to wake a thread. After
+# _ENOUGH fruitless waits, the next _PAUSE waits poll for 0.5 us.
 _PATIENCE, _IMPATIENCE = 200_000, 1_000
 _ENOUGH, _PAUSE = 8, 256
-# Number of futex(2) among the system calls of Linux, by processor; elsewhere threads yield.
+# Number of futex(2) among the system calls of Linux, by processor; 0: threads yield instead.
 _FUTEX = {'x86_64': 202, 'aarch64': 98}.get(
     platform.machine(), 0) if sys.platform == 'linux' else 0
 # Operations for threads of one process, and a count that is enough to wake all.
@@ -45,7 +45,7 @@ _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 2**31 - 1
 
 
 def flag_count(size: int) -> int:
-    """Count the flags that a team of such a size needs."""
+    """Return the number of flags that a team of such a size needs."""
     return _TAKEN + _LINE * size
 
 
@@ -57,7 +57,7 @@ def _address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 @_intrinsic
 def _fetch_add(typing: Any, array: Any, place: Any, value: Any) -> Any:
-    """Add at once, return what was there."""
+    """Add atomically and return the value before."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.atomic_rmw('add', _address(context, builder, sig, args), args[2], 'seq_cst')
     return types.int64(array, place, types.int64), generate
@@ -65,7 +65,7 @@ def _fetch_add(typing: Any, array: Any, place: Any, value: Any) -> Any:
 
 @_intrinsic
 def _read(typing: Any, array: Any, place: Any) -> Any:
-    """Read what another thread may write."""
+    """Read a flag that another thread may write."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load_atomic(_address(context, builder, sig, args), 'seq_cst', 8)
     return types.int64(array, place), generate
@@ -73,7 +73,7 @@ def _read(typing: Any, array: Any, place: Any) -> Any:
 
 @_intrinsic
 def _futex(typing: Any, array: Any, place: Any, operation: Any, value: Any) -> Any:
-    """futex(2) on the lower half of a flag, without a time limit."""
+    """Call futex(2) on the lower half of a flag, without a time limit."""
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         long = ir.IntType(64)
         if not _FUTEX:
@@ -91,7 +91,7 @@ def _futex(typing: Any, array: Any, place: Any, operation: Any, value: Any) -> A
 
 @compiled
 def own_blocks(team: Team, block_count: int) -> tuple[int, int]:
-    """First block of this thread, and the one after its last."""
+    """Return the first block of this thread, and the one after its last."""
     return (
         block_count * team.member // team.size,
         block_count * (team.member + 1) // team.size,
@@ -100,7 +100,7 @@ def own_blocks(team: Team, block_count: int) -> tuple[int, int]:
 
 @compiled
 def wait_for_all(team: Team) -> None:
-    """Go on once every thread of the team has come here."""
+    """Wait until every thread of the team has called this function."""
     if team.size > 1:
         _wait(team.flags, team.size)
 
@@ -111,11 +111,12 @@ def _wait(flags: np.ndarray, count: int) -> None:
     if _fetch_add(flags, _ARRIVED, 1) == count - 1:
         _fetch_add(flags, _ARRIVED, -count)
         _fetch_add(flags, _ROUND, 1)
-        # Who is about to sleep has said so before the system compares the round with `present`.
+        # A thread that is about to sleep adds 1 to the flag _ASLEEP before the system compares the
+        # round with `present`.
         if _read(flags, _ASLEEP) > 0:
             _futex(flags, _ROUND, _FUTEX_WAKE, _ALL)
         return
-    # Where something else computes, the others may be without a core: to look on takes one away.
+    # If other processes compute, some threads may wait for a core, which polling would occupy.
     in_vain = flags[_IN_VAIN]
     for _ in range(_PATIENCE if in_vain < _ENOUGH else _IMPATIENCE):
         if _read(flags, _ROUND) != present:
@@ -132,12 +133,13 @@ def _wait(flags: np.ndarray, count: int) -> None:
 @compiled
 def take_part(flags: np.ndarray, member: int, size: int, parts: int, before: int) -> int:
     """
-    Take the next of the parts of some work; returns its number, -1: all are taken.
+    Take the next part of some work; return its number, -1 if all are taken.
 
-    Each thread takes a run of its own from the front, and then what is left of the runs of others
-    from behind: so what lies in the caches of a core is mostly of use there again. `before`: what
-    this one took last, -1 at first. After the barrier at the end of the work each calls
-    `end_parts`; another barrier lies between that and the next work.
+    Each thread first takes parts of the run of blocks that belongs to it, from the front. Then it
+    takes the remaining parts of the other runs from behind, so the caches of a core are mostly
+    reused. `before`: the part that this thread took last, -1 at first. After the barrier at the
+    end of the work each thread calls `end_parts`; another barrier separates `end_parts` from the
+    next work.
     """
     if size == 1:
         return before + 1 if before + 1 < parts else -1
@@ -155,23 +157,22 @@ def take_part(flags: np.ndarray, member: int, size: int, parts: int, before: int
 
 @compiled
 def _left(taken: int, parts: int) -> bool:
-    """Whether there is a part of a run left."""
+    """Check that a part of a run is left."""
     return taken % _BEHIND + taken // _BEHIND < parts
 
 
 @compiled
 def end_parts(team: Team) -> None:
-    """Have no part of this thread's run taken."""
+    """Reset the count of parts taken from this thread's run."""
     if team.size > 1:
         team.flags[_TAKEN + _LINE * team.member] = 0
 
 
 @compiled
 def tell_all(team: Team, value: int) -> int:
-    """What the first thread says, to all; also a barrier."""
+    """Return the value of the first thread in all threads; also a barrier."""
     if team.size > 1:
-        # Two places in turn: one is written again only after all have come for what is in the
-        # other.
+        # Two flags in turn: one is written again only after all threads have read the other.
         turn = _TAKEN + _LINE * team.member + _TURN
         place = _SHARED + team.flags[turn]
         team.flags[turn] = 1 - team.flags[turn]
