@@ -208,6 +208,37 @@ def test_declared_dependencies_cover_the_imports(manifest):
             assert keys.get(name, name) in declared, f'{path.relative_to(ROOT)} imports {name}'
 
 
+# What Numba and llvmlite document for extensions.
+DOCUMENTED = {
+    'numba', 'numba.types', 'numba.extending', 'llvmlite', 'llvmlite.ir', 'llvmlite.binding'}
+NUMBA_PRIVATE = PACKAGE / 'kernels' / 'runtime' / 'numba_private.py'
+
+
+def imported_modules(path):
+    """Return modules and `from` names of a file, dotted."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found |= {node.module, *(f'{node.module}.{alias.name}' for alias in node.names)}
+    return found
+
+
+def test_private_modules_of_numba_are_imported_in_one_module():
+    allowed = re.compile('|'.join(rf'{name}(\.\w+)?' for name in sorted(DOCUMENTED)))
+    private = {'numba.core', 'numba.np', 'numba.misc', 'llvmlite.binding.ffi'}
+    users = 0
+    for path in [*sources(PACKAGE), *sources(ROOT / 'validation' / 'icofabric_validation')]:
+        found = {name for name in imported_modules(path)
+                 if name.partition('.')[0] in ('numba', 'llvmlite')}
+        users += bool(found)
+        if path != NUMBA_PRIVATE:
+            wrong = {name for name in found if name in private or not allowed.fullmatch(name)}
+            assert not wrong, f'{path.relative_to(ROOT)}: import {wrong} from numba_private'
+    assert users > 15
+
+
 def test_only_ros_folder_imports_ros():
     outside = [path for path in sources(PACKAGE) if PACKAGE / 'ros' not in path.parents]
     assert len(outside) > 10

@@ -10,7 +10,7 @@ passes on a borrowed array has to keep the array itself until the call is over.
 
 from typing import Any
 
-from numba.core import types
+from numba import types
 from numba.extending import intrinsic, overload
 import numpy as np
 

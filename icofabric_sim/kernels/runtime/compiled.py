@@ -3,24 +3,28 @@
 """The one decorator of all kernels."""
 
 import builtins
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, update_wrapper
 import gc
 import inspect
-import sys
 from types import CodeType, FunctionType
 from typing import Any
 
 from icofabric_sim.kernels.runtime.disk_cache import KernelCache
+from icofabric_sim.kernels.runtime.numba_private import (
+    config,
+    cpu_target,
+    CPUDispatcher,
+    event,
+    NullCache,
+    without_blas_check,
+)
 from icofabric_sim.kernels.runtime.parts import compiling
 from icofabric_sim.kernels.runtime.target import kernel_target, target
 from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.process.interrupts import exit_request
-from numba.core import config, event
-from numba.core.caching import NullCache
-from numba.core.registry import cpu_target, CPUDispatcher
-from numba.core.types import unliteral
+from numba.types import unliteral
 
 _PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
 
@@ -212,35 +216,12 @@ class _Passes(event.Listener):
         pass
 
 
-@contextmanager
-def _blas_is_there() -> Iterator[None]:
-    """
-    Spare Numba the import of scipy.linalg, which takes a fifth of the import time of this package.
-
-    Numba imports scipy.linalg to check for BLAS. This package requires SciPy, so BLAS is
-    available; code that calls BLAS imports it when the code is compiled.
-    """
-    from numba.np import linalg
-
-    if 'numba.np.arraymath' in sys.modules:  # Numba has checked for BLAS already
-        yield
-        return
-    asks, linalg.ensure_blas = linalg.ensure_blas, lambda: None
-    try:
-        yield
-    finally:
-        linalg.ensure_blas = asks
-        arraymath = sys.modules.get('numba.np.arraymath')
-        if arraymath is not None:
-            arraymath.ensure_blas = asks  # type: ignore[attr-defined]
-
-
 @cache
 def _set_up_compiler() -> None:
     """
     Load all that Numba can compile; an empty cache spends a tenth of a node's start on the load.
     """
-    with _blas_is_there():
+    with without_blas_check():
         cpu_target.typing_context.refresh()
         cpu_target.target_context.refresh()
 

@@ -24,12 +24,16 @@ from typing import Any
 import uuid
 
 from icofabric_sim.kernels.runtime.lane_types import LANES
+from icofabric_sim.kernels.runtime.numba_private import (
+    _nrt,
+    CompileResultCacheImpl,
+    config,
+    FunctionCache,
+    IndexDataCacheFile,
+)
 import llvmlite
 from llvmlite import binding
 import numba
-from numba.core import config
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
-from numba.core.runtime.nrt import _nrt
 
 _LOGGER = logging.getLogger('icofabric_sim')
 _PACKAGE = Path(__file__).resolve().parents[2]

@@ -15,9 +15,8 @@ import threading
 import time
 from typing import TypeVar
 
+from icofabric_sim.kernels.runtime.numba_private import event, global_compiler_lock
 from icofabric_sim.process.compile_notice import KernelsMissing
-from numba.core import event
-from numba.core.compiler_lock import global_compiler_lock
 
 Result = TypeVar('Result')
 # Time until a kernel that another thread loads is tried again [s].

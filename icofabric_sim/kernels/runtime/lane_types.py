@@ -11,12 +11,16 @@ functions that kernels call.
 import operator
 from typing import Any
 
-from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
+from icofabric_sim.kernels.runtime.numba_private import (
+    AbstractTemplate,
+    cgutils,
+    config,
+    infer_global,
+    signature,
+)
 from icofabric_sim.kernels.runtime.target import host_features
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils, config
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
 # Untyped: Numba sets its configuration at run time.

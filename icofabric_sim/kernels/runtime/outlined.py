@@ -11,7 +11,8 @@ kernels on disk do not contain it.
 
 from typing import Any
 
-from numba.core import cgutils, types
+from icofabric_sim.kernels.runtime.numba_private import cgutils
+from numba import types
 from numba.extending import intrinsic, overload
 
 # Functions by their addresses minus one, if compilation is disabled.

@@ -15,11 +15,12 @@ import os
 import threading
 from typing import Any
 
-from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
+from icofabric_sim.kernels.runtime.numba_private import (
+    cpu_target,
+    FunctionIdentity,
+    JITCodeLibrary,
+)
 import llvmlite.binding as ll
-from numba.core.bytecode import FunctionIdentity
-from numba.core.codegen import JITCodeLibrary
-from numba.core.registry import cpu_target
 
 
 class _Compiling(threading.local):

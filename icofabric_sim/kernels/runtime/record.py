@@ -34,7 +34,7 @@ from typing import Any, ClassVar, dataclass_transform, get_args, Self
 
 from icofabric_sim.kernels.runtime.record_types import RecordType, register
 import numba
-from numba.core import types
+from numba import types
 import numpy as np
 
 _MISSING = object()

@@ -13,11 +13,9 @@ import hashlib
 import operator
 from typing import Any
 
-from icofabric_sim.kernels.runtime import numba_target  # noqa: F401
+from icofabric_sim.kernels.runtime.numba_private import AttributeTemplate, cgutils, cpu_target
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.registry import cpu_target
-from numba.core.typing.templates import AttributeTemplate
+from numba import types
 from numba.extending import (
     infer_getattr,
     lower_builtin,

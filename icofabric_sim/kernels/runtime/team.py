@@ -17,9 +17,9 @@ from typing import Any
 
 from icofabric_sim.kernels.records import Team
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.numba_private import cgutils
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 import numpy as np
 

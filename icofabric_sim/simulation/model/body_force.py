@@ -11,10 +11,10 @@ from typing import Any, Final
 from icofabric_sim import checks
 from icofabric_sim.kernels.external import C_FUNCTION
 from icofabric_sim.kernels.records import External
+from icofabric_sim.kernels.runtime.numba_private import config
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numba
 from numba import carray, types
-from numba.core import config
 import numpy as np
 
 Force = Callable[..., tuple[Any, Any]]

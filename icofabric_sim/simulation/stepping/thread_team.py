@@ -20,11 +20,11 @@ import weakref
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
+from icofabric_sim.kernels.runtime.numba_private import config
 from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
-from numba.core import config
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')

@@ -18,6 +18,7 @@ import time
 import traceback
 from typing import Any, Final
 
+from icofabric_sim.kernels.runtime.numba_private import event
 from icofabric_sim.parameters.changes import restarts_motion
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
@@ -44,7 +45,6 @@ from icofabric_validation.stress.windows import (
     run_reference,
     Windows,
 )
-from numba.core import event
 import numpy as np
 
 # Processor time [s] for a scene, without compiling; fractions of it for the windows, and for the
