@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a health check adds up of all bodies: energies, work, the largest frequency, spin, coordinate.
+Sums and largest values of a health check over all bodies.
 
-Blocks lie in groups that depend on the number of blocks alone. A group is added up by one thread
-or rank, and the groups in their order, so sums have the same bits whoever has formed which.
+They include energies, work, the largest frequency, spin and coordinate. Blocks lie in groups that
+depend on the number of blocks alone. One thread or rank adds up a group, and the groups are added
+in their order, so sums are bit-identical for every number of threads and ranks.
 """
 
 from icofabric_sim.kernels.anchors import anchor_look
@@ -23,25 +24,27 @@ import numpy as np
 
 # Sums. Energies [J] of connectors, of moments and ways around shells, of fields and of anchors;
 # magnitudes of tensions [N]; twice the kinetic energies of unit mass and unit inertia, and minus
-# the energy of the height, of unit mass; work [J] of the loads and its magnitudes, what forces
-# that depend on velocities have taken [J], what a body force has given [J], what drives alone have
-# given [J]; ends of connectors in their shells.
+# the energy of the height, of unit mass; work [J] of the loads and its magnitudes, energy
+# dissipated by velocity-dependent forces [J], work of a body force [J], work of drives alone [J];
+# ends of connectors in their shells.
 LINKS, MOMENTS, FIELDS, ANCHORS, PULLS, MOVING, TURNING, WEIGHT, DONE, DONE_SIZE = range(10)
 TAKEN, GIVEN, DRIVEN, INSIDE, SUMMED = range(10, 15)
 # Largest values: bound of the squared frequency [1/s^2], squared spin [1/s^2], coordinate [m].
 STIFFEST, FASTEST, FARTHEST, FIGURE_COUNT = range(14, 18)
-# Groups are of so many blocks, but so many groups at least if there are blocks for them, and at
-# most: ranks have whole groups, and the sums of all groups are added up by one.
+# Preferred size of a group in blocks, and the least and largest number of groups (the least if
+# there are enough blocks). Ranks have whole groups, and one rank adds up the sums of all groups.
 _GOOD_SIZE, _FEWEST, _MOST = 8, 512, 16384
 
 
 def group_size(block_count: int) -> int:
-    """Count the blocks of a group in a fabric of so many blocks."""
+    """Return the number of blocks in a group for a fabric of `block_count` blocks."""
     return max(1, min(_GOOD_SIZE, block_count // _FEWEST), -(-block_count // _MOST))
 
 
 def figures_room(block_count: int, size: int) -> np.ndarray:
-    """Room for the figures of so many blocks in groups of `size`, and for their totals."""
+    """
+    Return an array for the figures of `block_count` blocks in groups of `size`, and their totals.
+    """
     return np.zeros((-(-block_count // size) + 1, FIGURE_COUNT))
 
 
@@ -53,9 +56,9 @@ def note_figures(
     """
     Add up groups first to last of `work.group` blocks, none from block `end` on.
 
-    Into `work.figures`, at `time` [s], with attachment points in place. Up to the `limit`
-    [1/s^2] a coarse bound of the squared frequency will do. `looks_inside`: count connectors in
-    shells.
+    Results go into `work.figures`, at `time` [s], with attachment points in place. Up to the
+    `limit` [1/s^2] a coarse bound of the squared frequency suffices. `looks_inside`: count
+    connectors inside shells.
     """
     for group in range(first, last):
         row = work.figures[group]
@@ -83,7 +86,7 @@ def note_figures(
                 model.gyration, state.orientation, state.angular_velocity, s, square), angular)
             spin = maximum(square, spin)
             for k in range(3):
-                # Also with no weight: what is not finite shows in the sum.
+                # Added without gravity too: the sum shows numbers that are not finite.
                 weight, place = splat(gravity_along(model.gravity, k)), load(state.position, k, s)
                 height = fma(heavy * weight, place, height)
                 extent = maximum(fabs(place), extent)
@@ -104,7 +107,9 @@ def note_figures(
 
 @compiled
 def fold_figures(figures: np.ndarray) -> np.ndarray:
-    """Sums and largest values of all groups, in their order: the last row of `figures`."""
+    """
+    Return the sums and largest values of all groups, in their order: the last row of `figures`.
+    """
     count = figures.shape[0] - 1
     totals = figures[count]
     totals[:] = 0.0
@@ -121,7 +126,9 @@ def fold_figures(figures: np.ndarray) -> np.ndarray:
 def anchored_part(
     loads: Loads | None, model: Model, state: State, block: int, s: int, time: float
 ) -> tuple[Vector, Vector]:
-    """What anchors of a block add to the bound of the squared frequency [1/s^2]; energy [J]."""
+    """
+    Return what anchors of a block add to the bound of the squared frequency [1/s^2]; energy [J].
+    """
     bound, energy = splat(0.0), splat(0.0)
     if loads is None:
         return bound, energy
@@ -137,9 +144,10 @@ def done_in(
     loads: Loads | None, model: Model, state: State, first: int, last: int
 ) -> tuple[float, float, float]:
     """
-    Work [J] of the present loads on blocks first to last, and its magnitudes.
+    Return the work [J] of the present loads on blocks first to last, and the sum of magnitudes.
 
-    Of each on each body; then the kinetic energy of driven freedoms, which paths alone have given.
+    The magnitudes are those of each load on each body. The third result is the kinetic energy of
+    driven freedoms, which paths alone have supplied.
     """
     total, size = 0.0, 0.0
     if loads is None:
@@ -157,9 +165,9 @@ def obstructed_ends(
     last: int
 ) -> Vector:
     """
-    Ends of connectors in the shells they are attached to, at bodies of blocks first to last.
+    Count connector ends inside their shells, at bodies of blocks first to last.
 
-    Of those that lie around: without a way.
+    For connectors wrapped over shells, count those without a path over the shell.
     """
     if wrapping is None:
         return obstructed_lanes(
@@ -178,7 +186,7 @@ def obstructed_ends(
 
 @compiled
 def gravity_along(gravity: Gravity | None, k: int) -> float:
-    """Gravity [m/s^2] along an axis."""
+    """Return gravity [m/s^2] along an axis."""
     if gravity is None:
         return 0.0
     return float(gravity.acceleration[k])

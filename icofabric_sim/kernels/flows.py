@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The two flows that every splitting method is made of, for runs of blocks.
+The two flows of all splitting methods, for runs of blocks.
 
 `drift`: the kinetic energy alone, free flight and free rotation, exact because the inertia is
-isotropic. `push`: the potential energy alone, which changes velocities only. The list of all terms
-that act on a fabric is `accelerations` and `push`. An absent term is not compiled (Numba
-prunes its branch only where the term is an argument of its own).
+isotropic. `push`: the potential energy alone, which changes velocities only. `accelerations` and
+`push` list all terms that act on a fabric. An absent term is not compiled: Numba prunes its branch
+if the term is a separate argument.
 """
 
 from icofabric_sim.kernels.anchors import kick_anchor
@@ -41,7 +41,7 @@ from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, w
 from icofabric_sim.kernels.wrap.forces import add_wrapping
 import numpy as np
 
-# No wrench: what is known of one is kept while rows of the same follow each other.
+# No wrench. The profile of a wrench is reused while consecutive rows have the same wrench.
 NONE = np.int64(-1)
 
 
@@ -51,7 +51,7 @@ def drift(
     order: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Flow of the kinetic energy over `h` from `time` [s] on; places the attachment points.
+    Apply the flow of the kinetic energy over `h` from `time` [s] on; place the attachment points.
 
     For blocks order[first] to order[last - 1].
     """
@@ -85,7 +85,7 @@ def drift(
 
 @inlined
 def place_links(links: Links | None, state: State, work: Work, s: int) -> None:
-    """Attachment points of a block, if anything is attached."""
+    """Place the attachment points of a block, if there are connectors."""
     if links is None:
         return
     place_attachments(
@@ -97,7 +97,7 @@ def place_attachments(
     attachment: np.ndarray | None, half_width: float, position: np.ndarray,
     orientation: np.ndarray, points: np.ndarray, s: int
 ) -> None:
-    """Attachment points of a block: on the body axes, or anywhere."""
+    """Place the attachment points of a block: on the body axes, or anywhere."""
     if attachment is None:
         place_points(half_width, position, orientation, points, s)
     else:
@@ -106,7 +106,7 @@ def place_attachments(
 
 @compiled
 def place_all(model: Model, state: State, work: Work, first: int, last: int) -> None:
-    """Attachment points of blocks first to last where nothing moves."""
+    """Place the attachment points of blocks first to last without motion."""
     for block in range(first, last):
         place_links(model.links, state, work, model.blocks.slot[block])
 
@@ -117,11 +117,11 @@ def push(
     time: float, h: float, again: float, keep: bool, order: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Flow of the potential energy at `time` [s] over `h`, and over `again` where that is not 0.
+    Apply the flow of the potential energy at `time` [s] over `h`, and over `again` if not 0.
 
-    The second is the first kick of the next step, which shares its forces. `keep` stores the
-    accelerations, for a kick that comes later. For blocks order[first] to order[last - 1].
-    `kinks`, `part`: see `accelerations`.
+    The second kick is the first one of the next step, which shares the forces. `keep` stores the
+    accelerations for a later kick. For blocks order[first] to order[last - 1]. `kinks`, `part`:
+    see `accelerations`.
     """
     known, factor = NONE, 1.0
     for turn in range(first, last):
@@ -177,7 +177,9 @@ def push_kept(
     model: Model, loads: Loads | None, state: State, work: Work, time: float, h: float, first: int,
     last: int
 ) -> None:
-    """Flow of the potential energy at `time` [s] over `h` with accelerations that were kept."""
+    """
+    Apply the flow of the potential energy at `time` [s] over `h` with the stored accelerations.
+    """
     known, factor = NONE, 1.0
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -227,10 +229,11 @@ def accelerations(
     block: int, s: int
 ) -> Six:
     """
-    Linear [m/s^2] and angular [rad/s^2] acceleration of a block at `time` [s] (eq 45).
+    Return the linear [m/s^2] and angular [rad/s^2] acceleration of a block at `time` [s] (eq 45).
 
-    Of what follows from positions and orientations; loads apart. Velocities are not read here.
-    With `kinks` at a `part` of a step in which each connector keeps its slope (kernels/kinks.py).
+    Includes all forces that depend on positions and orientations, without loads. Velocities are
+    not read. With `kinks`, at a fraction `part` of a step in which each connector keeps its slope
+    (kernels/kinks.py).
 
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
@@ -253,7 +256,7 @@ def accelerations(
 def accelerate(
     supports: Supports | None, inverse_mass: float, inverse_inertia: float, force: Six, s: int
 ) -> Six:
-    """Accelerations from forces and torques, none along held freedoms."""
+    """Return accelerations from forces and torques, zero along held freedoms."""
     fx, fy, fz, tx, ty, tz = force
     if supports is None:
         mass, inertia = splat(inverse_mass), splat(inverse_inertia)
@@ -271,7 +274,7 @@ def accelerate(
 def add_gravity(
     gravity: Gravity | None, supports: Supports | None, alive: int, s: int, a: Six
 ) -> Six:
-    """Add gravity where there is a body that is free to fall."""
+    """Add gravity to the accelerations of bodies that are free to fall."""
     if gravity is None:
         return a
     else:

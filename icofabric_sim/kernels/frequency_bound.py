@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bound of the largest frequency of a fabric, body by body, and the energies found beside it."""
+"""
+A bound of the largest frequency of a fabric, body by body, and the energies from the same loop.
+"""
 
 import math
 from typing import Any
@@ -40,16 +42,18 @@ def block_bound(
     position: np.ndarray, block: int, s: int, limit: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] for each body of a block; connector energy and tension.
+    Return the bound of the squared frequency [1/s^2], energy and tension for bodies of a block.
 
     The second variation of a connector's energy for small motions (dx, dtheta) of its two bodies
     is k (n.du)^2 + f/l |P du|^2 + moments of f, with du = du_2 - du_1 and
     du_i = dx_i + dtheta_i x s_i. From (x - y)^2 <= 2 x^2 + 2 y^2 it is at most the sum over both
     ends of 2 k (n.du_i)^2 + 2 max(f/l, 0) |du_i|^2 + |f| |s| |dtheta_i|^2, a block-diagonal form:
-    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric. Where the trace
-    of its first part, at most 2 k (1/m + s^2/Lambda) for each connector, proves that this is at
-    most the `limit` [1/s^2], the trace is the bound; else see `stiffest_direction`. Half of each
-    connector's energy [J] and of the magnitude of its tension [N] counts for either end.
+    its largest eigenvalue, in mass-scaled coordinates, bounds that of the fabric.
+
+    The trace of its first part is at most 2 k (1/m + s^2/Lambda) for each connector. If the trace
+    proves that the bound is at most the `limit` [1/s^2], the trace is the bound; else see
+    `stiffest_direction`. Half of each connector's energy [J] and of the magnitude of its tension
+    [N] counts for either end.
     """
     zero = splat(0.0)
     energy = zero
@@ -86,7 +90,7 @@ def block_bound(
                 tension = fma(maximum(pull, zero), inverse, tension)
                 pulls = pulls + fabs(pull)
                 trace = trace + where(there, slope, zero)
-        # Where connectors have their own laws, their stiffnesses are in the sums.
+        # With individual laws the stiffnesses are in the sums.
         twice = splat(2.0 * links.stiffness if links.variety is None else 2.0)
         rest = fma(spread + spread, tension, moment * pulls)
         bound = fma(twice * spread, trace, rest)
@@ -103,11 +107,11 @@ def stiffest_direction(
     position: np.ndarray, block: int, s: int
 ) -> Vector:
     """
-    Bound of the largest eigenvalue of the sum of k (n.du)^2 of the connectors of each body.
+    Return a bound of the largest eigenvalue of the sum of k (n.du)^2 of each body's connectors.
 
-    In mass-scaled coordinates, over the stiffness where that of all is the same. Each 6 x 6 block
-    is bounded by the largest absolute row sum of its square. In the woven rest state the bound is
-    close, because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
+    In mass-scaled coordinates, divided by the stiffness if all connectors share it. Each 6 x 6
+    block is bounded by the largest absolute row sum of its square. In the woven rest state the
+    bound is close, because neighbours that move against each other make (x - y)^2 = 2 x^2 + 2 y^2.
     """
     zero = splat(0.0)
     root_m, root_i = math.sqrt(inverse_mass), math.sqrt(inverse_inertia)
@@ -153,16 +157,16 @@ def stiffest_direction(
 @inlined
 def largest_of_block(rows: Block) -> Vector:
     """
-    Bound of the largest eigenvalue of a symmetric block B: the root of that of B B.
+    Return a bound of the largest eigenvalue of a symmetric block B: the root of that of B B.
 
-    A largest absolute row sum bounds every eigenvalue; of the square it is closer to the largest,
-    as the others count less: 1.1 instead of 1.2 times it where a fabric moves.
+    A largest absolute row sum bounds every eigenvalue. The bound from the square is closer because
+    the other eigenvalues count less: 1.1 instead of 1.2 times the largest in a moving fabric.
     """
-    # No loop counts places of these tuples: each would be found by a jump.
+    # No loop over these tuples, because each access would need a jump.
     first, second, third, fourth, fifth, sixth = rows
     scale = maximum(maximum(first[0], second[1]), maximum(third[2], fourth[3]))
     scale = maximum(scale, maximum(fifth[4], sixth[5]))
-    # Squares of what may be large or small: in parts of the largest on the diagonal.
+    # Entries are divided by the largest on the diagonal, so that their squares stay finite.
     inverse = splat(1.0) / maximum(scale, splat(1e-300))
     first, second, third = times(first, inverse), times(second, inverse), times(third, inverse)
     fourth, fifth, sixth = times(fourth, inverse), times(fifth, inverse), times(sixth, inverse)
@@ -191,7 +195,7 @@ def times(row: Row, factor: Vector) -> Row:
 
 @inlined
 def along(first: Row, second: Row) -> Vector:
-    """Magnitude of the scalar product of two rows."""
+    """Return the magnitude of the scalar product of two rows."""
     value = fma(first[2], second[2], fma(first[1], second[1], first[0] * second[0]))
     return fabs(fma(first[5], second[5], fma(first[4], second[4], fma(
         first[3], second[3], value))))
@@ -203,9 +207,9 @@ def bound_parts(
     stiffness: Vector, minus_rest: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """
-    Stretch [m], tension [N] and largest slope [N/m] of a connector, 1 where all are alike.
+    Return stretch [m], tension [N] and largest slope [N/m] of a connector, 1 if all are alike.
 
-    The larger of k_e and k_c counts: between two looks a connector may come from one to the other.
+    The larger of k_e and k_c counts: a connector may switch from one to the other between checks.
     """
     if variety is None:
         stretch = fma(squared, inverse, minus_rest)
@@ -219,7 +223,7 @@ def bound_parts(
 
 @compiled
 def root_of(variety: Variety | None, slope: Vector) -> Vector:
-    """Square root of a slope, which is 1 where all connectors are alike."""
+    """Return the square root of a slope, which is 1 if all connectors are alike."""
     if variety is None:
         return slope
     else:
@@ -231,7 +235,7 @@ def stored_part(
     tables: LawTables | None, variety: Variety | None, link: int, s: int, there: Any,
     length: Vector, stretch: Vector, pull: Vector, energy: Vector
 ) -> Vector:
-    """Add the energy of a connector, by a table where it has one, but for a common factor."""
+    """Add the energy of a connector, by its table if it has one, up to a common factor."""
     if tables is None:
         return energy_part(variety, stretch, pull, energy)
     else:
@@ -243,7 +247,7 @@ def stored_part(
 def energy_part(
     variety: Variety | None, stretch: Vector, pull: Vector, energy: Vector
 ) -> Vector:
-    """Add the energy of a connector, but for a common factor."""
+    """Add the energy of a connector, up to a common factor."""
     if variety is None:
         return fma(stretch, stretch, energy)
     else:
@@ -255,11 +259,11 @@ def bound_and_energies(
     model: Model, state: State, work: Work, block: int, s: int, limit: Vector
 ) -> tuple[Vector, Vector, Vector, Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] of each body of a block, and its stored energies [J].
+    Return the bound of the squared frequency [1/s^2] of each body of a block, and energies [J].
 
-    Those of connectors, of moments and ways around shells, and of fields; then the magnitudes of
-    tensions [N]. Of a sum of energies the bound is the sum of their bounds. Up to the `limit`
-    [1/s^2] a coarse bound will do.
+    The energies are those of connectors, of moments and connectors wrapped over shells, and of
+    fields; then follow the magnitudes of tensions [N]. The bound of a sum of energies is the sum
+    of their bounds. Up to the `limit` [1/s^2] a coarse bound suffices.
     """
     more, bent = bending_look(
         model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
@@ -283,13 +287,15 @@ def bound_and_energies(
 
 @compiled
 def frequency_bound(model: Model, state: State, work: Work) -> float:
-    """Upper bound of the largest squared frequency [1/s^2] of the fabric, see `block_bound`."""
+    """Return an upper bound of the largest squared frequency [1/s^2], see `block_bound`."""
     return bound_of_blocks(model, state, work, 0, model.blocks.slot.shape[0])
 
 
 @compiled
 def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: int) -> float:
-    """The part of blocks first to last in it: of all parts the largest is the bound."""
+    """
+    Return the largest bound of blocks first to last; the largest of all blocks bounds the fabric.
+    """
     largest = splat(0.0)
     for block in range(first, last):
         bound, _, _, _, _ = bound_and_energies(
@@ -300,7 +306,7 @@ def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: in
 
 @compiled
 def field_bound(model: Model, state: State) -> float:
-    """What electric fields add to that at most [1/s^2]."""
+    """Return a bound of what electric fields add to the squared frequency [1/s^2]."""
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
         bound, _ = field_parts(

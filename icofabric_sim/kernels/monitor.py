@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Looks at a running state every so many steps.
+Health checks of a running state, at regular numbers of steps.
 
-Is it finite, is the step still safe, does the energy balance, has a body moved far?
+A check tests that the state is finite, the step is safe, and the energy balances. It also measures
+how rough the motion is.
 """
 
 import math
@@ -45,55 +46,54 @@ RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
 # Shells that overlap too deeply, and more than they should. Others are in
 # kernels/contact/rebuild_check.py.
 TOO_DEEP, DEEP = 2048, 4096
-# Contacts make more energy swing in a step than may.
+# More energy oscillates within a step because of contacts than the limit allows.
 SWINGS = 32768
-# Not to be saved as a state from which a run can go on.
+# A state with these bits must not be saved for a restart.
 UNSOUND = NOT_FINITE | UNBALANCED
-# Places in the ledger. What a look finds: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
+# Indices in the ledger. Results of a check: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
 # [rad/s], the largest spin [rad/s], energies [J] and the work [J] of the present loads.
 RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
-# What is asked of it: RATE_HIGH above, RATE_LOW below, LIVELIER where the kinetic energy [J] is
-# above. Where LOW is 0 the bound is coarse as long as that keeps the rate below HIGH.
+# Limits: RATE_HIGH above HIGH, RATE_LOW below LOW, LIVELIER if the kinetic energy [J] is above
+# LIVELY. If LOW is 0, the bound is coarse as long as the rate stays below HIGH.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
-# The balance: energy less work and with what was spent at the start, height at the start [J],
-# the largest sum of the magnitudes of what moves, was exchanged or was done [J], the largest error
-# beside the scale, the present error [J] and the part of the scale that is allowed.
+# Balance: energy less work plus dissipated energy at the start [J], energy of the height at the
+# start [J], the scale [J] (largest sum of the magnitudes of kinetic energy, changes and work), the
+# largest error over the scale, the present error [J] and the largest allowed ratio.
 BASE, BASE_HEIGHT, SCALE, WORST, ERROR, LIMIT = 10, 11, 12, 13, 14, 15
 # Work of loads before the present ones [J], and steps of this call when the state was saved.
 EARLIER_WORK, SAVED_AT = 16, 17
-# How rough the motion was just before the look (-1: not known), ROUGHER where that is above; steps
-# of one length until now; 1 / a^2 [1/m^2].
-# The roughest so far since the last look.
+# Roughness of the motion just before the check (-1: not known), ROUGHER above the limit; number of
+# steps of one length until now; 1 / a^2 [1/m^2]; largest roughness since the last check.
 ROUGH, ROUGH_LIMIT, REGULAR, INVERSE_SIZE, ROUGHEST = 18, 19, 20, 21, 22
-# What forces that depend on velocities have taken from the motion [J].
+# Energy dissipated by velocity-dependent forces [J].
 SPENT = 23
 # Energy lost where connectors broke [J].
 LOST = 24
-# Ends of connectors that are in the shells they are attached to; OBSTRUCTING where that is more.
+# Ends of connectors inside the shells they are attached to; OBSTRUCTING above the limit.
 OBSTRUCTED, OBSTRUCTED_LIMIT = 25, 26
-# Looks until connectors in shells are looked for again, and from one of these to the next.
+# Checks until connectors inside shells are counted again, and the interval between two counts.
 UNTIL_OBSTRUCTED, OBSTRUCTED_EVERY = 27, 28
-# Energy of contacts [J], which STORED includes, their number, the deepest overlap at a look [m],
-# the deepest at any so far; TOO_DEEP above this [m], and DEEP above that.
+# Energy of contacts [J], which STORED includes, their number, the deepest overlap at this check
+# and at any check so far [m]; limits [m] for TOO_DEEP and for DEEP.
 CONTACT, TOUCHING, DEEPEST, DEEPEST_EVER, DEEPEST_LIMIT, TOLD_LIMIT = 29, 30, 31, 32, 33, 34
-# What contacts that may happen before the next look add to the squared frequency [1/s^2] at most.
+# Bound of what contacts before the next check add to the squared frequency [1/s^2].
 CONTACT_RATE = 35
-# Energies of connectors, of moments and ways around shells, of charges and dipoles, and of anchors
-# [J]; what these and the contacts had at the start; the magnitudes of all work [J].
+# Energies [J] of connectors, of moments and connectors wrapped over shells, of charges and
+# dipoles, and of anchors; their values and that of contacts at the start; magnitudes of all work.
 LINKED, BENT, FIELD, ANCHORED = 36, 37, 38, 39
 BASE_LINKED, BASE_BENT, BASE_FIELD, BASE_ANCHORED, BASE_CONTACT, WORKED = 40, 41, 42, 43, 44, 45
-# Sum of the tensions' magnitudes [N], the largest coordinate [m], the number of bodies, the part
-# of a number that counts as rounding; from them the energy that rounding may make [J], at most so
-# far. What the tolerance may make of it [J]; looks so far.
+# Sum of the tensions' magnitudes [N], the largest coordinate [m], the number of bodies, the
+# relative rounding error; from them the largest energy error of rounding so far [J]. Energy error
+# of the tolerance [J]; number of checks so far.
 TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51, 52
-# Where steps run through contacts: the largest energy [J] that swung in a step because of them
-# (kernels/contact/stiffness.py), the part of the scale up to which it may (inf: it is not asked
-# for), and the part of the longest step that is left because of that.
+# For steps through contacts: the largest energy [J] that oscillated within a step because of them
+# (kernels/contact/stiffness.py), its limit relative to the scale (inf: not measured), and the
+# fraction of the longest step that remains after the limit was exceeded.
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
-# Roughness at the last check that knew it, its sum over steps, and steps not yet part of the sum.
+# Roughness at the last check that measured it, its sum over steps, and steps not yet in the sum.
 STEADY_ROUGH, ROUGH_SUM, UNCOUNTED = 56, 57, 58
 LEDGER_COUNT = 59
-# Evaluations of the forces between two looks, or somewhat more: each rounds places once.
+# Evaluations of the forces between two checks, or somewhat more: each rounds positions once.
 _ROUNDINGS = 100.0
 
 
@@ -102,9 +102,9 @@ def examine(
     model: Model, loads: Loads, state: State, work: Work, time: float, ledger: np.ndarray
 ) -> int:
     """
-    Status bits of the state at `time` [s], and its figures into `ledger`.
+    Return the status bits of the state at `time` [s]; write its figures into `ledger`.
 
-    Its attachment points are in place.
+    The attachment points are in place.
     """
     blocks = model.blocks.slot.shape[0]
     note_figures(
@@ -118,7 +118,7 @@ def note_own(
     model: Model, loads: Loads, state: State, work: Work, team: Team, time: float,
     ledger: np.ndarray
 ) -> None:
-    """Have a thread note its share of the figures; all have been noted at the end."""
+    """Add up a thread's share of the figures, then wait until all threads have added theirs."""
     first, last = own_blocks(team, work.figures.shape[0] - 1)
     note_figures(
         model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), first, last,
@@ -129,10 +129,10 @@ def note_own(
 @compiled
 def coarse_up_to(ledger: np.ndarray) -> float:
     """
-    Squared frequency [1/s^2] of a body up to which a coarse bound will do; below 0: none.
+    Return the squared frequency [1/s^2] up to which a coarse bound suffices; negative: none.
 
-    So that the next look finds RATE_HIGH only where the close bound does, as long as the spin has
-    not grown by a quarter since the last one.
+    The next check then finds RATE_HIGH only if the close bound does, unless the spin has grown by
+    more than a quarter since the last check.
     """
     left = ledger[HIGH] - 1.25 * ledger[SPIN_WEIGHT] * ledger[SPIN]
     if ledger[LOW] > 0.0 or not left > 0.0:
@@ -142,7 +142,7 @@ def coarse_up_to(ledger: np.ndarray) -> float:
 
 @compiled
 def looks_inside(ledger: np.ndarray) -> bool:
-    """Whether the next look counts the connectors that are in shells."""
+    """Check that the next health check counts the connectors inside shells."""
     return ledger[UNTIL_OBSTRUCTED] <= 1.0
 
 
@@ -151,7 +151,7 @@ def conclude(
     model: Model, state: State, figures: np.ndarray, ledger: np.ndarray
 ) -> int:
     """
-    Status bits of a state whose `figures` have been noted, and what they come to into `ledger`.
+    Return the status bits of a state with known `figures`; write the results into `ledger`.
 
     The figures are of all groups (kernels/figures.py); contacts are added up here.
     """
@@ -169,7 +169,7 @@ def conclude(
     ledger[STORED] += ledger[CONTACT]
     ledger[HEIGHT] = -mass * totals[WEIGHT]
     ledger[TENSIONS], ledger[EXTENT] = totals[PULLS], totals[FARTHEST]
-    # What driven bodies move with is work of their drives too.
+    # The kinetic energy of driven bodies is work of their drives too.
     ledger[WORK] = ledger[EARLIER_WORK] + totals[DRIVEN]
     ledger[WORKED] = abs(ledger[WORK]) + totals[DONE_SIZE] + abs(totals[GIVEN])
     ledger[WORK] += totals[DONE] + totals[GIVEN]
@@ -204,8 +204,8 @@ def sample(
     """
     Add the positions and orientations at a step end to a difference of high order.
 
-    With weights (-1)^k n! / (k! (n - k)!) the n-th difference of a vibration of frequency w is
-    its amplitude times (w h)^n: what a method of order n errs by, but for a factor that stays.
+    With weights (-1)^k n! / (k! (n - k)!) the n-th difference of a vibration of frequency w is its
+    amplitude times (w h)^n. A method of order n has this error, up to a constant factor.
     """
     weight = splat(weights[number])
     samples = difference.shape[1] // LANES
@@ -227,7 +227,9 @@ def sample(
 
 @compiled
 def roughness(work: Work, ledger: np.ndarray) -> float:
-    """The largest difference of a body: of its position over a, or of its orientation in rad."""
+    """
+    Return the largest difference of a body: of its position over a, or of its orientation [rad].
+    """
     difference = work.difference
     largest = splat(0.0)
     # A small rotation by x changes the quaternion by x / 2, the cosines by sqrt(2) x.
@@ -248,9 +250,10 @@ def roughness(work: Work, ledger: np.ndarray) -> float:
 @compiled
 def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
     """
-    ROUGHER where the motion has become so; needs a whole difference of steps of one length.
+    Return ROUGHER if the motion is rougher than the limit, else 0.
 
-    After `interval` steps in which none came to its end what was known stays.
+    The roughness is known after a complete difference of steps of one length. If no difference was
+    completed within `interval` steps, the previous value stays.
     """
     roughest, steady = ledger[ROUGHEST], ledger[STEADY_ROUGH]
     ledger[ROUGHEST] = 0.0
@@ -264,7 +267,7 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
     if ledger[REGULAR] // differences == before // differences:
         ledger[ROUGH_SUM] += steady * count
         return 0
-    # At least what was expected, so that a sum that is shown never falls.
+    # At least the expected value, so that the displayed sum never falls.
     ledger[ROUGH_SUM] += max(steady, 0.5 * (steady + roughest)) * count
     ledger[STEADY_ROUGH] = ledger[ROUGH] = roughest
     return ROUGHER if ledger[ROUGH] > ledger[ROUGH_LIMIT] else 0
@@ -272,7 +275,7 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
 
 @compiled
 def gravity_size(gravity: Gravity | None) -> float:
-    """Magnitude of gravity [m/s^2]."""
+    """Return the magnitude of gravity [m/s^2]."""
     if gravity is None:
         return 0.0
     g = gravity.acceleration
@@ -281,7 +284,7 @@ def gravity_size(gravity: Gravity | None) -> float:
 
 @compiled
 def dipole_size(dipole: Dipole | None) -> float:
-    """Largest energy [J] of a dipole in the field, over two."""
+    """Return an energy bound [J] of a dipole in the field, |p| |E|."""
     if dipole is None:
         return 0.0
     else:
@@ -291,11 +294,11 @@ def dipole_size(dipole: Dipole | None) -> float:
 @compiled
 def balance(ledger: np.ndarray) -> int:
     """
-    Compare all energy, less the work done and with what was spent, with what it was at the start.
+    Compare the total energy, corrected for work and dissipated energy, with that at the start.
 
-    The scale is a sum of magnitudes, in which nothing cancels: kinetic energy, work, what was
-    spent and lost, and the change of every potential energy, as where these are zero means nothing
-    (tables, weight, charges), or only what the fabric is held with (pre-stress).
+    The scale is a sum of magnitudes without cancellation: kinetic energy, work, dissipated and
+    lost energy, and the change of every potential energy. Only changes of potential energies count
+    because their zeros are arbitrary (tables, weight, charges) or include pre-stress.
     """
     total = ledger[KINETIC] + ledger[STORED] + ledger[HEIGHT]
     if not math.isfinite(total + ledger[WORKED] + ledger[SPENT]):
@@ -314,7 +317,7 @@ def balance(ledger: np.ndarray) -> int:
 @compiled
 def judge_balance(model: Model, ledger: np.ndarray, rate: float) -> int:
     """
-    UNBALANCED where the error is more than allowed, and more than rounding and tolerance may make.
+    Return UNBALANCED if the error exceeds the limit and the error of rounding and tolerance.
 
     `rate` [rad/s] bounds the fastest motion.
     """
@@ -332,7 +335,9 @@ def judge_balance(model: Model, ledger: np.ndarray, rate: float) -> int:
 
 @compiled
 def least_scale(ledger: np.ndarray) -> float:
-    """Scale [J] of the balance: so large that what rounding and tolerance make is allowed."""
+    """
+    Return the scale [J] of the balance, large enough to allow errors of rounding and tolerance.
+    """
     if not ledger[LIMIT] > 0.0:
         return ledger[SCALE]
     return max(ledger[SCALE], (ledger[NOISE] + ledger[FLOOR]) / ledger[LIMIT])
@@ -341,16 +346,17 @@ def least_scale(ledger: np.ndarray) -> float:
 @compiled
 def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
     """
-    Energy [J] that rounding may make, or hide.
+    Return the energy [J] that rounding may add or hide.
 
-    A place is known to u times its largest coordinate X, with u = ledger[ROUNDING], an orientation
-    to u. So tensions f make f u X of each connector. Energies E that are never negative and whose
-    second derivative by mass-scaled coordinates y is at most W^2, W = `rate`, have a slope of at
-    most W sqrt(2 E), and make W sqrt(2 E) |dy| + W^2 |dy|^2 / 2, with |dy|^2 = u^2 (M X^2 +
-    Lambda) for each body; the last part again in each step. Sums are rounded themselves.
+    A position is exact to u times its largest coordinate X, with u = ledger[ROUNDING], an
+    orientation to u. So tensions f contribute f u X of each connector. Energies E that are never
+    negative and whose second derivative by mass-scaled coordinates y is at most W^2, W = `rate`,
+    have a slope of at most W sqrt(2 E). They contribute W sqrt(2 E) |dy| + W^2 |dy|^2 / 2, with
+    |dy|^2 = u^2 (M X^2 + Lambda) for each body; the last term again in each step. Sums are rounded
+    as well.
     """
     u, bodies = ledger[ROUNDING], ledger[BODIES]
-    # Attachment points and contacts are beside the centres.
+    # Attachment points and contacts are farther out than the centres.
     extent = ledger[EXTENT] + 2.0 / math.sqrt(max(ledger[INVERSE_SIZE], 1e-300))
     mass, inertia = largest_of(model.masses, model.inverse_mass, model.inverse_inertia)
     displaced = u * math.sqrt(bodies * (mass * extent * extent + inertia))

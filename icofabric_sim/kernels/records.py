@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What kernels take: packed constants, the evolving state, the inputs.
+Records that kernels take: packed constants, the evolving state, the inputs.
 
-Arrays have their slots last: slot s of a body is its place in them, the same for all (layout.py),
-so that bodies which are computed together lie side by side. A term that a scene lacks is None: not
-compiled, or, where its class says what stands for it when `absent`, compiled and passed by.
+Arrays have their slots last: slot s of a body is its index in all of them (layout.py). Bodies that
+are computed together are therefore adjacent. A term that a scene lacks is None and not compiled.
+If its class has a method `absent`, the term is compiled and skipped at run time.
 """
 
 from typing import Any
@@ -36,7 +36,7 @@ class Connectors(Record):
 
 
 class Blocks(Record):
-    """Runs of LANES slots that are computed together, in the order in which they are computed."""
+    """Runs of LANES slots that are computed together, in the order of computation."""
 
     slot: np.ndarray  # (b,) int32, first slot
     alive: np.ndarray  # (b,) uint8, bit l: lane l holds a body
@@ -44,7 +44,7 @@ class Blocks(Record):
 
 
 class Variety(Record):
-    """Laws of the connectors at each body, where they are not one symmetric law; (12, s) each."""
+    """Laws of the connectors at each body, if they are not one symmetric law; (12, s) each."""
 
     extension: np.ndarray  # k_e [N/m]
     compression: np.ndarray  # k_c [N/m]
@@ -54,27 +54,27 @@ class Variety(Record):
 class LawTables(Record):
     """Tensions by table, see kernels/law_tables.py."""
 
-    number: np.ndarray  # (12, s) of a connector's table, -1 where it has none
-    # (8 m,) for each piece least length, anchor [m], f [N], d, c, b, energy [J], 0
+    number: np.ndarray  # (12, s) of a connector's table, -1 without a table
+    # (8 m,) for each interval least length, anchor [m], f [N], d, c, b, energy [J], 0
     rows: np.ndarray
-    # (8 t,) for each table where its bins begin [m], bins in a metre, the last bin, the number of
-    # the first among those of all tables, its first and its last row; two places are free
+    # (8 t,) for each table the start of its bins [m], bins per metre, the last bin, the number of
+    # the first among those of all tables, its first and its last row; two numbers are unused
     heads: np.ndarray
     # (2 k,) for each bin the bound in it [m] (inf: none, -1: to be searched), and the row of the
-    # piece below the bound
+    # interval below the bound
     bins: np.ndarray
     is_alike: bool  # all connectors follow one table
-    # (3 s,) int32, of the connectors of a block that follow one table where in `rows` the lower of
-    # two pieces side by side begins that hold all lanes' lengths; -1: none is known
+    # (3 s,) int32, for connectors of a block that follow one table: index in `rows` of the lower
+    # of two adjacent intervals that contain all lanes' lengths; -1: not known
     near: np.ndarray
-    beyond: np.ndarray  # (1,) 1 once a length beyond its table was met
+    beyond: np.ndarray  # (1,) 1 once a length was outside its table
 
 
 class Links(Record):
     """
-    The same springs seen from each body: two at each of its six edges.
+    Connectors seen from each body: two at each of its six edges.
 
-    A block's lanes have their neighbours side by side too, so one place does for all of them.
+    The neighbours of a block's lanes are adjacent too, so one index serves all lanes.
     """
 
     place: np.ndarray  # (b, 12) int32, where the x of lane 0's partner is in the flat points
@@ -83,28 +83,23 @@ class Links(Record):
     natural_length: float  # D [m]; of many laws the longest
     half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
-    variety: Variety | None  # laws of their own; of tables the largest slopes
+    variety: Variety | None  # individual laws; of tables the largest slopes
     tables: LawTables | None
 
 
 class Shells(Record):
-    """
-    The faces of a shell as its attachment points see them, where these are not edge midpoints.
-    """
+    """Faces of a shell relative to its attachment points, if these are not edge midpoints."""
 
     normals: np.ndarray  # (20, 3) outward unit normals, body axes
     depth: np.ndarray  # (6, 20) [m] of each point below each face; exactly 0 on it
-    # How much deeper points lie in shells of a size of their own [m], by slots (s,) and by bodies
-    # (n,).
+    # Additional depth in individually sized shells [m], by slots (s,) and by bodies (n,).
     deeper: np.ndarray | None = None
     deeper_of_bodies: np.ndarray | None = None
     on_face: float = 0.0  # [m] a point this close to a face lies on it
 
 
 class Wrapping(Record):
-    """
-    The shell that connectors lie around, and their ways over its edges, see kernels/wrap/path.py.
-    """
+    """The shell that connectors wrap, and their paths over its edges, see kernels/wrap/path.py."""
 
     # (6, p, 3) of each attachment point: outward unit normals, body axes, of the 20 faces and of
     # planes through the point and an edge; (6, p) their heights over the centre [m]
@@ -114,21 +109,23 @@ class Wrapping(Record):
     corners: np.ndarray  # (12, 3) [m], body axes
     points: np.ndarray  # (6, 3) attachment points [m], body axes
     shells: Shells | None  # None: these are the midpoints of the named edges
-    # (6, q) int32, planes of each of these, over which a connector is straight
+    # (6, q) int32, planes of each attachment point over which a connector is straight
     start: np.ndarray
-    # (6, w, 10) of each way from there: a corner and the direction of its last edge, the place
-    # along it beside the attachment point and the distance of that, unfolded; from where to where
-    # along it the way leads [m].
+    # (6, w, 10) for each path from an attachment point: a corner and the direction of its last
+    # edge, the coordinate of the unfolded attachment point along that edge and its distance from
+    # the edge, and the range of coordinates through which the path leads [m].
     ways: np.ndarray
-    faces: np.ndarray  # (6, w, 2) int32, planes on which it comes to its last edge, and the next
+    faces: np.ndarray  # (6, w, 2) int32, planes before and after the last edge of a path
 
 
 class Bending(Record):
-    """What resists a change of the angle between connectors and bodies, see kernels/moments.py."""
+    """
+    Resistance to a change of the angle between connectors and bodies, see kernels/moments.py.
+    """
 
     stiffness: float  # kappa_b [N m/rad]; of many the largest
-    # Where connectors point in the weave, unit vectors: (12, 3) in body axes, or, where bodies are
-    # woven in different orientations, (36, s) for each body in world axes.
+    # Directions of connectors in the weave, unit vectors: (12, 3) in body axes, or, if woven
+    # orientations differ, (36, s) for each body in world axes.
     direction: np.ndarray
     directions: np.ndarray | None
     variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
@@ -136,7 +133,7 @@ class Bending(Record):
 
 
 class Twisting(Record):
-    """What resists rotations of two connected bodies against each other."""
+    """Resistance to rotations of two connected bodies against each other."""
 
     stiffness: float  # kappa_t [N m/rad]; of many the largest
     variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
@@ -144,7 +141,7 @@ class Twisting(Record):
 
 
 class Moments(Record):
-    """The same connector by connector; stiffnesses have shape (c,), or (1,) for all alike."""
+    """Bending and twisting by connectors; stiffnesses have shape (c,), or (1,) for all alike."""
 
     bodies: np.ndarray  # (c, 2) int32
     bending: np.ndarray  # [N m/rad]
@@ -157,32 +154,32 @@ class Moments(Record):
 
 class Breakage(Record):
     """
-    Lengths at which the connectors at each body break (eq 3), and room for looking out for that.
+    Lengths at which the connectors at each body break (eq 3), and arrays to detect the moment.
 
     Rows are (12, s), as those of a `Variety`.
     """
 
     longest: np.ndarray  # L_e [m], infinite: never
     shortest: np.ndarray  # L_c [m], 0: never
-    length: np.ndarray  # [m] where the step in progress began, then where it ended
-    rate: np.ndarray  # [m/s] the same
+    length: np.ndarray  # [m] at the start of the step in progress, then at its end
+    rate: np.ndarray  # [m/s] likewise
     excess: np.ndarray  # [m] beyond a limit within the last step, about; below 0: not reached
     moving: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
 
 
 class Gravity(Record):
-    """An acceleration that all bodies have which are free to fall."""
+    """An acceleration of all bodies that are free to fall."""
 
-    acceleration: np.ndarray  # (3,) [m/s^2], with what a uniform electric field does to charges
+    acceleration: np.ndarray  # (3,) [m/s^2], with that of charges in a uniform electric field
 
     @classmethod
     def absent(cls) -> 'Gravity':
-        """Stand for none."""
+        """Return the record that stands for None."""
         return cls(np.zeros(3))
 
 
 class Masses(Record):
-    """Masses and inertias of bodies, where these are not all alike."""
+    """Masses and inertias of bodies that are not all alike."""
 
     mass: np.ndarray  # (1, s) [kg]
     inertia: np.ndarray  # (1, s) [kg m^2]
@@ -198,13 +195,13 @@ class Supports(Record):
 
     @classmethod
     def absent(cls) -> 'Supports':
-        """Stand for none."""
+        """Return the record that stands for None."""
         return cls(np.zeros((3, 0)), np.zeros((1, 0)))
 
 
 class Varying(Record):
     """
-    What changes the wrenches of a scene in time.
+    Time profiles of the wrenches of a scene.
 
     A wrench is multiplied by s(t) = value + slope (t - start) + height sin(rate (t - start)).
     """
@@ -218,7 +215,7 @@ class Varying(Record):
 
     @classmethod
     def absent(cls) -> 'Varying':
-        """Stand for none."""
+        """Return the record that stands for None."""
         return cls(*(np.zeros(0) for _ in range(6)))
 
 
@@ -226,34 +223,34 @@ class Tractions(Record):
     """
     Surface forces, summed over the faces of each body, see kernels/tractions.py.
 
-    A row for every block that one acts on, with the numbers of all lanes side by side.
+    A row for every block that a surface force acts on, with the numbers of all lanes adjacent.
     """
 
     first: int  # rows of the loads whose wrench is this or later are surface forces
     place: np.ndarray  # (m,) int64 number of a row of the loads among the r rows here
     # (6 LANES r,) force [N] and torque about the centre [N m] that turn with the body, body axes
     turning: np.ndarray | None
-    # (12 LANES r,) force [N] of fixed direction, world axes, and first moments [N m] of its parts:
-    # the sum of p F_k over the faces, p in body axes, for the world axes k = x, y, z
+    # (12 LANES r,) force [N] of fixed direction, world axes, and first moments [N m]: the sum of
+    # p F_k over the faces, p in body axes, for the world axes k = x, y, z
     fixed: np.ndarray | None
     # (45 LANES r,) [N], [N m] without friction: sums of n n F (xx, xy, xz, yy, yz, zz of body
     # axes, each along the three of the world) and of (p x n) n F (two body axes, one of the world)
     sliding: np.ndarray | None
     kept: np.ndarray  # (6 LANES r,) [N], [N m] wrench of the last kick, world axes
     force: np.ndarray  # (LANES r,) [N] bound of the force on each body; not for kernels
-    moment: np.ndarray  # (LANES r,) [N m] the same of the torque
+    moment: np.ndarray  # (LANES r,) [N m] bound of the torque
 
 
 class Drives(Record):
-    """Paths on which bodies are moved, see kernels/drives.py; world frame."""
+    """Paths of driven bodies, see kernels/drives.py; world frame."""
 
-    start: np.ndarray  # (p,) [s] when the pieces of the paths began
+    start: np.ndarray  # (p,) [s] start of the present interval of each path
     cubic: np.ndarray  # (p, 4, 6) [m], [rad], and by powers of [s]
     wave: np.ndarray  # (p, 6) [m], [rad]
     rate: np.ndarray  # (p,) [rad/s]
     phase: np.ndarray  # (p,) [rad]
-    base: np.ndarray  # (p, 3) [m] where the middle of the bodies is without displacement
-    turn: np.ndarray  # (p, 4) x y z w: how they are turned there
+    base: np.ndarray  # (p, 3) [m] middle of the bodies without displacement
+    turn: np.ndarray  # (p, 4) x y z w: their rotation without displacement
     arm: np.ndarray  # (3, s) [m] from the middle to each body at the start
     first: np.ndarray  # orientations at the start, in the form of the state
     # (p, 4) uint8: whether they move along x, y, z, and turn; other freedoms stay free
@@ -261,7 +258,7 @@ class Drives(Record):
 
 
 class SecondDerivatives(Record):
-    """Second derivatives of the energy that come as blocks, of bodies or of pairs."""
+    """Second derivatives of the energy in blocks, of bodies or of pairs."""
 
     slots: np.ndarray  # (m,) or (m, 2)
     values: np.ndarray  # (m, 6, 6) or (m, 12, 12)
@@ -271,7 +268,7 @@ class Anchors(Record):
     """Connectors from bodies to points of the world, see kernels/anchors.py."""
 
     first: int  # paths of drives, whose numbers come before
-    start: np.ndarray  # (a,) [s] when the pieces of the points' paths began
+    start: np.ndarray  # (a,) [s] start of the present interval of each point's path
     cubic: np.ndarray  # (a, 4, 3) [m], and by powers of [s], world frame
     arm: np.ndarray  # (a, 3) [m] from the centre to the end of the body, body axes
     extension: np.ndarray  # (a,) k_e [N/m]
@@ -281,20 +278,20 @@ class Anchors(Record):
 
 class Loads(Record):
     """
-    Wrenches, each on any number of bodies: a row for every block that it acts on, or no rows.
+    Wrenches, each on any number of bodies: a row for every block with such bodies, or no rows.
     """
 
     start: np.ndarray  # (b + 1,) int32: rows start[b] to start[b + 1] act on block b
     wrench: np.ndarray  # (m,) int32, which of the w wrenches; -1 - p: bodies are on path p,
     # or, from the number of paths on, at an anchor
-    lanes: np.ndarray  # (m,) uint8, bit l: it acts on lane l
+    lanes: np.ndarray  # (m,) uint8, bit l: the wrench acts on lane l
     turning: np.ndarray  # (w,) uint8, all bits: force and torque turn with the bodies, or none
     force: np.ndarray  # (w, 3) [N]
     torque: np.ndarray  # (w, 3) [N m]
     point: np.ndarray  # (w, 3) [m], body axes, from the centre
     work: np.ndarray  # (m LANES,) [J] done so far, written by the drift
-    earlier_work: np.ndarray  # (m LANES,) [J] the same when the step in progress began
-    # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for others
+    earlier_work: np.ndarray  # (m LANES,) [J] at the start of the step in progress
+    # (16, m LANES) [W] at the stages of a Runge-Kutta step; no rows for other methods
     power: np.ndarray
     varying: Varying | None
     tractions: Tractions | None
@@ -310,7 +307,7 @@ class Damping(Record):
 
 
 class Maxwell(Record):
-    """A spring and a dashpot in series beside each connector, see kernels/maxwell.py."""
+    """A spring and a dashpot in series, parallel to each connector, see kernels/maxwell.py."""
 
     stiffness: float  # k_1 [N/m]; of many the largest
     rate: float  # 1 / tau [1/s]; of many the largest
@@ -347,38 +344,38 @@ class Coulomb(Record):
 
     strength: float  # kappa = q^2 / (4 pi eps_0) [J m] of the largest charge q
     slots: np.ndarray  # (n,) int32, the slots of the bodies
-    charge: np.ndarray  # (1, s) in parts of q
+    charge: np.ndarray  # (1, s) relative to q
 
 
 class Meter(Record):
     """Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method."""
 
     power: np.ndarray  # (16, s) [W] at the stages
-    done: np.ndarray  # (2, s) [J] so far, and when the step in progress began
+    done: np.ndarray  # (2, s) [J] so far, and at the start of the step in progress
 
     @classmethod
     def absent(cls) -> 'Meter':
-        """Stand for none."""
+        """Return the record that stands for None."""
         return cls(np.zeros((16, 0)), np.zeros((2, 0)))
 
 
 class External(Record):
-    """A function outside that says what acts on the bodies, see kernels/external.py."""
+    """An external function that returns forces on the bodies, see kernels/external.py."""
 
     address: int  # of the C function
     slots: np.ndarray  # (n,) int32 of the bodies
-    numbers: np.ndarray  # (n, 13) what it gets
-    result: np.ndarray  # (n, 6) its forces [N] and torques [N m]
-    rows: np.ndarray  # (6, s) the same by slots
-    status: np.ndarray  # (1,) int64, not 0 once it has failed
-    moment: np.ndarray  # (1,) [s] when it was called last
+    numbers: np.ndarray  # (n, 13) argument of the function
+    result: np.ndarray  # (n, 6) forces [N] and torques [N m]
+    rows: np.ndarray  # (6, s) forces and torques by slots
+    status: np.ndarray  # (1,) int64, not 0 once the function has failed
+    moment: np.ndarray  # (1,) [s] simulated time of the last call
 
 
 class Contacts(Record):
     """
-    Pairs of bodies, and bodies and planes, that may touch before the next look.
+    Candidate pairs for contact before the next search: two bodies, or a body and a plane.
 
-    Each pair is evaluated once; its bodies add up what acts on them, in the order of the pairs.
+    Each pair is evaluated once; forces are summed at the bodies in the order of the pairs.
     """
 
     stiffness: float  # K [N/m]
@@ -386,88 +383,88 @@ class Contacts(Record):
     pairs: np.ndarray  # (p, 2) int32 slots, that of the lower body first; -1 - k: plane k
     planes: np.ndarray  # (k, 4) unit normal and offset [m]
     # (p, 19) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
-    # delta and the deepest overlap [m], the axis (3) that kept them apart last, contact point (3),
-    # squared area between them [m^4]
+    # delta and the deepest overlap [m], the axis (3) that last separated them, contact point (3),
+    # squared contact area [m^4]
     result: np.ndarray
     start: np.ndarray  # (b + 1,) int32: entries start[b] to start[b + 1] act on block b
     slot: np.ndarray  # (e,) int32 of the body that an entry acts on, rising
     entry: np.ndarray  # (e,) int32: twice the number of the pair, 1 more: on its second body
     turns: np.ndarray  # int32, places of the blocks, by their first slots over LANES
     rows: np.ndarray  # (6, s) forces [N] and torques [N m]
-    pushes: np.ndarray  # (b,) [J/s^2] squares of these on each block, see contact/stiffness.py
-    # (8 t,) [m] deepest overlap in the last evaluation, in all since the caller has set it to
-    # zero, and in the stages of a step with drives, for each thread
+    pushes: np.ndarray  # (b,) [J/s^2] their squares on each block, see contact/stiffness.py
+    # (8 t,) [m] deepest overlap in the last evaluation, in all since the caller set it to zero,
+    # and in the stages of a step with drives, for each thread
     deepest: np.ndarray
-    tests: np.ndarray  # (8 t,) pairs that were looked at so far
-    latest: np.ndarray  # int64 (8 t,), the part of the pairs that each thread took last, -1: none
-    earlier: np.ndarray  # int64, for each part the one that its thread had taken before
-    # (t, 8, 3) place and matrix of the first body, for each thread, with cache lines of its own
+    tests: np.ndarray  # (8 t,) number of pairs tested so far
+    latest: np.ndarray  # int64 (8 t,), the batch of pairs that each thread took last, -1: none
+    earlier: np.ndarray  # int64, for each batch the one that its thread had taken before
+    # (t, 8, 3) position and matrix of the first body, for each thread, in separate cache lines
     first: np.ndarray
     second: np.ndarray  # (t, 8, 3) and of the second
-    aside: np.ndarray  # (p, 19) as result, for looks
-    scratch: Any  # room for looks, see contact/surface.py
-    # Of `touch_some` (contact/forces.py) and `found_gap` (contact/pair.py) for such contacts; 0 as
-    # long as nothing is near (runtime/outlined.py).
+    aside: np.ndarray  # (p, 19) as result, for health checks
+    scratch: Any  # scratch arrays for health checks, see contact/surface.py
+    # Addresses of `touch_some` (contact/forces.py) and `found_gap` (contact/pair.py) for these
+    # contacts; 0 as long as no bodies are near (runtime/outlined.py).
     touch_address: int
     gap_address: int
     sleep: 'Sleep'
     losses: 'ContactLosses | None' = None
-    half_edges: np.ndarray | None = None  # (s,) [m], of each slot, where they differ
+    half_edges: np.ndarray | None = None  # (s,) [m] of each slot, if they differ
 
 
 class Sleep(Record):
     """
-    Pairs that are known to be apart until bodies have moved so far, and those that are not.
+    Pairs known to be apart until bodies have moved a certain distance, and the awake pairs.
 
     See kernels/contact/sleeping.py.
     """
 
-    blocks: Blocks  # those whose motion is followed; none: no pair sleeps
+    blocks: Blocks  # blocks whose motion is measured; without blocks no pair sleeps
     radius: float  # of the sphere around a body [m]
-    free: bool  # a motion that all have in common counts for nothing
+    free: bool  # the common motion of all bodies is subtracted
     position: np.ndarray  # (3, s) [m] at the last evaluation
     orientation: np.ndarray  # likewise, in the form of the state
-    # (8 t,): [0] the path so far [m], below 0 before the first evaluation; [2] to [4] the place of
-    # the first body at the last one [m]; [8 k + 1] the square of the longest way since then in the
-    # blocks of thread k [m^2]
+    # (8 t,): [0] the path length so far [m], negative before the first evaluation; [2] to [4] the
+    # position of the first body at the last evaluation [m]; [8 k + 1] the square of the largest
+    # displacement since then in the blocks of thread k [m^2]
     path: np.ndarray
-    until: np.ndarray  # (p,) [m] path on which a pair is apart; 0: it is now; -1: it may touch
-    looked: np.ndarray  # (p,) the same for looks, each of which begins anew
-    axis: np.ndarray  # (p, 3) the axis that kept a pair apart last
-    # (p,) int32: pairs evaluated last, those of a part of all where it begins, then -1.
+    until: np.ndarray  # (p,) [m] path length up to which a pair is apart; 0: now; -1: may touch
+    looked: np.ndarray  # (p,) likewise for health checks, each of which starts from 0
+    axis: np.ndarray  # (p, 3) the axis that last separated a pair
+    # (p,) int32: pairs evaluated last, those of a batch at the start of the batch, then -1
     awake: np.ndarray
 
 
 class ContactLosses(Record):
-    """What contacts take from the motion, see kernels/contact/losses.py."""
+    """Dissipation of contacts, see kernels/contact/losses.py."""
 
     damping: float  # c [s/m]
     friction: float  # mu
     friction_stiffness: float  # k of the springs that stick [N/m]
-    lag: float  # tau [s] of the dashpots beside them
-    power: np.ndarray  # (p,) [W] taken by each pair in the last evaluation
-    spent: np.ndarray  # (1, s) [W] the same by bodies: that of a pair at its first
-    # Stretches [m] of friction, (p, 4) each, no rows without: x, y, z in the world and the turn
-    # about the normal times the radius of what touches, see contact/losses.py. At the state, and
-    # the same without pairs that are apart; at the start of the step in progress; of the stage in
-    # progress; at the last sound state.
+    lag: float  # tau [s] of the dashpots parallel to them
+    power: np.ndarray  # (p,) [W] dissipated by each pair in the last evaluation
+    spent: np.ndarray  # (1, s) [W] by bodies: that of a pair counts at its first body
+    # Stretches [m] of friction, (p, 4) each, no rows without friction: x, y, z in the world and
+    # the rotation about the normal times the radius of the contact, see contact/losses.py. At the
+    # state, and there without pairs that are apart; at the start of the step in progress; of the
+    # stage in progress; at the last sound state.
     stretch: np.ndarray
     held: np.ndarray
     start: np.ndarray
     stage: np.ndarray
     saved: np.ndarray
     slopes: np.ndarray  # (16, p, 4) [m/s] at the stages
-    # (6, s) velocity [m/s] and spin [rad/s] that bodies gained in the kick before their drift:
-    # once more, and velocities are those where the next step begins. For the leapfrog.
+    # (6, s) velocity [m/s] and spin [rad/s] that bodies gained in the kick before their drift.
+    # Added once more they give the velocities at the start of the next step. For the leapfrog.
     lead: np.ndarray
-    # Forces and torques for K = 1 N/m by which losses have changed the push of each pair, (p, 9),
-    # and those on the bodies, (6, s) [N], [N m], likewise.
+    # Forces and torques for K = 1 N/m by which losses have changed the force of each pair, (p, 9),
+    # and the changes on the bodies, (6, s) [N], [N m].
     changes: np.ndarray
     lost: np.ndarray
 
 
 class Gyration(Record):
-    """Inertias that are not isotropic, see kernels/gyration.py."""
+    """Anisotropic inertias, see kernels/gyration.py."""
 
     # (3, s) principal moments of inertia about the body axes, over the smallest of the body
     moments: np.ndarray
@@ -504,92 +501,95 @@ class State(Record):
     orientation: np.ndarray  # (4, s) x y z w, or (3, 3, s) direction cosines
     linear_velocity: np.ndarray  # (3, s) [m/s]
     angular_velocity: np.ndarray  # (3, s) [rad/s]
-    # (12, s) [m] lengths at which the springs of Maxwell arms rest; None without arms.
+    # (12, s) [m] rest lengths of the springs of Maxwell arms; None without arms.
     rest: np.ndarray | None = None
 
     def rows(self) -> list[np.ndarray]:
-        """The arrays that are there, in the order of the fields."""
+        """Return the arrays that are not None, in the order of the fields."""
         return [array for array in self if array is not None]
 
 
 class Work(Record):
-    """What follows from the state: attachment points, and accelerations where a call ends."""
+    """
+    Quantities that depend on the state: attachment points, and accelerations at the end of a call.
+    """
 
     # Attachment points [m], (18 s,): coordinate k of edge e of slot s at (3 e + k) stride + s,
-    # where the stride is the number of slots; nothing without links.
+    # where the stride is the number of slots; empty without links.
     points: np.ndarray
-    acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; loads apart
+    acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; without loads
     trail: 'Trail | None'  # for Runge-Kutta methods
-    breakage: Breakage | None  # where connectors can break
+    breakage: Breakage | None  # if connectors can break
     # Difference of the last positions and orientations at step ends, (7 or 12, m LANES) for m
-    # blocks spread over the fabric, and the weights that make it, see monitor.sample.
+    # blocks spread over the fabric, and its weights, see monitor.sample.
     difference: np.ndarray
     weights: np.ndarray
-    # What a health check adds up, of each group of so many blocks and of all (kernels/figures.py).
+    # Sums of a health check, of each group of blocks and of all blocks (kernels/figures.py).
     figures: np.ndarray  # (g + 1, FIGURE_COUNT)
-    group: int
-    # Velocities of the attachment points [m/s], laid out like them; nothing without damping.
+    group: int  # number of blocks in a group
+    # Velocities of the attachment points [m/s], laid out like `points`; empty without damping.
     speeds: np.ndarray
-    spent: Meter | None  # by forces that take energy from the motion
-    given: Meter | None  # by forces from outside
+    spent: Meter | None  # energy dissipated by forces
+    given: Meter | None  # work of external forces
     external: External | None
-    kinks: 'Kinks | None' = None  # for methods that keep their order where slopes jump
+    kinks: 'Kinks | None' = None  # for methods that keep their order if slopes jump
 
 
 class Kinks(Record):
     """
     Connectors whose slope jumps at their natural length, within one step; see kernels/kinks.py.
 
-    Rows by connectors at each body, as those of a `Variety`. From step to step only a state is
-    kept from which no connector was near its kink: it spares work, and changes no bit.
+    Rows by connectors at each body, as those of a `Variety`. Between steps only a state is stored
+    in which no connector was near its kink: the state saves work, and changes no bit.
     """
 
     extension: np.ndarray  # (12, s) k_e [N/m]
     compression: np.ndarray  # (12, s) k_c [N/m]
     natural_length: np.ndarray  # (12, s) D [m]
     slope: np.ndarray  # (12, s) [N/m] of the side on which the step began
-    # (48, s) [N] powers of the time, in parts of the step, of the tension that crossings add;
-    # after the stages (24, s) [N s] what is still to act at the end and half a step before
+    # (48, s) [N] coefficients of powers of the time, as a fraction of the step, of the tension
+    # that crossings add; after the stages (24, s) [N s] the remaining impulses at the end and half
+    # a step before
     forces: np.ndarray
     start: np.ndarray  # (36, s) [m] stretch, h times its rate, h^2 / 2 times its derivative
     active: np.ndarray  # (b, 12) uint8: some lane has a crossing there
     before: np.ndarray  # (6, s) velocities [m/s] and spins [rad/s] before a kick
     rates: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
-    seconds: np.ndarray  # (18 s,) accelerations [m/s^2] of these
+    seconds: np.ndarray  # (18 s,) accelerations [m/s^2] of the attachment points
     found: np.ndarray  # (8 t,) whether a thread has found crossings in this step
-    ranges: np.ndarray  # (8 t,) [m] what each thread found, see kernels/kinks.py
-    # (3,) k_e and k_c [N/m] and natural length [m] where all connectors have the same; else zeros
+    ranges: np.ndarray  # (8 t,) [m] results of each thread, see kernels/kinks.py
+    # (3,) k_e and k_c [N/m] and natural length [m] if all connectors are alike; else zeros
     uniform: np.ndarray
     # (2,) stiffness [N/m] and natural length [m] of all connectors in this step; 0: not alike
     alike: np.ndarray
-    # (3,) least distance [m] of a connector from its kink in the state that is kept, 0: none is;
-    # 1 or -1 where all were longer, or all shorter, than by nature; and how many steps had
-    # crossings, each of which evaluates the forces once more
+    # (3,) least distance [m] of a connector from its kink in the stored state, 0: no state is
+    # stored; 1 or -1 if all were longer, or all shorter, than the natural length; and the number
+    # of steps with crossings, each of which evaluates the forces once more
     margin: np.ndarray
     kept_position: np.ndarray  # (3, s) [m]
     kept_orientation: np.ndarray  # (4, s) or (9, s)
 
 
 class Trail(Record):
-    """What a Runge-Kutta step leaves behind."""
+    """Slopes and states of the last Runge-Kutta step."""
 
     slopes: np.ndarray  # (16, r, s), see kernels/rhs.py
     stage: State  # the stage in progress, then the end of the step
     start: State
     errors: np.ndarray  # one for each thread
-    probable: np.ndarray  # what steps probably err by, likewise
+    probable: np.ndarray  # probable errors of steps, likewise
     speeds: np.ndarray  # [m/s] of the fastest point, likewise
-    ways: np.ndarray  # squares of the longest ways [m^2] before the step, likewise
+    ways: np.ndarray  # squares of the largest displacements [m^2] before the step, likewise
 
 
 class Nearby(Record):
     """
-    Bodies whose spheres are close, and room to find them; see kernels/contact/search.py.
+    Pairs of bodies with close spheres, and arrays to find them; see kernels/contact/search.py.
 
-    Bodies by their numbers, of which there are n; room for p pairs.
+    n bodies are numbered; the arrays hold at most p pairs.
     """
 
-    slots: np.ndarray  # (n,) int32, where the bodies are in all other arrays
+    slots: np.ndarray  # (n,) int32, indices of the bodies in all other arrays
     half_edge: float  # a [m]
     radius: float  # of the sphere around a body [m]
     free: bool  # a motion that all have in common counts for nothing
@@ -597,12 +597,12 @@ class Nearby(Record):
     counts: np.ndarray  # (2,) int64: pairs, and which of the two lists holds them
     pairs: np.ndarray  # (2, p, 2) int32 bodies, the lower number first, sorted
     codes: np.ndarray  # (2, p) int32 the axis that showed a gap last
-    gaps: np.ndarray  # (p,) [m] what is known of the gaps
-    known: np.ndarray  # (p,) bool, of these pairs the widest gap has been found
+    gaps: np.ndarray  # (p,) [m] lower bounds of the gaps
+    known: np.ndarray  # (p,) bool, the widest gap of the pair has been found
     to_planes: np.ndarray  # (k, n) [m] distances from planes
     axes: np.ndarray  # (n, 9) world components of the body axes
-    reference: np.ndarray  # (n, 3) [m] where bodies were when the list was made
-    velocity: np.ndarray  # (3,) [m/s] that all have in common
+    reference: np.ndarray  # (n, 3) [m] positions of the bodies when the list was made
+    velocity: np.ndarray  # (3,) [m/s] that all bodies have in common
     heads: np.ndarray  # (h,) int32, a power of two
     cubes: np.ndarray  # (3, n) int64
     following: np.ndarray  # (n,) int32
@@ -611,27 +611,27 @@ class Nearby(Record):
 
 class Watch(Record):
     """
-    Places from which bodies may move only so far before closer ones are looked for.
+    Positions from which bodies may move a limited distance before the next neighbour search.
 
     See kernels/contact/displacement.py and kernels/contact/rebuild_check.py.
     """
 
     reference: np.ndarray  # (3, s) [m]
-    turned: np.ndarray  # orientations there, in the form of the state
-    frame: np.ndarray  # (7,) time [s] of that, velocity [m/s] and half acceleration of all
+    turned: np.ndarray  # orientations at these positions, in the form of the state
+    frame: np.ndarray  # (7,) their time [s], velocity [m/s] and half acceleration of all bodies
     radius: float  # of the sphere around a body [m]
     limits: np.ndarray  # (LIMIT_COUNT,) see kernels/contact/displacement.py
-    far: np.ndarray  # (8 t,) [m^2] the largest squares that each thread has seen
+    far: np.ndarray  # (8 t,) [m^2] largest squared displacement in the blocks of each thread
     nearby: Nearby
 
 
 class Sweep(Record):
-    """In which order a thread goes over its blocks, see traversal_order.py."""
+    """The order in which a thread visits its blocks, see traversal_order.py."""
 
-    drifts: np.ndarray  # (b,) uint32, its blocks as they drift
-    pushes: np.ndarray  # (b,) uint32, the same blocks as they are pushed
-    ahead: np.ndarray  # (t,) int32, how many have to drift before each tile is pushed
-    border: int  # how many drift before other threads push
+    drifts: np.ndarray  # (b,) uint32, the thread's blocks in the order of drifts
+    pushes: np.ndarray  # (b,) uint32, the same blocks in the order of kicks
+    ahead: np.ndarray  # (t,) int32, number of drifted blocks before each tile is kicked
+    border: int  # number of drifted blocks before other threads kick
 
 
 class Team(Record):
@@ -641,4 +641,4 @@ class Team(Record):
     size: int
     flags: np.ndarray  # int64, see kernels/runtime/team.py
     sweep: Sweep
-    scratch: Any  # room for contacts, see contact/surface.py; None where there are none
+    scratch: Any  # scratch arrays for contacts, see contact/surface.py; None without contacts

@@ -54,9 +54,9 @@ def place_blocks(
     last: int
 ) -> None:
     """
-    Attachment points of blocks first to last at `time` [s]; driven bodies are put on their paths.
+    Place the attachment points of blocks first to last at `time` [s], and driven bodies on paths.
 
-    Also the velocities of the points, where these are asked for.
+    Also set the velocities of the points if a damping term needs them.
     """
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -72,10 +72,11 @@ def find_slopes(
     index: int, first: int, last: int
 ) -> None:
     """
-    Slope number `index` at `state` and `time` [s], for blocks first to last; points are in place.
+    Write slope number `index` at `state` and `time` [s], for blocks first to last.
 
-    dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq 19), and eq 45. The power of the loads
-    goes into `loads.power`, what is spent or given into `work`.
+    The attachment points are in place. dq/dt = omega q / 2 (eq 22) or de_i/dt = omega x e_i (eq
+    19), and eq 45. The power of the loads goes into `loads.power`, dissipated and external power
+    into `work`.
     """
     turn = rows_of(state.orientation).shape[0]
     linear, angular = slope[3 + turn:6 + turn], slope[6 + turn:9 + turn]
@@ -116,7 +117,7 @@ def find_slopes(
                 note_power(loads, state, m, s, factor, index)
             anchor_slope(
                 loads.anchors, model, loads, state, linear, angular, m, s, time, index)
-        # Last: a path bears whatever acts.
+        # Paths come last because they bear all other forces.
         for m in range(loads.start[block], loads.start[block + 1]):
             resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
         turn_by_moments(model.gyration, state.orientation, state.angular_velocity, angular, s)
@@ -128,7 +129,7 @@ def find_slopes(
 def turn_slopes(
     orientation: np.ndarray, spin: np.ndarray, slope: np.ndarray, s: int
 ) -> None:
-    """Slopes of the orientations of a block."""
+    """Write the slopes of the orientations of a block."""
     zero = splat(0.0)
     if orientation.ndim == 2:
         half = splat(0.5)
@@ -154,7 +155,9 @@ def turn_slopes(
 def note_power(
     loads: Loads, state: State, m: int, s: int, factor: float, index: int
 ) -> None:
-    """Power [W] of row `m` of the loads on a block, times the `factor` of its profile."""
+    """
+    Store the power [W] of row `m` of the loads on a block, times the `factor` of its profile.
+    """
     force, torque = wrench_of_row(loads.tractions, loads, state.orientation, m, s)
     velocity, spin = state.linear_velocity, state.angular_velocity
     power = fma(force[0], load(velocity, 0, s), fma(
@@ -168,7 +171,7 @@ def note_power(
 @compiled
 def add_work(loads: Loads, h: float, weights: np.ndarray, first: int, last: int) -> None:
     """
-    Work [J] of the loads on blocks first to last over a step: the weighted sum of their powers.
+    Add the work [J] of the loads on blocks first to last in a step: the weighted sum of powers.
     """
     for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
         total = splat(0.0)
@@ -181,7 +184,7 @@ def add_work(loads: Loads, h: float, weights: np.ndarray, first: int, last: int)
 def combine(
     source: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State, s: int
 ) -> None:
-    """Y + h sum of w_j slope_j of a block, for as many slopes as there are weights."""
+    """Write y + h sum of w_j slope_j of a block, for as many slopes as there are weights."""
     turn, target_turn = source.orientation, target.orientation
     combine_three(source.position, slopes, 0, weights, h, target.position, s)
     if turn.ndim == 2:
@@ -200,7 +203,9 @@ def combine_velocities(
     source: State, slopes: np.ndarray, row: int, weights: np.ndarray, h: float, target: State,
     s: int
 ) -> None:
-    """Combine velocities and spins, from slope `row` on, and what follows them."""
+    """
+    Combine velocities and spins, from slope `row` on, and the rest lengths in the rows after them.
+    """
     combine_three(source.linear_velocity, slopes, row, weights, h, target.linear_velocity, s)
     combine_three(source.angular_velocity, slopes, row + 3, weights, h, target.angular_velocity, s)
     combine_rest(source.rest, slopes, row + 6, weights, h, target.rest, s)
@@ -254,7 +259,7 @@ def combine_rest(
     source: np.ndarray | None, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
     target: np.ndarray | None, s: int
 ) -> None:
-    """The same for the rest lengths of Maxwell arms."""
+    """Combine the rest lengths of Maxwell arms, if there are arms."""
     if source is None:
         return
     if target is None:
@@ -267,7 +272,7 @@ def combine_rows(
     source: np.ndarray, slopes: np.ndarray, row: int, weights: np.ndarray, h: float,
     target: np.ndarray, s: int
 ) -> int:
-    """The same for the rows of one array; returns the row after them."""
+    """Combine the rows of one array as `combine` does; return the slope row after them."""
     step = splat(h)
     for k in range(source.shape[0]):
         total = splat(0.0)
@@ -282,7 +287,9 @@ def combine_rows(
 @compiled
 def normalise(orientation: np.ndarray, s: int) -> None:
     """
-    Back to unit quaternions, or nearly orthonormal cosines: two Newton steps, which square errors.
+    Normalise quaternions, or orthonormalise cosines by two Newton steps.
+
+    Each Newton step squares the error of the cosines.
     """
     if orientation.ndim == 2:
         x, y = load(orientation, 0, s), load(orientation, 1, s)
@@ -299,7 +306,7 @@ def normalise(orientation: np.ndarray, s: int) -> None:
 
 @compiled
 def larger_of(largest: float, error: float) -> float:
-    """Return the larger of two errors; one that is no number is infinite."""
+    """Return the larger of two errors; NaN counts as infinite."""
     if not error <= np.inf:
         return np.inf
     return max(largest, error)
@@ -311,13 +318,12 @@ def step_error(
     scales: np.ndarray, smooth: float, s: int
 ) -> tuple[float, float]:
     """
-    Error of a step of length 1 for a block, the largest of its bodies, to judge it by; what it is.
+    Return two errors of a step of length 1, each the largest of a block: for acceptance; probable.
 
     Squares of position, orientation, velocity and spin are multiplied by `scales` (4,), and the
     largest of the four counts; rest lengths of Maxwell arms count as positions. The estimates of
-    order 5 and 3 are combined as in DOP853, e5^2 / sqrt(e5^2 + 0.01 e3^2), which makes it one of
-    order 7, on the safe side. What the step probably errs by: see `probable_error`, also for
-    `smooth`.
+    order 5 and 3 are combined as in DOP853, e5^2 / sqrt(e5^2 + 0.01 e3^2), which has order 7 and
+    is conservative. See `probable_error` for the second error and for `smooth`.
     """
     zero = splat(0.0)
     place_5 = squares_of_three(slopes, 0, error_5, s)
@@ -365,7 +371,7 @@ def squares_of_three(slopes: np.ndarray, row: int, weights: np.ndarray, s: int) 
 
 @inlined
 def squares_of_turn(slopes: np.ndarray, rows: int, weights: np.ndarray, s: int) -> Vector:
-    """Return the same for the `rows` of orientations."""
+    """Return the sum of the squares of the weighted sums of the `rows` of orientations."""
     total = squares_of_three(slopes, 3, weights, s)
     if rows == 4:
         x = sum_one(slopes, 6, weights, s)
@@ -382,11 +388,11 @@ def path_error(
     error_5: np.ndarray, error_3: np.ndarray, scale: float, first: int, last: int
 ) -> float:
     """
-    Error of the work of paths in a step of length 1, as `step_error`, for blocks first to last.
+    Return the error of the work of paths in a step of length 1, as `step_error` does.
 
-    Contacts change the work, but not the motion of driven bodies. An error dP of the power counts
-    as one of their velocity, dP / sqrt(m (m v^2 + I omega^2)), whose square is multiplied by
-    `scale`.
+    For blocks first to last. Contacts change the work, but not the motion of driven bodies. An
+    error dP of the power counts as a velocity error dP / sqrt(m (m v^2 + I omega^2)), whose square
+    is multiplied by `scale`.
     """
     largest = 0.0
     if drives is None:
@@ -428,7 +434,9 @@ def interpolate(
     start: State, end: State, slopes: np.ndarray, dense: np.ndarray, h: float, x: float,
     target: State, s: int
 ) -> None:
-    """State at the part `x` of a step, by DOP853's interpolation of order 7, of a block."""
+    """
+    Write the state of a block at the fraction `x` of a step, by DOP853's interpolation of order 7.
+    """
     turn = rows_of(start.orientation)
     row = interpolate_rows(
         start.position, end.position, slopes, 0, dense, h, x, target.position, s)
@@ -449,7 +457,7 @@ def interpolate_rest(
     start: np.ndarray | None, end: np.ndarray | None, slopes: np.ndarray, row: int,
     dense: np.ndarray, h: float, x: float, target: np.ndarray | None, s: int
 ) -> None:
-    """The same for the rest lengths of Maxwell arms."""
+    """Interpolate the rest lengths of Maxwell arms, if there are arms."""
     if start is None:
         return
     if end is None:
@@ -464,7 +472,7 @@ def interpolate_rows(
     start: np.ndarray, end: np.ndarray, slopes: np.ndarray, row: int, dense: np.ndarray, h: float,
     x: float, target: np.ndarray, s: int
 ) -> int:
-    """The same for the rows of one array; returns the row after them."""
+    """Interpolate the rows of one array as `interpolate` does; return the slope row after them."""
     step, here, rest = splat(h), splat(x), splat(1.0 - x)
     for k in range(start.shape[0]):
         old, new = load(start, k, s), load(end, k, s)
@@ -489,7 +497,9 @@ def rates_of_rows(
     model: Model, loads: Loads, state: State, work: Work, slope: np.ndarray, slot: np.ndarray,
     y: np.ndarray, result: np.ndarray
 ) -> None:
-    """Slopes at time 0, body by body, (13 n,), of numbers body by body."""
+    """
+    Write the slopes at time 0 for a state `y`; `y` and `result` have the shape (13 n,), by bodies.
+    """
     last = model.blocks.slot.shape[0]
     read_rows(y, slot, state)
     place_blocks(model, loads, state, work, 0.0, 0, last)
@@ -499,7 +509,9 @@ def rates_of_rows(
 
 @compiled
 def read_rows(y: np.ndarray, slot: np.ndarray, state: State) -> None:
-    """Put numbers body by body, (13 n,), into a state with quaternions."""
+    """
+    Copy `y` (13 n,), which holds the numbers of each body in turn, into a state with quaternions.
+    """
     for b in range(slot.shape[0]):
         s = slot[b]
         for k in range(3):
@@ -512,7 +524,7 @@ def read_rows(y: np.ndarray, slot: np.ndarray, state: State) -> None:
 
 @compiled
 def copy_rows(slope: np.ndarray, slot: np.ndarray, result: np.ndarray) -> None:
-    """Write the slopes body by body, (13 n,)."""
+    """Copy the slopes into `result` (13 n,), which holds the numbers of each body in turn."""
     for b in range(slot.shape[0]):
         for k in range(13):
             result[13 * b + k] = slope[k, slot[b]]
