@@ -28,13 +28,13 @@ import numpy as np
 
 @compiled
 def anchor_of(anchors: Anchors, number: int) -> int:
-    """Which anchor a row of the loads is; negative where it is none."""
+    """Return the number of the anchor of a row of the loads; negative if the row is no anchor."""
     return -1 - number - anchors.first
 
 
 @compiled
 def world_point(anchors: Anchors, a: int, k: int, time: float) -> float:
-    """Coordinate `k` [m] of the point of an anchor at `time` [s]."""
+    """Return coordinate `k` [m] of the point of an anchor at `time` [s]."""
     t, cubic = time - anchors.start[a], anchors.cubic
     return float(cubic[a, 0, k] + t * (
         cubic[a, 1, k] + t * (cubic[a, 2, k] + t * cubic[a, 3, k])))
@@ -42,7 +42,7 @@ def world_point(anchors: Anchors, a: int, k: int, time: float) -> float:
 
 @compiled
 def world_speed(anchors: Anchors, a: int, k: int, time: float) -> float:
-    """Its velocity [m/s]."""
+    """Return the velocity [m/s] of the point of an anchor along axis `k` at `time` [s]."""
     t, cubic = time - anchors.start[a], anchors.cubic
     return float(cubic[a, 1, k] + t * (2.0 * cubic[a, 2, k] + t * (3.0 * cubic[a, 3, k])))
 
@@ -51,7 +51,9 @@ def world_speed(anchors: Anchors, a: int, k: int, time: float) -> float:
 def reach_of(
     anchors: Anchors, state: State, a: int, s: int, time: float
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """Arms of a block to its end of an anchor, and from there to the point of the world [m]."""
+    """
+    Return the arms [m] of a block to its ends of an anchor, and from there to the world point.
+    """
     px, py, pz = turn_to_world(
         state.orientation, s, splat(anchors.arm[a, 0]), splat(anchors.arm[a, 1]),
         splat(anchors.arm[a, 2]))
@@ -67,7 +69,9 @@ def reach_of(
 def tension_of(
     anchors: Anchors, a: int, ux: Vector, uy: Vector, uz: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """1 / l [1/m], stretch l - D [m] and slope k_e or k_c [N/m] of an anchor (eqs 1 and 2)."""
+    """
+    Return 1 / l [1/m], stretch l - D [m] and slope k_e or k_c [N/m] of an anchor (eqs 1 and 2).
+    """
     squared = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(1e-300))
     inverse = rsqrt(squared)
     stretch = fma(squared, inverse, splat(-anchors.natural_length[a]))
@@ -78,7 +82,7 @@ def tension_of(
 
 @compiled
 def pull_of(anchors: Anchors, state: State, a: int, s: int, time: float) -> Six:
-    """Force [N] and torque about the centre [N m] of an anchor on a block, world frame."""
+    """Return force [N] and torque about the centre [N m] of an anchor on a block, world frame."""
     px, py, pz, ux, uy, uz = reach_of(anchors, state, a, s, time)
     inverse, stretch, slope = tension_of(anchors, a, ux, uy, uz)
     tension = slope * stretch * inverse
@@ -88,7 +92,7 @@ def pull_of(anchors: Anchors, state: State, a: int, s: int, time: float) -> Six:
 
 @compiled
 def power_of(anchors: Anchors, pull: Six, a: int, time: float) -> Vector:
-    """Power [W] of whoever moves the point of an anchor."""
+    """Return the power [W] of the external agent that moves the point of an anchor."""
     return fma(pull[0], splat(world_speed(anchors, a, 0, time)), fma(
         pull[1], splat(world_speed(anchors, a, 1, time)),
         pull[2] * splat(world_speed(anchors, a, 2, time))))
@@ -118,9 +122,9 @@ def kick_anchor(
     time: float, h: float
 ) -> None:
     """
-    Kick the bodies of row `m` over `h`, if it is an anchor, and add the work of its point.
+    Kick the bodies of row `m` over `h` if the row is an anchor; add the work of its point.
 
-    h F . dA/dt at the time of the kick, as for a driven body (kernels/drives.py).
+    The work is h F . dA/dt at the time of the kick, as for a driven body (kernels/drives.py).
     """
     if anchors is None:
         return
@@ -141,7 +145,7 @@ def anchor_slope(
     anchors: Anchors | None, model: Model, loads: Loads, state: State, linear: np.ndarray,
     angular: np.ndarray, m: int, s: int, time: float, index: int
 ) -> None:
-    """Add the accelerations of row `m` to slopes, if it is an anchor; notes its power."""
+    """Add the accelerations and power of row `m` to slopes if the row is an anchor."""
     if anchors is None:
         return
     else:
@@ -159,12 +163,12 @@ def anchor_look(
     anchors: Anchors | None, model: Model, loads: Loads, state: State, m: int, s: int, time: float
 ) -> tuple[Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] that row `m` adds to its bodies, and its energy [J].
+    Return the bound of the squared frequency [1/s^2] that row `m` adds to its bodies; energy [J].
 
     The second variation is k (n.du)^2 + f/l |P du|^2 and moments of f, with du = dx + dtheta x s.
     In mass-scaled coordinates the first has the one eigenvalue k (1/M + |s x n|^2 / Lambda), the
-    second is at most f/l (1/M + s^2/Lambda) where f > 0, the last |f| |s| / Lambda. The larger of
-    k_e and k_c counts.
+    second is at most f/l (1/M + s^2/Lambda) if f > 0, the last |f| |s| / Lambda. The larger of k_e
+    and k_c counts.
     """
     zero = splat(0.0)
     if anchors is None:
@@ -194,7 +198,7 @@ def anchor_look(
 def look_at_anchors(
     model: Model, loads: Loads, state: State, time: float
 ) -> tuple[float, float]:
-    """The largest bound of a body [1/s^2] and the energy [J] of all anchors."""
+    """Return the largest bound of a body [1/s^2] and the energy [J] of all anchors."""
     largest, total = 0.0, 0.0
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Looks out for connectors that reach a length at which they break (eq 3), at every step end.
+Detection of connectors that reach a breaking length (eq 3), at every step end.
 
-Found is what shows at the ends of a step: a length beyond a limit, or one that was on its way
-there and is on its way back, so that it may have been there in between. `event_location.py` then
-says whether, and when.
+The lengths at the ends of a step are examined. A connector is reported if its length is beyond a
+limit, or if it approached the limit at first and receded at last and may have exceeded the limit
+in between. `event_location.py` then determines whether and when the connector broke.
 """
 
 from icofabric_sim.kernels.flows import place_all
@@ -29,12 +29,12 @@ from icofabric_sim.kernels.runtime.team import Team, wait_for_all
 from icofabric_sim.kernels.wrap.rates import change_rates
 import numpy as np
 
-# A length this close to a limit, beside it, has reached it: lengths are rounded.
+# A length within this relative distance of a limit has reached the limit: lengths are rounded.
 TOGETHER = 1e-12
-# The part of the way from the cubic through both ends of a step up to its tangents that is
-# reckoned with where a length turns round; enough for vibrations of up to 2 rad in a step.
+# Fraction of the distance from the cubic through both ends of a step up to its tangents that is
+# added at the turning point of a length; enough for vibrations of up to 2 rad in a step.
 DOUBT = 0.35
-# Ways around shells may change to the other side there, which makes a corner: all of it.
+# A connector wrapped over a shell may change to another path, a corner: the whole distance.
 CORNER_DOUBT = 1.0
 
 
@@ -43,7 +43,7 @@ def note_lengths(
     model: Model, breakage: Breakage | None, state: State, work: Work, team: Team, first: int,
     last: int
 ) -> None:
-    """Lengths and their rates where a step begins; for blocks first to last."""
+    """Store lengths and their rates at the start of a step, for blocks first to last."""
     if breakage is None:
         return
     place_all(model, state, work, first, last)
@@ -62,9 +62,10 @@ def is_breaking(
     h: float, first: int, last: int
 ) -> bool:
     """
-    Whether a connector may have reached a limit within a step of length `h` that has just ended.
+    Check if a connector may have reached a limit within a step of length `h` that has just ended.
 
-    The attachment points of its end are in place. Which ones, `breakage.excess` tells.
+    The attachment points at the end of the step are in place. `breakage.excess` marks the
+    connectors.
     """
     if breakage is None:
         return False
@@ -88,7 +89,9 @@ def is_breaking(
 def move_blocks(
     model: Model, breakage: Breakage, state: State, points: np.ndarray, first: int, last: int
 ) -> None:
-    """Velocities v + omega x s [m/s] of the attachment points of blocks first to last."""
+    """
+    Write the velocities v + omega x s [m/s] of the attachment points of blocks first to last.
+    """
     velocity, spin = state.linear_velocity, state.angular_velocity
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -103,9 +106,9 @@ def measure(
     points: np.ndarray, h: float, block: int, s: int
 ) -> bool:
     """
-    Lengths of the connectors of a block and their rates; whether one may have reached a limit.
+    Store lengths and rates of the connectors of a block; return True if one may have broken.
 
-    Within a step of length `h` that began with the lengths noted before; 0: they are only noted.
+    The step of length `h` began with the stored lengths. With h = 0 lengths are only stored.
     """
     if links is None:
         return False
@@ -150,7 +153,7 @@ def excess_over(
     limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
     doubt: float
 ) -> Vector:
-    """How far a length has been above a limit [m] within a step, about."""
+    """Estimate by how much a length has exceeded a limit [m] within a step."""
     slack = splat(1.0 - TOGETHER) * limit
     return maximum(
         maximum(before, after), highest(before, speed, after, rate, h, doubt)) - slack
@@ -161,7 +164,7 @@ def excess_under(
     limit: Vector, before: Vector, speed: Vector, after: Vector, rate: Vector, h: float,
     doubt: float
 ) -> Vector:
-    """How far a length has been below a limit [m] within a step, about."""
+    """Estimate by how much a length has fallen below a limit [m] within a step."""
     zero = splat(0.0)
     slack = splat(1.0 + TOGETHER) * limit
     before, speed, after, rate = zero - before, zero - speed, zero - after, zero - rate
@@ -171,7 +174,7 @@ def excess_under(
 
 @compiled
 def doubt_of(wrapping: Wrapping | None) -> float:
-    """The part of the way up to the tangents that is reckoned with."""
+    """Return the fraction of the distance up to the tangents that `highest` adds to the cubic."""
     if wrapping is None:
         return DOUBT
     else:
@@ -183,10 +186,11 @@ def highest(
     before: Vector, speed: Vector, after: Vector, rate: Vector, h: float, doubt: float
 ) -> Vector:
     """
-    The most that a number has been within a step in which it rose at first and fell at last.
+    Return an estimate of the maximum in a step of a number that rose at first and fell at last.
 
-    Of the cubic through both ends where its slope turns round, and a part of what is left up to
-    the tangents. Where it has not risen and fallen: its end.
+    The maximum is that of the cubic through both ends, at its turning point, plus the fraction
+    `doubt` of the remaining distance to the tangents. If the number has not risen and fallen,
+    return its end.
     """
     zero, one, step = splat(0.0), splat(1.0), splat(h)
     turns = where(speed > zero, where(rate < zero, one, zero), zero)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Vectors of the method of conjugate gradients, and parts of a Hessian that come as blocks.
+Vectors of the method of conjugate gradients, and terms of a Hessian in blocks.
 
-Vectors are (6, s) arrays, slots last, zero where there is no body. Sums are always in the same
+Vectors are (6, s) arrays, slots last, zero in slots without a body. Sums are always in the same
 order, and no library of linear algebra divides them among threads.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 @compiled
 def product_of(left: np.ndarray, right: np.ndarray) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     total = splat(0.0)
     for k in range(6):
         for s in range(0, left.shape[1], LANES):
@@ -26,7 +26,7 @@ def product_of(left: np.ndarray, right: np.ndarray) -> float:
 
 @compiled
 def weighted_square(weight: np.ndarray, vector: np.ndarray) -> float:
-    """Sum of the squares, each times a weight."""
+    """Return the sum of the squares, each times a weight."""
     total = splat(0.0)
     for k in range(6):
         for s in range(0, vector.shape[1], LANES):
@@ -50,9 +50,10 @@ def advance(
     residual: np.ndarray, direction: np.ndarray, image: np.ndarray
 ) -> float:
     """
-    Go `along` the direction, whose product with the Hessian is `image`, and turn to the next.
+    Advance by `along` in the direction, and replace the direction by the next one.
 
-    `square`: of the residual, weighted; returns that of the next.
+    `image`: product of the direction with the Hessian. `square`: weighted square of the residual;
+    return that of the next residual.
     """
     factor, total = splat(along), splat(0.0)
     for k in range(6):
@@ -101,7 +102,7 @@ def add_pair_blocks(
 
 @compiled
 def add_own_terms(own: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray) -> None:
-    """Add what single bodies add, where they do."""
+    """Add the second derivatives of single bodies times the vector, if there are any."""
     if own is None:
         return
     add_own_blocks(own.slots, own.values, vector, product)
@@ -111,7 +112,7 @@ def add_own_terms(own: SecondDerivatives | None, vector: np.ndarray, product: np
 def add_pair_terms(
     pairs: SecondDerivatives | None, vector: np.ndarray, product: np.ndarray
 ) -> None:
-    """Add what pairs add, where they do."""
+    """Add the second derivatives of pairs times the vector, if there are any."""
     if pairs is None:
         return
     add_pair_blocks(pairs.slots, pairs.values, vector, product)

@@ -3,9 +3,10 @@
 """
 Connectors as linear springs between points of two bodies, as a rule edge midpoints (eqs 1, 49).
 
-Every body adds up the pulls at its own edges, so each spring is computed twice, once from either
-end, with exactly opposite results. That costs less than half of what it saves: nothing is
-scattered, so bodies are computed side by side and in any order, by any number of threads.
+Every body adds up the forces at its own edges, so each spring is computed twice, once from either
+end, with exactly opposite results. The second evaluation costs less than half of what it saves.
+Nothing is scattered, so several bodies are computed at once and in any order, by any number of
+threads.
 """
 
 from typing import Any
@@ -26,9 +27,9 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-# A squared length below this is taken for it: the pull of a spring of no length has no direction
-# and comes out as zero.
-_SMALLEST = 1e-300
+# Lower bound of squared lengths [m^2]: the force of a spring of zero length has no direction and
+# is then zero.
+_SMALLEST_SQUARE = 1e-300
 
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
@@ -39,10 +40,10 @@ def add_connectors(
     position: np.ndarray, block: int, s: int
 ) -> Six:
     """
-    Force [N] and torque about the centre [N m] on the block at slot `s`, world frame.
+    Return force [N] and torque about the centre [N m] on the block at slot `s`, world frame.
 
-    `points` holds the attachment points of all bodies. With `kinks` at a `part` of a step in which
-    each connector keeps its slope.
+    `points` holds the attachment points of all bodies. With `kinks`, at a fraction `part` of a
+    step in which each connector keeps its slope.
     """
     if links is None:
         zero = splat(0.0)
@@ -55,7 +56,9 @@ def alike_or_not(
     kinks: Kinks | None, links: Links, part: float, points: np.ndarray, position: np.ndarray,
     block: int, s: int
 ) -> Six:
-    """The same; where all connectors are of one law and on one side of its kink, as springs."""
+    """
+    Return the wrench of all connectors; as plain springs if all are alike and far from kinks.
+    """
     if kinks is None:
         return pulls(
             links.attachment, links, None, part, links.variety, links.stiffness,
@@ -76,7 +79,7 @@ def pulls(
     variety: Variety | None, stiffness: float, natural_length: float, points: np.ndarray,
     position: np.ndarray, block: int, s: int
 ) -> Six:
-    """The same for connectors that attach on the body axes, or anywhere."""
+    """Return the wrench of connectors that attach on the body axes, or anywhere."""
     k, minus_rest = splat(stiffness), splat(-stiffness * natural_length)
     if attachment is None:
         return pulls_on_axes(
@@ -91,7 +94,7 @@ def pulls_anywhere(
     links: Links, kinks: Kinks | None, part: float, variety: Variety | None, stiffness: Vector,
     minus_rest: Vector, points: np.ndarray, position: np.ndarray, block: int, s: int
 ) -> Six:
-    """The same for any attachment points."""
+    """Return the wrench of connectors with any attachment points."""
     zero, stride = splat(0.0), position.shape[1]
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
@@ -115,7 +118,11 @@ def pulls_on_axes(
     links: Links, kinks: Kinks | None, part: float, variety: Variety | None, stiffness: Vector,
     minus_rest: Vector, points: np.ndarray, stride: int, block: int, s: int
 ) -> Six:
-    """The same for points on the body axes, as far out on either side; `stride` slots each row."""
+    """
+    Return the wrench of connectors whose points lie on the body axes, symmetric about the centre.
+
+    `stride`: the number of slots in each row of `points`.
+    """
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     for pair in range(3):
@@ -130,7 +137,7 @@ def pulls_on_axes(
             links, kinks, part, variety, points, stride, block, s, 4 * pair + 2, stiffness,
             minus_rest, mx, my, mz)
         fx, fy, fz = fx + (ax + bx), fy + (ay + by), fz + (az + bz)
-        # Both arms lie on one axis of the body: arm x (pull at the first - pull at the second),
+        # Both arms lie on one axis of the body: arm x (force at the first - force at the second),
         # with twice the arm here.
         sx, sy, sz = px - mx, py - my, pz - mz
         ax, ay, az = ax - bx, ay - by, az - bz
@@ -145,7 +152,7 @@ def pulls_on_axes(
 def arm_of(
     attachment: np.ndarray | None, points: np.ndarray, position: np.ndarray, edge: int, s: int
 ) -> tuple[Vector, Vector, Vector]:
-    """Arms [m] from the centres of a block to an attachment point, world frame."""
+    """Return arms [m] from the centres of a block to an attachment point, world frame."""
     stride = position.shape[1]
     at = 3 * edge * stride + s
     if attachment is None:
@@ -167,7 +174,7 @@ def edge_pull(
     stride: int, block: int, s: int, first_link: int, stiffness: Vector, minus_rest: Vector,
     px: Vector, py: Vector, pz: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """Pull [N] of the two connectors at one edge, whose points are p."""
+    """Return the force [N] of the two connectors at one edge, whose points are p."""
     zero = splat(0.0)
     fx, fy, fz = zero, zero, zero
     for link in range(first_link, first_link + 2):
@@ -175,7 +182,7 @@ def edge_pull(
         ux = load_at(points, place) - px
         uy = load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
-        square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+        square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
         there = bits(links.present[block, link])
         factor = law_factor(
             links.tables, kinks, part, variety, block, link, s, square, there, stiffness,
@@ -191,7 +198,7 @@ def law_factor(
     block: int, link: int, s: int, square: Vector, there: Any, stiffness: Vector,
     minus_rest: Vector
 ) -> Vector:
-    """Tension over length [N/m] of a connector of squared length `square`; `there`: its mask."""
+    """Return tension over length [N/m] at a squared length `square`; `there` masks the lanes."""
     if tables is None:
         return step_factor(
             kinks, part, variety, block, link, s, square, stiffness, minus_rest)
@@ -205,9 +212,10 @@ def step_factor(
     square: Vector, stiffness: Vector, minus_rest: Vector
 ) -> Vector:
     """
-    Tension over length [N/m]; with `kinks` that of the side on which the step began.
+    Return tension over length [N/m]; with `kinks`, on the side on which the step began.
 
-    And of what crossings add to it at the `part` of the step, see kernels/kinks.py.
+    The tension then includes what crossings add at the fraction `part` of the step, see
+    kernels/kinks.py.
     """
     if kinks is None:
         return pull_factor(variety, link, s, square, stiffness, minus_rest)
@@ -221,7 +229,7 @@ def step_factor(
 
 @inlined
 def crossing_force(kinks: Kinks, link: int, s: int, part: float) -> Vector:
-    """Tension [N] that crossings add at the `part` of the step."""
+    """Return the tension [N] that crossings add at the fraction `part` of the step."""
     x = splat(part)
     value = fma(x, load(kinks.forces, 36 + link, s), load(kinks.forces, 24 + link, s))
     return fma(x, fma(x, value, load(kinks.forces, 12 + link, s)), load(kinks.forces, link, s))
@@ -233,9 +241,9 @@ def pull_factor(
     minus_rest: Vector
 ) -> Vector:
     """
-    Tension over length, k (l - D) / l [N/m], of a connector of squared length `square`.
+    Return tension over length, k (l - D) / l [N/m], of a connector of squared length `square`.
 
-    With k_e above the natural length and k_c below (eq 2, where at D either will do).
+    k is k_e above the natural length and k_c below (eq 2, where at D either holds).
     """
     if variety is None:
         return fma(minus_rest, rsqrt(square), stiffness)
@@ -247,7 +255,7 @@ def pull_factor(
 @compiled
 def slope_of(variety: Variety, link: int, s: int, square: Vector) -> tuple[Vector, Vector]:
     """
-    Slope of the tension, k_e or k_c [N/m], and natural length [m] of a connector with its own law.
+    Return slope k_e or k_c [N/m] and natural length [m] of a connector with an individual law.
     """
     rest = load(variety.natural_length, link, s)
     k = where(

@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bodies that move on prescribed paths, and the work that this takes.
+Bodies that move on prescribed paths, and the work of the paths.
 
-The bodies of a drive move as one rigid body. A path piece is, with t from its start,
+The bodies of a drive move as one rigid body. An interval of a path is, with t from its start,
 
     d(t) = d0 + d1 t + d2 t^2 + d3 t^3 + wave sin(rate t + phase)
 
 for the displacement of the middle of the bodies (rows 0-2) [m] and for a rotation vector about it
-(rows 3-5) [rad], world axes, beyond a base pose. A path moves some freedoms, or all; what acts on
-the others moves them as if there were no path.
+(rows 3-5) [rad], world axes, beyond a base pose. A path moves some freedoms, or all. Forces move
+the other freedoms as if there were no path.
 """
 
 import math
@@ -37,7 +37,9 @@ import numpy as np
 
 @compiled
 def is_wrench(drives: Drives | None, anchors: Anchors | None, number: int) -> bool:
-    """Whether a row of the loads is a wrench; others are drives, the first of them number -1."""
+    """
+    Check that a row of the loads is a wrench; others are drives, the first of them number -1.
+    """
     if drives is None and anchors is None:
         return True
     return number >= 0
@@ -45,14 +47,14 @@ def is_wrench(drives: Drives | None, anchors: Anchors | None, number: int) -> bo
 
 @compiled
 def path_of(drives: Drives, number: int) -> int:
-    """On which path the bodies of a row of the loads are; negative where on none."""
+    """Return the number of the path of a row of the loads; negative if the row has no path."""
     p = -1 - number
     return p if p < drives.start.shape[0] else -1
 
 
 @compiled
 def displacement(drives: Drives, p: int, k: int, after: float) -> float:
-    """Coordinate `k` of path `p` at a time [s] after its piece began."""
+    """Return coordinate `k` of path `p` at a time `after` [s] the start of its interval."""
     cubic = drives.cubic
     return float(
         cubic[p, 0, k] + after * (
@@ -62,7 +64,9 @@ def displacement(drives: Drives, p: int, k: int, after: float) -> float:
 
 @compiled
 def velocity(drives: Drives, p: int, k: int, after: float) -> float:
-    """Its derivative."""
+    """
+    Return the derivative of coordinate `k` of path `p` at a time `after` [s] the interval's start.
+    """
     cubic, rate = drives.cubic, drives.rate[p]
     return float(
         cubic[p, 1, k] + after * (2.0 * cubic[p, 2, k] + after * (3.0 * cubic[p, 3, k]))
@@ -74,10 +78,10 @@ def place_row(
     drives: Drives | None, loads: Loads, state: State, m: int, s: int, time: float
 ) -> None:
     """
-    Put the bodies of row `m` in the block at slot `s` where their path is at `time` [s].
+    Place the bodies of row `m` in the block at slot `s` on their path at `time` [s].
 
-    Places, orientations and velocities. With the rotation vector r, x = |r| and Q = exp(r) Q0,
-    omega = r' + (1 - cos x) / x^2 r x r' + (x - sin x) / x^3 r x (r x r').
+    Set positions, orientations and velocities. With the rotation vector r, x = |r| and Q = exp(r)
+    Q0, omega = r' + (1 - cos x) / x^2 r x r' + (x - sin x) / x^3 r x (r x r').
     """
     if drives is None:
         return
@@ -91,7 +95,7 @@ def place_row(
         ax, ay = velocity(drives, p, 3, after), velocity(drives, p, 4, after)
         az = velocity(drives, p, 5, after)
         square = rx * rx + ry * ry + rz * rz
-        # Below this the next terms of the series are rounding.
+        # Below this square the next terms of the series are below rounding.
         if square > 1e-4:
             angle = math.sqrt(square)
             half = math.sin(0.5 * angle) / angle
@@ -138,7 +142,7 @@ def place_row(
 
 @compiled
 def put(array: np.ndarray, k: int, s: int, mine: Vector, value: Vector) -> None:
-    """Write the lanes that are meant."""
+    """Write the lanes of the mask `mine`."""
     store(array, k, s, where(mine, value, load(array, k, s)))
 
 
@@ -147,7 +151,7 @@ def turn_bodies(
     first: np.ndarray, orientation: np.ndarray, s: int, mine: Vector,
     axis: tuple[Vector, Vector, Vector], qw: Vector
 ) -> None:
-    """Orientations Q q0 of a block, from those at the start."""
+    """Write the orientations Q q0 of a block, from those at the start."""
     qx, qy, qz = axis
     if orientation.ndim == 2:
         x, y, z, w = load(first, 0, s), load(first, 1, s), load(first, 2, s), load(first, 3, s)
@@ -171,12 +175,12 @@ def resist(
     h: float, again: float
 ) -> Six:
     """
-    Accelerations of a block without those of the bodies of row `m`, whose path bears the forces.
+    Return accelerations of a block without those of the bodies of row `m` along their path.
 
-    The work [J] of the path against the forces over a kick of `h`, - h (F . v + N . omega), is
-    what time's own momentum loses: so the balance closes with the order of the method. Two kicks
-    with the same forces, `h` and `again`, are added one after the other: the bits of the work
-    must not depend on whether one call of a kernel takes both.
+    The path bears the forces on these bodies. Its work [J] over a kick of `h` is - h (F . v + N .
+    omega), the loss of the momentum conjugate to time, so that the energy balance closes with the
+    order of the method. Two kicks with the same forces, `h` and `again`, are added one after the
+    other: the bits of the work must not depend on whether one call of a kernel takes both.
     """
     if drives is None:
         return a
@@ -196,7 +200,9 @@ def resist(
 
 @compiled
 def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
-    """Power [W] of the forces that would give these accelerations to the bodies of a block."""
+    """
+    Return the power [W] of the forces that give these accelerations to the bodies of a block.
+    """
     speed, spin = state.linear_velocity, state.angular_velocity
     linear = fma(a[0], load(speed, 0, s), fma(a[1], load(speed, 1, s), a[2] * load(speed, 2, s)))
     angular = fma(a[3], load(spin, 0, s), fma(a[4], load(spin, 1, s), a[5] * load(spin, 2, s)))
@@ -206,7 +212,7 @@ def path_power(model: Model, state: State, a: Six, s: int) -> Vector:
 
 @compiled
 def borne(drives: Drives, p: int, a: Six) -> Six:
-    """Accelerations along the freedoms that path `p` moves, zero along the others."""
+    """Return accelerations along the freedoms that path `p` moves, zero along the others."""
     zero, moves = splat(0.0), drives.moves
     x, y, z = a[0], a[1], a[2]
     if not moves[p, 0]:
@@ -222,7 +228,7 @@ def borne(drives: Drives, p: int, a: Six) -> Six:
 
 @compiled
 def without(drives: Drives, p: int, mine: Vector, a: Six) -> Six:
-    """Zero in the lanes that are meant, along the freedoms that path `p` moves."""
+    """Return accelerations, zero in the lanes `mine` along the freedoms that path `p` moves."""
     zero, moves = splat(0.0), drives.moves
     x, y, z = a[0], a[1], a[2]
     if moves[p, 0]:
@@ -238,7 +244,7 @@ def without(drives: Drives, p: int, mine: Vector, a: Six) -> Six:
 
 @compiled
 def velocities_before(drives: Drives | None, state: State, s: int) -> Six:
-    """Velocities and spins of a block before loads act on it, where paths may bear these."""
+    """Return velocities and spins of a block before loads act on it; zeros without drives."""
     zero = splat(0.0)
     if drives is None:
         return zero, zero, zero, zero, zero, zero
@@ -254,9 +260,9 @@ def bear_loads(
     drives: Drives | None, loads: Loads, state: State, before: Six, m: int, s: int
 ) -> None:
     """
-    Take back what loads have added to `before` along the freedoms that the path of row `m` moves.
+    Restore the velocities `before` the loads along the freedoms that the path of row `m` moves.
 
-    The path bears it: whatever work the load does there, the path takes away.
+    The path bears the load: the work of the load there is minus that of the path.
     """
     if drives is None:
         return
@@ -275,9 +281,9 @@ def bear_loads(
 @compiled
 def rest_along_path(drives: Drives | None, loads: Loads, state: State, m: int, s: int) -> None:
     """
-    Let the bodies of row `m` stand still along their path, until `place_row` puts them on it.
+    Stop the bodies of row `m` along their path, until `place_row` places them on it.
 
-    So loads do no work there, which a drift of constant velocity could only tell about.
+    Loads then do no work along the path, which a drift of constant velocity could only estimate.
     """
     if drives is None:
         return
@@ -295,7 +301,9 @@ def resist_slopes(
     drives: Drives | None, model: Model, loads: Loads, state: State, linear: np.ndarray,
     angular: np.ndarray, m: int, s: int, index: int
 ) -> None:
-    """The same for the slopes of a Runge-Kutta stage; the power [W] of the path is noted."""
+    """
+    Remove driven freedoms from the slopes of a Runge-Kutta stage; store the path's power [W].
+    """
     if drives is None:
         return
     else:
@@ -320,7 +328,7 @@ def keep_turning(
     gyration: Gyration | None, drives: Drives | None, loads: Loads, angular: np.ndarray, m: int,
     s: int
 ) -> None:
-    """Bodies of row `m` whose path says how they turn have no gyroscopic slope."""
+    """Set the gyroscopic slope to zero for bodies of row `m` whose path prescribes rotations."""
     if gyration is None:
         return
     if drives is None:
@@ -338,7 +346,7 @@ def moving_energy(
     drives: Drives | None, model: Model, loads: Loads, state: State, first: int, last: int
 ) -> float:
     """
-    Kinetic energy [J] of driven freedoms in blocks first to last, which paths alone have given.
+    Return the kinetic energy [J] of driven freedoms in blocks first to last, supplied by paths.
     """
     total = 0.0
     if drives is None:
@@ -366,13 +374,13 @@ def moving_energy(
 
 @compiled
 def energy_of_drives(model: Model, loads: Loads, state: State) -> float:
-    """The same, of the drives among the loads on all blocks."""
+    """Return the kinetic energy [J] of the driven freedoms in all blocks."""
     return moving_energy(loads.drives, model, loads, state, 0, model.blocks.slot.shape[0])
 
 
 @compiled
 def place_driven(model: Model, loads: Loads, state: State, time: float) -> None:
-    """Put all driven bodies where their paths are at `time` [s]."""
+    """Place all driven bodies on their paths at `time` [s]."""
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         for m in range(loads.start[block], loads.start[block + 1]):

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Body forces from outside: a C function that is called once for each evaluation, for all bodies.
+External body forces: a C function that is called once for each evaluation, for all bodies.
 
-It gets the time, the number of bodies and two addresses: of (n, 13) doubles, position,
-orientation, velocity and spin body by body, and of (n, 6) for its force and torque. What it
-returns is 0, or else that it failed; from then on it is not called again and its forces are not
-numbers, which ends the run.
+The function gets the time, the number of bodies and two addresses: of (n, 13) doubles, position,
+orientation, velocity and spin body by body, and of (n, 6) for its force and torque. It returns 0,
+or another number if it failed. After a failure it is not called again and its forces are NaN,
+which ends the run.
 """
 
 import ctypes
@@ -52,7 +52,9 @@ overload(call_function)(
 @compiled
 def ask_outside(external: External | None, state: State, time: float, team: Team) -> None:
     """
-    Forces and torques of all bodies at `time` [s] into `external.rows`; places are those of state.
+    Write forces and torques of all bodies at `time` [s] and `state` into `external.rows`.
+
+    One thread calls the function; the others wait.
     """
     if external is None:
         return
@@ -63,7 +65,7 @@ def ask_outside(external: External | None, state: State, time: float, team: Team
 
 @compiled
 def ask_alone(external: External, state: State, time: float) -> None:
-    """The same by one thread."""
+    """Write forces and torques of all bodies into `external.rows` by one thread."""
     numbers, result, rows = external.numbers, external.result, external.rows
     count = external.slots.shape[0]
     for b in range(count):
@@ -88,7 +90,7 @@ def add_external(
     external: External | None, model: Model, state: State, linear: np.ndarray,
     angular: np.ndarray, s: int
 ) -> Vector:
-    """Add what it gave to the slopes of a block; returns its power [W]."""
+    """Add the forces of the function to the slopes of a block; return their power [W]."""
     power = splat(0.0)
     if external is None:
         return power

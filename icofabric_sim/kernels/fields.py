@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forces of electric fields on charged shells: a uniform field on dipoles, and charges on each other.
+Forces of electric fields on charged shells: of a uniform field on dipoles, and between charges.
 
 A uniform field on the charges is an acceleration like gravity and is packed with it.
 """
@@ -29,7 +29,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
@@ -65,7 +65,7 @@ def add_coulomb(
         return force
     else:
         fx, fy, fz, tx, ty, tz = force
-        zero, smallest = splat(0.0), splat(_SMALLEST)
+        zero, smallest = splat(0.0), splat(_SMALLEST_SQUARE)
         ax, ay, az = zero, zero, zero
         x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
         for i in range(coulomb.slots.shape[0]):
@@ -86,9 +86,9 @@ def field_parts(
     dipole: Dipole | None, coulomb: Coulomb | None, model: Model, state: State, alive: int, s: int
 ) -> tuple[Vector, Vector]:
     """
-    Bound of what fields add to the squared frequency [1/s^2] of a block, and their energy [J].
+    Return a bound of what fields add to the squared frequency [1/s^2] of a block; energy [J].
 
-    A dipole's energy varies with a small turn dtheta by (p . E) dtheta^2 - (p . dtheta)
+    A dipole's energy varies with a small rotation dtheta by (p . E) dtheta^2 - (p . dtheta)
     (E . dtheta), at most |p| |E| dtheta^2. That of two charges, kappa / r, varies with their
     relative motion du by at most 2 |kappa| / r^3 du^2, and du^2 <= 2 dx_1^2 + 2 dx_2^2: for each
     body the sum of 4 |kappa| / r^3 over all others. Both forms are block-diagonal and add to that
@@ -105,7 +105,9 @@ def field_parts(
 
 @compiled
 def dipole_energy(dipole: Dipole | None, orientation: np.ndarray, s: int) -> Vector:
-    """Energies |p| |E| - p . E [J] of a block: none where the dipole points along the field."""
+    """
+    Return energies |p| |E| - p . E [J] of a block; zero if the dipole points along the field.
+    """
     if dipole is None:
         return splat(0.0)
     else:
@@ -118,7 +120,7 @@ def dipole_energy(dipole: Dipole | None, orientation: np.ndarray, s: int) -> Vec
 
 @compiled
 def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
-    """Bound |p| |E| / Lambda of the squared frequency of dipoles [1/s^2]."""
+    """Return the bound |p| |E| / Lambda of the squared frequency of dipoles [1/s^2]."""
     if dipole is None:
         return splat(0.0)
     else:
@@ -127,7 +129,7 @@ def dipole_bound(dipole: Dipole | None, inverse_inertia: float) -> Vector:
 
 @compiled
 def coulomb_strength(coulomb: Coulomb | None, s: int) -> Vector:
-    """Energy of each charge of a block and the largest one times their distance [J m]."""
+    """Return energy times distance [J m] of each charge of a block and the largest charge."""
     if coulomb is None:
         return splat(0.0)
     else:
@@ -139,15 +141,15 @@ def coulomb_sums(
     coulomb: Coulomb | None, position: np.ndarray, s: int
 ) -> tuple[Vector, Vector]:
     """
-    Sums over all other charges for each body of a block, q_j in parts of the largest.
+    Return two sums over all other charges for each body of a block, q_j relative to the largest.
 
-    Of q_j / r [1/m] and of |q_j| / r^3 [1/m^3].
+    The sums are those of q_j / r [1/m] and of |q_j| / r^3 [1/m^3].
     """
     zero = splat(0.0)
     sums, cubes = zero, zero
     if coulomb is None:
         return sums, cubes
-    smallest = splat(_SMALLEST)
+    smallest = splat(_SMALLEST_SQUARE)
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     for i in range(coulomb.slots.shape[0]):
         j = coulomb.slots[i]
@@ -167,7 +169,7 @@ def add_coulomb_product(
     root: float, vector: np.ndarray, product: np.ndarray
 ) -> None:
     """
-    Add what charges on each other add to M^-1/2 H M^-1/2 times a vector, (6, s) both.
+    Add the terms of charges to M^-1/2 H M^-1/2 times a vector, (6, s) both.
 
     `root` is that of the inverse mass; 1 and no supports: H itself. Second derivative of
     kappa / r along du = dx_i - dx_j, with n the direction: kappa (3 n (n . du) - du) / r^3.
@@ -175,7 +177,7 @@ def add_coulomb_product(
     if coulomb is None:
         return
     else:
-        smallest, zero = splat(_SMALLEST), splat(0.0)
+        smallest, zero = splat(_SMALLEST_SQUARE), splat(0.0)
         for block in range(blocks.slot.shape[0]):
             s = blocks.slot[block]
             mx, my, mz = roots_of(supports, root, s)
@@ -209,7 +211,7 @@ def add_coulomb_product(
 def roots_of(
     supports: Supports | None, root: float, s: int
 ) -> tuple[Vector, Vector, Vector]:
-    """Roots of the inverse masses of a block along x, y, z; 0 where held."""
+    """Return roots of the inverse masses of a block along x, y, z; 0 where held."""
     if supports is None:
         return splat(root), splat(root), splat(root)
     else:
@@ -220,7 +222,7 @@ def roots_of(
 
 @compiled
 def root_at(supports: Supports | None, root: float, k: int, s: int) -> float:
-    """The same of one body along one axis."""
+    """Return the root of the inverse mass of one body along one axis."""
     if supports is None:
         return root
     else:
@@ -229,7 +231,7 @@ def root_at(supports: Supports | None, root: float, k: int, s: int) -> float:
 
 @compiled
 def field_energy(model: Model, state: State) -> float:
-    """Energy [J] of all dipoles in the field and of all charges on each other."""
+    """Return the energy [J] of all dipoles in the field and of all pairs of charges."""
     total = 0.0
     for block in range(model.blocks.slot.shape[0]):
         _, energy = field_parts(

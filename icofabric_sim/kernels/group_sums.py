@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sums over all bodies that no health check forms: of velocities, and of squares of accelerations.
+Sums over all bodies outside health checks: of velocities, and of squares of accelerations.
 
-Added up over groups of blocks, and the groups in their order, as in figures.py.
+Sums are formed over groups of blocks, and the groups in their order, as in figures.py.
 """
 
 from icofabric_sim.kernels.masses import weights_of
@@ -21,7 +21,7 @@ def note_sums(
     """
     Add up rows (k, s) over groups first to last of `size` blocks, none from block `end` on.
 
-    Into sums (k, g).
+    Results go into sums (k, g).
     """
     for group in range(first, last):
         for k in range(rows.shape[0]):
@@ -38,10 +38,11 @@ def note_squares(
     sums: np.ndarray, size: int, first: int, last: int, end: int
 ) -> None:
     """
-    Squares of accelerations (6, s) over groups first to last of `size` blocks, into sums (2, g).
+    Sum squares of accelerations (6, s) over groups first to last of `size` blocks.
 
-    Linear ones [m/s^2] without a `fall` (3,) times masses, and angular ones [rad/s^2] times
-    inertias, both in the units of `weights_of`. None from block `end` on.
+    Results go into sums (2, g). Linear accelerations [m/s^2] without a `fall` (3,) count times
+    masses, and angular ones [rad/s^2] times inertias, both in the units of `weights_of`. None from
+    block `end` on.
     """
     for group in range(first, last):
         linear, angular = splat(0.0), splat(0.0)
@@ -53,7 +54,7 @@ def note_squares(
                 a = load(acceleration, k, s) - splat(fall[k])
                 b = load(acceleration, k + 3, s)
                 line, turn = fma(a, a, line), fma(b, b, turn)
-            # Slots without a body fall, too.
+            # Slots without a body have the acceleration of gravity, too.
             there = bits(blocks.alive[block])
             linear = linear + where(there, heavy * line, splat(0.0))
             angular = angular + where(there, slow * turn, splat(0.0))

@@ -4,8 +4,9 @@
 Bodies whose inertia is not isotropic: Euler's equations, with the gyroscopic term of eq 45.
 
 I d(omega)/dt = N - omega x (I omega), where I has the principal moments I_k about the body axes.
-Elsewhere a body has one inertia Lambda, its smallest moment, and torques add N / Lambda to slopes
-of spins; what is here makes d(omega)/dt of that. With m_k = I_k / Lambda, on body axes:
+In other modules a body has one inertia Lambda, its smallest moment, and torques add N / Lambda to
+slopes of spins. This module converts these slopes to d(omega)/dt. With m_k = I_k / Lambda, on body
+axes:
 
     d(omega)_k / dt = ((N / Lambda)_k - (omega x (m omega))_k) / m_k.
 """
@@ -22,7 +23,7 @@ def turn_by_moments(
     gyration: Gyration | None, orientation: np.ndarray, velocity: np.ndarray, angular: np.ndarray,
     s: int
 ) -> None:
-    """Make slopes of spins of the torques over Lambda in `angular`, for a block."""
+    """Convert torques over Lambda in `angular` to slopes of spins, for a block."""
     if gyration is None:
         return
     else:
@@ -48,7 +49,9 @@ def turning_square(
     gyration: Gyration | None, orientation: np.ndarray, velocity: np.ndarray, s: int,
     square: Vector
 ) -> Vector:
-    """Spins by their moments, omega . I omega / Lambda [1/s^2]; `square`: of isotropic ones."""
+    """
+    Return spins weighted by moments, omega . I omega / Lambda [1/s^2]; `square` if isotropic.
+    """
     if gyration is None:
         return square
     else:
@@ -63,7 +66,7 @@ def turning_square(
 def turning_square_at(
     gyration: Gyration | None, orientation: np.ndarray, velocity: np.ndarray, s: int
 ) -> float:
-    """The same of one slot."""
+    """Return the weighted square of the spin, omega . I omega / Lambda [1/s^2], of one slot."""
     x, y, z = velocity[0, s], velocity[1, s], velocity[2, s]
     if gyration is None:
         return float(x * x + y * y + z * z)
@@ -80,7 +83,7 @@ def turning_square_at(
 
 @compiled
 def on_body_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
-    """Components on body axes of a vector given in the world."""
+    """Return components on body axes of a vector in world components."""
     return (
         fma(axes[0], x, fma(axes[1], y, axes[2] * z)),
         fma(axes[3], x, fma(axes[4], y, axes[5] * z)),

@@ -34,16 +34,14 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
 def scaled_motion(
     supports: Supports | None, root_m: float, root_i: float, vector: np.ndarray, s: int
 ) -> Six:
-    """
-    Displacements and rotation vectors of a block from a mass-scaled vector; and back the same.
-    """
+    """Convert a mass-scaled vector of a block to displacements and rotation vectors, and back."""
     a, b, c = load(vector, 0, s), load(vector, 1, s), load(vector, 2, s)
     d, e, f = load(vector, 3, s), load(vector, 4, s), load(vector, 5, s)
     mx, my, mz, inertia = inverse_roots(supports, root_m, root_i, s)
@@ -54,7 +52,9 @@ def scaled_motion(
 def inverse_roots(
     supports: Supports | None, root_m: float, root_i: float, s: int
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Roots of the inverse masses along x, y, z and of the inverse inertia; 0 where held."""
+    """
+    Return roots of the inverse masses along x, y, z and of the inverse inertia; 0 where held.
+    """
     if supports is None:
         return splat(root_m), splat(root_m), splat(root_m), splat(root_i)
     else:
@@ -70,9 +70,7 @@ def move_points(
     attachment: np.ndarray | None, points: np.ndarray, position: np.ndarray, motion: Six,
     moved: np.ndarray, s: int
 ) -> None:
-    """
-    Displacements dx + dtheta x s [m] of the attachment points of a block, laid out like points.
-    """
+    """Write displacements dx + dtheta x s [m] of the attachment points of a block, as `points`."""
     stride = position.shape[1]
     dx, dy, dz, tx, ty, tz = motion
     for edge in range(6):
@@ -88,7 +86,7 @@ def move_links(
     links: Links | None, points: np.ndarray, position: np.ndarray, motion: Six,
     moved: np.ndarray, s: int
 ) -> None:
-    """The same, if anything is attached."""
+    """Write displacements of the attachment points of a block, if there are connectors."""
     if links is None:
         return
     move_points(links.attachment, points, position, motion, moved, s)
@@ -100,12 +98,12 @@ def second_derivative(
     motion: Six, block: int, s: int
 ) -> Six:
     """
-    Second derivative of the energy along a motion, for the bodies of a block.
+    Return the second derivative of the energy along a motion, for the bodies of a block.
 
     The configuration is x + dx, exp(dtheta) R; with u = r_2 - r_1, n = u / l, f = k (l - D), s_i
     the arms: d2E = du.G du + f n.[dtheta_2 x (dtheta_2 x s_2) - dtheta_1 x (dtheta_1 x s_1)],
     where du = du_2 - du_1, du_i = dx_i + dtheta_i x s_i and G = k n n^T + f/l (1 - n n^T).
-    Symmetric also out of equilibrium. Seen from either end, which is then the first.
+    The form is symmetric also out of equilibrium. Either end counts as the first for its own body.
     """
     zero = splat(0.0)
     fx, fy, fz, mx, my, mz = zero, zero, zero, zero, zero, zero
@@ -126,9 +124,10 @@ def second_derivative(
             vx = load_at(moved, place) - load_at(moved, at)
             vy = load_at(moved, place + stride) - load_at(moved, at + stride)
             vz = load_at(moved, place + 2 * stride) - load_at(moved, at + 2 * stride)
-            # A connector of no length has no direction, and no part in this.
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
-            inverse = where(there, where(square > splat(_SMALLEST), rsqrt(square), zero), zero)
+            # A connector of zero length has no direction and adds nothing.
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
+            inverse = where(
+                there, where(square > splat(_SMALLEST_SQUARE), rsqrt(square), zero), zero)
             k, pull = slope_and_pull(
                 links.variety, link, s, square, inverse, stiffness, minus_rest)
             pull = tabled_pull(links.tables, link, s, square * inverse, pull)
@@ -155,7 +154,9 @@ def slope_and_pull(
     variety: Variety | None, link: int, s: int, square: Vector, inverse: Vector,
     stiffness: Vector, minus_rest: Vector
 ) -> tuple[Vector, Vector]:
-    """Slope of the tension [N/m] and tension [N] of a connector of squared length `square`."""
+    """
+    Return slope of the tension [N/m] and tension [N] of a connector of squared length `square`.
+    """
     if variety is None:
         return stiffness, stiffness * fma(square, inverse, minus_rest)
     else:
@@ -172,9 +173,10 @@ def hessian_times(
     product: np.ndarray
 ) -> None:
     """
-    M^-1/2 H M^-1/2 times a vector, (6, s) both; roots 1 and no supports: H itself.
+    Write M^-1/2 H M^-1/2 times a vector, (6, s) both; roots 1 and no supports: H itself.
 
-    `moved` is room for as many numbers as `points`, `turns` (3, s) for rotation vectors.
+    `moved` holds as many numbers as `points`, `turns` (3, s) rotation vectors; both are
+    overwritten.
     """
     count = model.blocks.slot.shape[0]
     for block in range(count):
@@ -190,7 +192,7 @@ def move_block(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
     root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray, s: int
 ) -> None:
-    """Have what the bodies of a block move by, in `moved` and `turns`."""
+    """Write the displacements and rotations of the bodies of a block into `moved` and `turns`."""
     motion = scaled_motion(supports, root_m, root_i, vector, s)
     move_links(model.links, points, state.position, motion, moved, s)
     for k in range(3):
@@ -203,7 +205,7 @@ def multiply_blocks(
     root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray,
     product: np.ndarray, first: int, last: int
 ) -> None:
-    """The product at blocks first to last, whose neighbours have moved."""
+    """Write the product at blocks first to last, after `move_block` for their neighbours."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         motion = scaled_motion(supports, root_m, root_i, vector, s)

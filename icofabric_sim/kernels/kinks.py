@@ -1,21 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Connectors whose slope jumps where they are as long as by nature, within one step.
+Connectors whose slope jumps at their natural length, within one step.
 
-Splittings and interpolations want smooth forces. So for one step every connector keeps the slope
-of the side that it begins on. What a crossing changes, D e(t) with D the difference of the slopes
-and e the stretch from its crossing on, becomes a cubic in time with the same first four moments,
-foretold from stretch, rate and second derivative where the step begins, and acts with the other
-forces in every stage. After the step e is known better, as the quintic through both ends: the
-impulse and first moment that are still missing act in two kicks along the connectors, at the end
-of the step and half a step before it, to which all drift freely. All of them are equal and
-opposite along a connector. See docs/decisions/kinks.md.
+Splittings and interpolations require smooth forces. So for one step every connector keeps the
+slope of the side on which it begins. A crossing changes the tension by D e(t), with D the
+difference of the slopes and e the stretch from its crossing on. That change becomes a cubic in
+time with the same first four moments, predicted from stretch, rate and second derivative at the
+start of the step. The cubic acts with the other forces in every stage.
 
-Where every connector is several times as far from its kink as points can move in the step, none of
-this is done: the state where the step begins decides. Lengths need not be computed for that while
-bodies are near where they were when this was last seen (`moved_of`, a bound), so a fabric that is
-far from its kinks takes the steps of plain springs.
+After the step e is known better, as the quintic through both ends. The missing impulse and first
+moment act in two kicks along the connectors, at the end of the step and half a step before it, to
+which all drift freely. All kicks are equal and opposite along a connector. See
+docs/decisions/kinks.md.
+
+If every connector is several times as far from its kink as points can move in the step, the state
+at the start of the step decides and nothing is predicted. The lengths need not be computed for
+that decision while bodies are near their positions at the last measurement (`moved_of`, a bound).
+A fabric far from its kinks therefore takes the steps of plain springs.
 """
 
 import math
@@ -45,14 +47,14 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-_SMALLEST = 1e-300
-# Steps of Newton's method towards a crossing, from a secant over half of the step; impulses hang
-# on the square of what is left.
+_SMALLEST_SQUARE = 1e-300
+# Steps of Newton's method towards a crossing, from a secant over half of the step; the error of an
+# impulse is of the order of the squared remaining error.
 _NEWTON = 2
 
 
 def _gauss(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    """Return nodes and weights of Gauss and Legendre on [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return tuple(0.5 * float(1.0 + x) for x in nodes), tuple(0.5 * float(w) for w in weights)
 
@@ -69,14 +71,14 @@ _CUBIC = (
 # Rows of Kinks.start, twelve each: stretch, rate and half the second derivative of a step.
 _STRETCH, _RATE, _CURVE = 0, 12, 24
 
-# Numbers of a thread in Kinks.ranges: how far points move in a step, and have moved from the state
-# that is kept; the least distance from a kink, the least and the largest stretch.
+# Indices of a thread in Kinks.ranges: how far points move in a step, and have moved from the
+# stored state; the least distance from a kink, the least and the largest stretch.
 _REACH, _MOVED, _NEAREST, _LOWEST, _HIGHEST = 0, 1, 2, 3, 4
-# Moves of a point that a connector has to be from its kink: two, as both its ends move, and as
-# many for what is not foretold.
+# Least distance of a connector from its kink over the displacement of a point: two, because both
+# ends move, and two more as a margin for errors of the prediction.
 _SAFE = 4.0
-# What rounding may make of a distance.
-_ROUNDED = 0.999
+# Factor of distances that covers rounding.
+_ROUNDING_FACTOR = 0.999
 FAR_AWAY = 1e300
 
 Four = tuple[Vector, Vector, Vector, Vector]
@@ -88,10 +90,11 @@ def note_motion(
     links: Links | None, kinks: Kinks, state: State, points: np.ndarray, h: float, s: int
 ) -> None:
     """
-    Velocities and accelerations of the attachment points of a block.
+    Write velocities and accelerations of the attachment points of a block.
 
-    From its velocities before and after a kick of `h` [s], which `kinks.before` and `state` hold.
-    With the former where the kick begins a step, `h` > 0; else, `h` < 0, with the latter.
+    They are computed from the velocities before and after a kick of `h` [s], which `kinks.before`
+    and `state` hold. With h > 0 the kick begins a step and the velocities before it count, else
+    those after.
     """
     if links is None:
         return
@@ -127,9 +130,9 @@ def reach_of(
     kinks: Kinks, links: Links | None, state: State, h: float, kick: float, s: int
 ) -> Vector:
     """
-    How far attachment points of a block move in a step of `h` [s], about [m].
+    Estimate how far [m] attachment points of a block move in a step of `h` [s].
 
-    From the velocities before and after its first kick of `kick` [s].
+    The estimate uses the velocities before and after its first kick of `kick` [s].
     """
     zero = splat(0.0)
     if links is None:
@@ -149,7 +152,7 @@ def reach_of(
 
 @compiled
 def moved_of(kinks: Kinks, links: Links | None, state: State, s: int) -> Vector:
-    """How far attachment points of a block are from where they were in the state kept [m]."""
+    """Return a bound of the distance [m] of a block's attachment points from the stored state."""
     zero = splat(0.0)
     if links is None:
         return zero
@@ -161,14 +164,14 @@ def moved_of(kinks: Kinks, links: Links | None, state: State, s: int) -> Vector:
     for k in range(turns.shape[0]):
         d = load(turns, k, s) - load(kinks.kept_orientation, k, s)
         turn = fma(d, d, turn)
-    # A point turns by no more than twice the change of the quaternion, or that of the cosines.
+    # A point moves by at most twice the change of the quaternion, or the change of the cosines.
     factor = 2.0 if turns.shape[0] == 4 else 1.0
     return fma(splat(factor * links.half_width), sqrt(turn), sqrt(shift))
 
 
 @compiled
 def keep_state(kinks: Kinks, state: State, s: int) -> None:
-    """Keep where a block is."""
+    """Store position and orientation of a block."""
     for k in range(3):
         store(kinks.kept_position, k, s, load(state.position, k, s))
     turns = rows_of(state.orientation)
@@ -178,7 +181,7 @@ def keep_state(kinks: Kinks, state: State, s: int) -> None:
 
 @compiled
 def note_reach(kinks: Kinks, member: int, reach: Vector, moved: Vector) -> None:
-    """What a thread found."""
+    """Store the largest reach and displacement [m] of a thread's blocks."""
     kinks.ranges[8 * member + _REACH] = most_of_lanes(reach, 0.0)
     kinks.ranges[8 * member + _MOVED] = most_of_lanes(moved, 0.0)
 
@@ -187,7 +190,7 @@ def note_reach(kinks: Kinks, member: int, reach: Vector, moved: Vector) -> None:
 def note_stretches(
     kinks: Kinks, member: int, nearest: Vector, lowest: Vector, highest: Vector
 ) -> None:
-    """What a thread found."""
+    """Store the least distance from a kink and the range of stretches [m] of a thread's blocks."""
     minus = splat(-1.0)
     kinks.ranges[8 * member + _NEAREST] = -most_of_lanes(minus * nearest, -FAR_AWAY)
     kinks.ranges[8 * member + _LOWEST] = -most_of_lanes(minus * lowest, -FAR_AWAY)
@@ -196,7 +199,7 @@ def note_stretches(
 
 @compiled
 def most_of_lanes(value: Vector, least: float) -> float:
-    """Largest number of a vector; infinite where one is not a number."""
+    """Return the largest number of a vector, at least `least`; infinite if one is not a number."""
     largest = least
     for i in range(LANES):
         number = lane(value, i)
@@ -207,7 +210,7 @@ def most_of_lanes(value: Vector, least: float) -> float:
 
 @compiled
 def largest_of(kinks: Kinks, row: int, size: int) -> float:
-    """Over all threads."""
+    """Return the largest number of all threads in a row of `kinks.ranges`."""
     largest = kinks.ranges[row]
     for member in range(1, size):
         largest = max(largest, kinks.ranges[8 * member + row])
@@ -216,7 +219,7 @@ def largest_of(kinks: Kinks, row: int, size: int) -> float:
 
 @compiled
 def least_of(kinks: Kinks, row: int, size: int) -> float:
-    """Over all threads."""
+    """Return the least number of all threads in a row of `kinks.ranges`."""
     least = kinks.ranges[row]
     for member in range(1, size):
         least = min(least, kinks.ranges[8 * member + row])
@@ -225,22 +228,22 @@ def least_of(kinks: Kinks, row: int, size: int) -> float:
 
 @compiled
 def stays_far(kinks: Kinks, size: int) -> bool:
-    """Whether all are far from their kinks, seen from how far bodies have moved."""
+    """Check by a bound of displacements that all connectors are far from their kinks."""
     if not kinks.margin[0] > 0.0:
         return False
-    left = _ROUNDED * kinks.margin[0] - 2.0 * largest_of(kinks, _MOVED, size)
+    left = _ROUNDING_FACTOR * kinks.margin[0] - 2.0 * largest_of(kinks, _MOVED, size)
     return left > _SAFE * largest_of(kinks, _REACH, size)
 
 
 @compiled
 def is_far(kinks: Kinks, size: int) -> bool:
-    """Whether they are, seen from their lengths."""
+    """Check by their lengths that all connectors are far from their kinks."""
     return least_of(kinks, _NEAREST, size) > _SAFE * largest_of(kinks, _REACH, size)
 
 
 @compiled
 def note_margin(kinks: Kinks, size: int, far: bool) -> None:
-    """Keep how far they are from their kinks, and on which side; or that some are not far."""
+    """Store the least distance from a kink and the common side; zeros if not all are `far`."""
     kinks.margin[0] = kinks.margin[1] = 0.0
     if far:
         kinks.margin[0] = least_of(kinks, _NEAREST, size)
@@ -252,7 +255,7 @@ def note_margin(kinks: Kinks, size: int, far: bool) -> None:
 
 @compiled
 def choose_law(kinks: Kinks, far: bool) -> None:
-    """Whether all connectors are springs of one stiffness in this step, and which."""
+    """Store the common stiffness if all connectors are alike in this step, else 0."""
     kinks.alike[0] = 0.0
     if far and kinks.margin[1] != 0.0:
         kinks.alike[0] = kinks.uniform[0 if kinks.margin[1] > 0.0 else 1]
@@ -261,7 +264,7 @@ def choose_law(kinks: Kinks, far: bool) -> None:
 
 @compiled
 def forget_crossings(kinks: Kinks, first: int, last: int) -> None:
-    """None acts in blocks first to last."""
+    """Clear all crossings of blocks first to last."""
     for block in range(first, last):
         for link in range(12):
             kinks.active[block, link] = 0
@@ -269,7 +272,7 @@ def forget_crossings(kinks: Kinks, first: int, last: int) -> None:
 
 @compiled
 def has_crossings(kinks: Kinks, block: int) -> bool:
-    """Whether some act on a block."""
+    """Check that at least one crossing acts on a block."""
     for link in range(12):
         if kinks.active[block, link] != 0:
             return True
@@ -278,7 +281,7 @@ def has_crossings(kinks: Kinks, block: int) -> bool:
 
 @compiled
 def keep_velocities(kinks: Kinks, state: State, s: int) -> None:
-    """Keep the velocities of a block before a kick."""
+    """Store the velocities of a block before a kick."""
     for k in range(3):
         store(kinks.before, k, s, load(state.linear_velocity, k, s))
         store(kinks.before, k + 3, s, load(state.angular_velocity, k, s))
@@ -288,7 +291,7 @@ def keep_velocities(kinks: Kinks, state: State, s: int) -> None:
 def stretch_of(
     kinks: Kinks, points: np.ndarray, stride: int, at: int, place: int, rest: Vector, h: float
 ) -> tuple[Vector, Vector, Vector]:
-    """Stretch, h times its rate and h^2 / 2 times its second derivative, all [m]."""
+    """Return stretch, h times its rate and h^2 / 2 times its second derivative, all [m]."""
     rates, seconds = kinks.rates, kinks.seconds
     ux = load_at(points, place) - load_at(points, at)
     uy = load_at(points, place + stride) - load_at(points, at + stride)
@@ -299,7 +302,7 @@ def stretch_of(
     ax = load_at(seconds, place) - load_at(seconds, at)
     ay = load_at(seconds, place + stride) - load_at(seconds, at + stride)
     az = load_at(seconds, place + 2 * stride) - load_at(seconds, at + 2 * stride)
-    length = sqrt(maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST)))
+    length = sqrt(maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE)))
     inverse = splat(1.0) / length
     rate = fma(ux, vx, fma(uy, vy, uz * vz)) * inverse
     second = fma(vx, vx, fma(vy, vy, vz * vz)) + fma(ux, ax, fma(uy, ay, uz * az))
@@ -309,13 +312,13 @@ def stretch_of(
 
 @inlined
 def value_of(c: Sextuple, x: Vector) -> Vector:
-    """A quintic at x."""
+    """Return the value of a quintic at x."""
     return fma(x, fma(x, fma(x, fma(x, fma(x, c[5], c[4]), c[3]), c[2]), c[1]), c[0])
 
 
 @inlined
 def slope_at(c: Sextuple, x: Vector) -> Vector:
-    """Its derivative."""
+    """Return the derivative of a quintic at x."""
     return fma(x, fma(x, fma(x, fma(
         x, splat(5.0) * c[5], splat(4.0) * c[4]), splat(3.0) * c[3]), c[2] + c[2]), c[1])
 
@@ -323,9 +326,9 @@ def slope_at(c: Sextuple, x: Vector) -> Vector:
 @inlined
 def crossing(c: Sextuple, low: Vector, high: Vector, sign: float) -> Vector:
     """
-    Where a quintic crosses zero between `low` and `high`: falling for the `sign` 1, rising for -1.
+    Return the zero of a quintic between `low` and `high`: falling for `sign` 1, rising for -1.
 
-    By Newton's method between bounds that close in. Lanes without a crossing give anything.
+    Newton's method with bounds that shrink. Lanes without a crossing return any number.
     """
     zero, half = splat(0.0), splat(0.5)
     turn, minus = splat(sign), splat(-1.0)
@@ -347,9 +350,10 @@ def crossing(c: Sextuple, low: Vector, high: Vector, sign: float) -> Vector:
 @inlined
 def moments_beyond(c: Sextuple) -> tuple[Vector, Vector]:
     """
-    Integrals of g and s g over the part of [0, 1] where the quintic g is negative.
+    Return integrals of g and s g over the subset of [0, 1] where the quintic g is negative.
 
-    g begins at 0 or above; zero where it is not negative at the middle or the end.
+    g begins at 0 or above; the integrals are zero if g is negative neither at the middle nor the
+    end.
     """
     zero, half, one = splat(0.0), splat(0.5), splat(1.0)
     middle, last = value_of(c, half), value_of(c, one)
@@ -374,9 +378,9 @@ def moments_beyond(c: Sextuple) -> tuple[Vector, Vector]:
 @inlined
 def moments_foretold(c: Sextuple) -> Four:
     """
-    Integrals of g, s g, s^2 g and s^3 g over the part of [0, 1] where g is negative.
+    Return integrals of g, s g, s^2 g, s^3 g over the subset of [0, 1] where g is negative.
 
-    Of a quadratic: the other coefficients are zero. As `moments_beyond`.
+    g is a quadratic: the other coefficients are zero. Otherwise as `moments_beyond`.
     """
     zero, half, one = splat(0.0), splat(0.5), splat(1.0)
     early, late = value_of(c, half) < zero, value_of(c, one) < zero
@@ -407,9 +411,10 @@ def moments_foretold(c: Sextuple) -> Four:
 @compiled
 def side_of(kinks: Kinks, links: Links, block: int, link: int, s: int) -> tuple[Vector, Vector]:
     """
-    Side of a connector where a step begins, and how much more the other side resists [N/m].
+    Return the side of a connector at the start of a step, and the jump of its slope [N/m].
 
-    1 where it is longer than by nature, else -1; no jump where there is no connector.
+    1 if the connector is longer than its natural length, else -1. The jump is how much stiffer the
+    other side is; it is 0 without a connector.
     """
     zero, one = splat(0.0), splat(1.0)
     longer = load(kinks.start, _STRETCH + link, s) > zero
@@ -423,9 +428,10 @@ def foretell(
     links: Links | None, kinks: Kinks, points: np.ndarray, h: float, block: int, s: int
 ) -> tuple[bool, Vector, Vector, Vector]:
     """
-    Choose the slopes of a step of `h` [s] for the connectors of a block, and foretell crossings.
+    Choose the slopes of a step of `h` [s] for the connectors of a block, and predict crossings.
 
-    Whether any is foretold; the least distance from a kink, the least and the largest stretch [m].
+    Return True if a crossing is predicted; the least distance from a kink, the least and the
+    largest stretch [m].
     """
     found = False
     nearest, lowest, highest = splat(FAR_AWAY), splat(FAR_AWAY), splat(-FAR_AWAY)
@@ -463,7 +469,7 @@ def foretell(
 
 @inlined
 def store_forces(kinks: Kinks, mu: Four, jump: Vector, link: int, s: int) -> None:
-    """The cubic in time, of the tension that a crossing adds [N], with given moments."""
+    """Store the cubic in time of the tension that a crossing adds [N], from its four moments."""
     for k in range(4):
         row = _CUBIC[k]
         value = fma(splat(row[0]), mu[0], splat(row[1]) * mu[1])
@@ -476,9 +482,9 @@ def account(
     links: Links | None, kinks: Kinks, points: np.ndarray, h: float, block: int, s: int
 ) -> bool:
     """
-    Impulses [N s] that a step of `h` [s] still lacks: at its end, and half a step before it.
+    Store the impulses [N s] that a step of `h` [s] lacks: at its end, and half a step before it.
 
-    For the connectors of a block, now that the end is known. Whether there are any.
+    For the connectors of a block, once the end is known. Return True if there are any.
     """
     found = False
     if links is None:
@@ -494,7 +500,7 @@ def account(
         curve = load(kinks.start, _CURVE + link, s)
         d = side * (e - first - rate - curve)
         v, a = side * (v - rate - curve - curve), side * (a - curve)
-        # With a half of the second derivative.
+        # v, a: differences of the rate and of half the second derivative.
         c = (
             side * first, side * rate, side * curve,
             fma(splat(10.0), d, a - splat(4.0) * v),
@@ -511,7 +517,7 @@ def account(
             jump = side * jump
             impulse, moment = jump * mu[0], jump * (mu[0] - mu[1])
         if kinks.active[block, link] != 0:
-            # What has acted: impulse, and impulse times the time that is left.
+            # Subtract what has acted: impulse, and impulse times the remaining time.
             for k in range(4):
                 force = load(kinks.forces, 12 * k + link, s)
                 impulse = fma(splat(-1.0 / (k + 1)), force, impulse)
@@ -530,9 +536,9 @@ def strike(
     block: int, s: int
 ) -> None:
     """
-    Impulses along the connectors of a block: `h` times those in the rows from `row` on.
+    Apply impulses along the active connectors of a block: `h` times those in rows from `row` on.
 
-    Of its active connectors; where they are now.
+    The connectors act along their present directions.
     """
     force = impulses(model.links, kinks, work.points, state.position, row, h, block, s)
     a = accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s)
@@ -547,7 +553,7 @@ def impulses(
     links: Links | None, kinks: Kinks, points: np.ndarray, position: np.ndarray, row: int,
     h: float, block: int, s: int
 ) -> Sextuple:
-    """Impulse [N s] and angular impulse about the centre [N m s] on a block."""
+    """Return impulse [N s] and angular impulse about the centre [N m s] on a block."""
     zero = splat(0.0)
     fx, fy, fz, tx, ty, tz = zero, zero, zero, zero, zero, zero
     if links is None:
@@ -561,7 +567,7 @@ def impulses(
         pz = load_at(points, at + 2 * stride)
         ux, uy = load_at(points, place) - px, load_at(points, place + stride) - py
         uz = load_at(points, place + 2 * stride) - pz
-        square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+        square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
         pull = factor * load(kinks.forces, row + link, s) * rsqrt(square)
         pull = where(bits(links.present[block, link]), pull, zero)
         ax, ay, az = pull * ux, pull * uy, pull * uz

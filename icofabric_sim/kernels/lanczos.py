@@ -4,8 +4,8 @@
 The recurrence of Lanczos for M^-1/2 H M^-1/2, H the Hessian of a configuration (hessian.py).
 
 Vectors are (6, s) arrays, slots last, scaled by the roots of mass and inertia. Scalar products are
-added up over groups of blocks, and the groups in their order, as in figures.py: ranks that have
-whole groups come to the same bits.
+added up over groups of blocks, and the groups in their order, as in figures.py. Ranks that have
+whole groups therefore get bit-identical results.
 """
 
 import math
@@ -29,14 +29,14 @@ def lanczos_steps(
     weights: np.ndarray
 ) -> None:
     """
-    Steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
+    Take steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
 
-    `own` and `pairs`: what single bodies and pairs of them (anchors, loads, contacts) add to it;
-    `coulomb`: charges that do. `sums` is room for a number of each group of `size` blocks.
-    `current` is the unit vector of step `first`, `previous` that before it (zero at the start);
-    both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples
-    steps i and i + 1. Where `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of
-    step i is added to them.
+    `own` and `pairs`: second derivatives of single bodies and pairs of bodies (anchors, loads,
+    contacts); `coulomb`: charges. `sums` holds a number for each group of `size` blocks. `current`
+    is the unit vector of step `first`, `previous` that before it (zero at the start); both are
+    overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples steps i and
+    i + 1. If `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of step i is added
+    to them.
     """
     root_m, root_i = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
     blocks, count, groups = model.blocks, model.blocks.slot.shape[0], sums.shape[0]
@@ -74,7 +74,7 @@ def add_shapes(
 
 @compiled
 def added_up(sums: np.ndarray) -> float:
-    """The sum of numbers in their order."""
+    """Return the sum of numbers in their order."""
     total = 0.0
     for group in range(sums.shape[0]):
         total += sums[group]
@@ -86,7 +86,9 @@ def note_products(
     blocks: Blocks, left: np.ndarray, right: np.ndarray, sums: np.ndarray, size: int, first: int,
     last: int, end: int
 ) -> None:
-    """Scalar products over groups first to last of `size` blocks, none from block `end` on."""
+    """
+    Add up scalar products over groups first to last of `size` blocks, none from block `end` on.
+    """
     for group in range(first, last):
         total = splat(0.0)
         for block in range(group * size, min(group * size + size, end)):
@@ -101,7 +103,7 @@ def subtract(
     blocks: Blocks, alpha: float, current: np.ndarray, beta: float, previous: np.ndarray,
     product: np.ndarray, sums: np.ndarray, size: int, first: int, last: int, end: int
 ) -> None:
-    """Product - alpha current - beta previous, in place; its squares over groups, likewise."""
+    """Compute product - alpha current - beta previous, in place; sum its squares over groups."""
     a, b = splat(-alpha), splat(-beta)
     for group in range(first, last):
         total = splat(0.0)
@@ -120,7 +122,9 @@ def shift(
     blocks: Blocks, scale: float, previous: np.ndarray, current: np.ndarray, product: np.ndarray,
     first: int, last: int
 ) -> None:
-    """The next vector, scale times the product, and the one before it, of blocks first to last."""
+    """
+    Store the next vector, `scale` times the product, and the present one, of blocks first to last.
+    """
     factor = splat(scale)
     for block in range(first, last):
         s = blocks.slot[block]

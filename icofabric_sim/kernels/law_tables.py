@@ -3,13 +3,14 @@
 """
 Connectors whose tension follows a table.
 
-Connectors of one law share its pieces, which stay in the fastest cache. Where all follow one
-table, each vector of connectors remembers two pieces side by side that hold the lengths of all
-lanes, which choose between them. What is remembered changes no result: a length has one piece.
+Connectors of one law share its intervals, which stay in the fastest cache. If all follow one
+table, each vector of connectors stores two adjacent intervals that contain the lengths of all
+lanes, and each lane chooses between them. The stored intervals change no result: a length has one
+interval.
 
-Else the range of a table is divided into bins of one width: the piece of a length is found by one
-product, what is known of its bin and one comparison. Bins with more than one bound, and those that
-reach beyond the ends of the table, are marked: their lengths are looked up by bisection.
+Else the range of a table is divided into bins of one width. The interval of a length is found by
+one product, the entry of its bin and one comparison. Bins with more than one bound, and those that
+reach beyond the ends of the table, are marked: their lengths are located by bisection.
 """
 
 from typing import Any
@@ -30,13 +31,13 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 
-# Numbers of a piece and of a table: see `LawTables`.
+# Number of entries of an interval and of a table: see `LawTables`.
 ROW_SIZE, HEAD_SIZE = 8, 8
 
 
 @compiled
 def row_of(tables: LawTables, number: int, length: float) -> int:
-    """Return the row of the piece of a table for a `length` [m]."""
+    """Return the row of the interval of a table for a `length` [m]."""
     head = HEAD_SIZE * number
     low, high = int(tables.heads[head + 4]), int(tables.heads[head + 5])
     while low < high:
@@ -52,7 +53,7 @@ def row_of(tables: LawTables, number: int, length: float) -> int:
 
 @compiled
 def search_rows(tables: LawTables, link: int, s: int, length: Vector) -> Vector:
-    """Return the rows of all lanes' pieces by bisection."""
+    """Return the rows of all lanes' intervals by bisection."""
     result = splat(0.0)
     for i in range(LANES):
         number = int(tables.number[link, s + i])
@@ -63,14 +64,14 @@ def search_rows(tables: LawTables, link: int, s: int, length: Vector) -> Vector:
 
 @compiled
 def remember_near(tables: LawTables, link: int, s: int, length: Vector) -> int:
-    """Remember and return where two pieces that hold all lanes begin, as `LawTables.near`."""
+    """Store and return the start of two intervals that contain all lanes, as `LawTables.near`."""
     first, last = int(tables.heads[4]), int(tables.heads[5])
     lowest, highest = last, first
     for i in range(LANES):
         if tables.number[link, s + i] >= 0.0:
             row = row_of(tables, 0, lane(length, i))
             lowest, highest = min(lowest, row), max(highest, row)
-    # Without those beyond the ends of the table, which are to be noted each time.
+    # Lengths beyond the ends of the table are excluded, because each of them must be recorded.
     lower = min(lowest, last - 2)
     near = ROW_SIZE * lower if lower > first and highest <= lower + 1 else -1
     tables.near[LINK_COUNT * (s >> 2) + link] = near
@@ -80,9 +81,9 @@ def remember_near(tables: LawTables, link: int, s: int, length: Vector) -> int:
 @inlined
 def find_rows(tables: LawTables, link: int, s: int, length: Vector, there: Any) -> Vector:
     """
-    Return the rows of the pieces of connectors for a `length` [m].
+    Return the rows of the intervals of connectors for a `length` [m].
 
-    Lanes outside the mask `there` get a piece of any table.
+    Lanes outside the mask `there` get an interval of any table.
     """
     zero, heads = splat(0.0), tables.heads
     number = maximum(load(tables.number, link, s), zero)
@@ -96,7 +97,7 @@ def find_rows(tables: LawTables, link: int, s: int, length: Vector, there: Any) 
 def binned_rows(
     tables: LawTables, link: int, s: int, length: Vector, place: Vector, there: Any
 ) -> Vector:
-    """Return the same from the `place` of each length among the bins."""
+    """Return the rows of the intervals from the `place` of each length among the bins."""
     bound, row = load_pair(tables.bins, place, 2, 0)
     if any_lane(where(there, bound, splat(0.0)) < splat(0.0)):
         return search_rows(tables, link, s, length)
@@ -111,7 +112,7 @@ def clipped(place: Vector, last: Vector) -> Vector:
 
 @inlined
 def tension_in(tables: LawTables, row: Vector, length: Vector) -> Vector:
-    """Return the tension [N] by pieces of any rows."""
+    """Return the tension [N] by intervals in any rows."""
     anchor, f = load_pair(tables.rows, row, ROW_SIZE, 1)
     d, c = load_pair(tables.rows, row, ROW_SIZE, 3)
     b, _ = load_pair(tables.rows, row, ROW_SIZE, 5)
@@ -121,7 +122,7 @@ def tension_in(tables: LawTables, row: Vector, length: Vector) -> Vector:
 
 @inlined
 def tension_near(rows: Any, near: int, length: Vector) -> Vector:
-    """Return the tension [N] by two pieces side by side."""
+    """Return the tension [N] by two adjacent intervals."""
     high = near + ROW_SIZE
     is_high = splat(rows[high]) < length
     t = length - where(is_high, splat(rows[high + 1]), splat(rows[near + 1]))
@@ -136,7 +137,7 @@ def tension_near(rows: Any, near: int, length: Vector) -> Vector:
 def tabled_factor(
     tables: LawTables, variety: Variety | None, link: int, s: int, square: Vector, there: Any
 ) -> Vector:
-    """Tension over length [N/m] of a connector of squared length `square`, table or spring."""
+    """Return tension over length [N/m] of a connector by its table, or as a spring."""
     inverse = rsqrt(square)
     length = square * inverse
     if tables.is_alike:
@@ -160,7 +161,7 @@ def tabled_factor(
 def mixed_factor(
     tables: LawTables, variety: Variety, link: int, s: int, length: Vector, inverse: Vector
 ) -> Vector:
-    """The same where not all connectors follow one table."""
+    """Return tension over length [N/m] if not all connectors follow one table."""
     rest = load(variety.natural_length, link, s)
     k = where(
         length > rest, load(variety.extension, link, s), load(variety.compression, link, s))
@@ -171,7 +172,7 @@ def mixed_factor(
 def tabled_pull(
     tables: LawTables | None, link: int, s: int, length: Vector, pull: Vector
 ) -> Vector:
-    """Tension [N] of a connector; `pull` without table."""
+    """Return the tension [N] of a connector by its table; `pull` without a table."""
     if tables is None:
         return pull
     else:
@@ -184,7 +185,9 @@ def tabled_pull(
 def tabled_slope(
     tables: LawTables | None, link: int, s: int, length: Vector, slope: Vector
 ) -> Vector:
-    """Slope of the tension [N/m] of a connector; `slope` without table."""
+    """
+    Return the slope of the tension [N/m] of a connector by its table; `slope` without a table.
+    """
     if tables is None:
         return slope
     else:
@@ -202,9 +205,10 @@ def tabled_energy(
     tables: LawTables | None, link: int, s: int, length: Vector, energy: Vector
 ) -> Vector:
     """
-    Energy [J] of a connector; `energy` without table.
+    Return the energy [J] of a connector by its table; `energy` without a table.
 
-    Health checks ask for it, so pieces that hold all lanes are looked for again.
+    Health checks call this function, so it also searches again for intervals that contain all
+    lanes.
     """
     if tables is None:
         return energy

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-External wrenches on bodies: what they add to the velocities, and the work that they do.
+External wrenches on bodies: their effect on velocities, and their work.
 
 Functions of one row, without branches: the loops over rows are in their callers. A compiled
 function with a loop counts the references of all its arrays at every call, which takes ten times
-as long as what it computes.
+as long as the computation itself.
 """
 
 from icofabric_sim.kernels.profiles import (
@@ -49,8 +49,8 @@ def kick_load(
     """
     Add h F / M and h N / Lambda of row `m` to velocities of a block.
 
-    The force acts at its point, the torque adds to the moment of the force. `h` [s] is with the
-    factor of the profile in it.
+    The force acts at its point, the torque adds to the moment of the force. `h` [s] includes the
+    factor of the profile.
     """
     force, torque = wrench_of_row(loads.tractions, loads, orientation, m, s)
     keep_wrench(loads.tractions, loads, m, force, torque)
@@ -62,7 +62,7 @@ def kick_load_again(
     model: Model, loads: Loads, orientation: np.ndarray, velocity: np.ndarray, spin: np.ndarray,
     m: int, s: int, h: float
 ) -> None:
-    """The same, directly after a `kick_load` of this row at the same orientations."""
+    """Add a second kick directly after a `kick_load` of this row at the same orientations."""
     force, torque = kept_wrench(loads.tractions, loads, orientation, m, s)
     kick_by(model, loads, velocity, spin, m, s, h, force, torque)
 
@@ -71,7 +71,7 @@ def kick_load_again(
 def keep_wrench(
     tractions: Tractions | None, loads: Loads, m: int, force: Three, torque: Three
 ) -> None:
-    """Keep the wrench of a surface force, which is a sum of many numbers."""
+    """Store the wrench of a surface force, which is a sum of many numbers."""
     if tractions is None:
         return
     else:
@@ -86,7 +86,9 @@ def keep_wrench(
 def kept_wrench(
     tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
 ) -> tuple[Three, Three]:
-    """Force [N] and torque [N m] that `keep_wrench` has kept; of other loads they are computed."""
+    """
+    Return force [N] and torque [N m] that `keep_wrench` stored; compute those of other loads.
+    """
     if tractions is None:
         return wrench_of(loads, orientation, loads.wrench[m], s)
     else:
@@ -101,7 +103,7 @@ def kick_by(
     model: Model, loads: Loads, velocity: np.ndarray, spin: np.ndarray, m: int, s: int, h: float,
     force: Three, torque: Three
 ) -> None:
-    """Add what a force [N] and a torque [N m] of row `m` give in `h` [s]."""
+    """Add the velocity changes of a force [N] and a torque [N m] of row `m` over `h` [s]."""
     mx, my, mz, inertia = inverses(
         model.supports, model.inverse_mass, model.inverse_inertia, s)
     step = where(bits(loads.lanes[m]), splat(h), splat(0.0))
@@ -118,7 +120,7 @@ def kick_by(
 def inverses(
     supports: Supports | None, inverse_mass: float, inverse_inertia: float, s: int
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Inverse masses along x, y, z [1/kg] and inverse inertias [1/(kg m^2)] of a block."""
+    """Return inverse masses along x, y, z [1/kg] and inverse inertias [1/(kg m^2)] of a block."""
     if supports is None:
         mass = splat(inverse_mass)
         return mass, mass, mass, splat(inverse_inertia)
@@ -133,9 +135,9 @@ def wrench_of_row(
     tractions: Tractions | None, loads: Loads, orientation: np.ndarray, m: int, s: int
 ) -> tuple[Three, Three]:
     """
-    Force [N] and torque about the centre [N m] of row `m` on a block, world frame.
+    Return force [N] and torque about the centre [N m] of row `m` on a block, world frame.
 
-    But for the factor of its profile.
+    The factor of its profile is not included.
     """
     if tractions is None:
         return wrench_of(loads, orientation, loads.wrench[m], s)
@@ -150,9 +152,9 @@ def wrench_of_row(
 @compiled
 def wrench_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> tuple[Three, Three]:
     """
-    Force [N] and torque about the centre [N m] of a wrench on a block, world frame.
+    Return force [N] and torque about the centre [N m] of a wrench on a block, world frame.
 
-    But for the factor of its profile.
+    The factor of its profile is not included.
     """
     turning = bits(loads.turning[w])
     fx, fy, fz = splat(loads.force[w, 0]), splat(loads.force[w, 1]), splat(loads.force[w, 2])
@@ -168,7 +170,7 @@ def wrench_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> tuple[Th
 
 @compiled
 def point_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> Three:
-    """Where a wrench acts, from the centres of a block [m], world frame."""
+    """Return the point of attack of a wrench, from the centres of a block [m], world frame."""
     return turn_to_world(
         orientation, s, splat(loads.point[w, 0]), splat(loads.point[w, 1]),
         splat(loads.point[w, 2]))
@@ -177,9 +179,9 @@ def point_of(loads: Loads, orientation: np.ndarray, w: int, s: int) -> Three:
 @compiled
 def work_load(loads: Loads, state: State, m: int, s: int, h: float, factors: Five) -> None:
     """
-    Add the work [J] of row `m` on a block over a drift of `h` [s], before it moves.
+    Add the work [J] of row `m` on a block over a drift of `h` [s], before the block moves.
 
-    `factors`: what its profile multiplies it by in that time, see `factors_over`.
+    `factors`: values of its profile during the drift, see `factors_over`.
     """
     power = mean_power_of_row(loads.tractions, loads, state, m, s, h, factors)
     done = load_at(loads.work, LANES * m)
@@ -192,7 +194,7 @@ def mean_power_of_row(
     tractions: Tractions | None, loads: Loads, state: State, m: int, s: int, h: float,
     factors: Five
 ) -> Vector:
-    """Mean power [W] of row `m` on a block over a drift of `h` [s]."""
+    """Return the mean power [W] of row `m` on a block over a drift of `h` [s]."""
     if tractions is None:
         return mean_power(loads.varying, loads, state, loads.wrench[m], s, h, factors)
     else:
@@ -208,9 +210,9 @@ def mean_power(
     varying: Varying | None, loads: Loads, state: State, w: int, s: int, h: float, factors: Five
 ) -> Vector:
     """
-    Mean power [W] of a wrench on a block over a drift.
+    Return the mean power [W] of a wrench on a block over a drift.
 
-    Exact where the wrench is steady; else by a Gauss rule of order 10, beyond that of any method.
+    Exact for a steady wrench; else by a Gauss rule of order 10, beyond that of any method.
     """
     if varying is None:
         return mean_power_steady(loads, state, w, s, h)
@@ -230,7 +232,9 @@ def mean_power(
 def power_after(
     loads: Loads, state: State, w: int, s: int, later: float, factor: float
 ) -> Vector:
-    """Power [W] of a wrench, times its `factor` then, on a block after `later` [s] of flight."""
+    """
+    Return the power [W] of a wrench on a block after `later` [s] of flight, times its `factor`.
+    """
     velocity, spin = state.linear_velocity, state.angular_velocity
     ox, oy, oz = load(spin, 0, s), load(spin, 1, s), load(spin, 2, s)
     cosine, sine = half_angle_factors(later, ox, oy, oz)
@@ -240,7 +244,7 @@ def power_after(
     fx, fy, fz = turned(turn_to_world(state.orientation, s, gx, gy, gz), cosine, ux, uy, uz)
     fx, fy, fz = where(turning, fx, gx), where(turning, fy, gy), where(turning, fz, gz)
     px, py, pz = turned(point_of(loads, state.orientation, w, s), cosine, ux, uy, uz)
-    # A torque that turns about omega keeps its part along it.
+    # A torque that turns about omega keeps its component along omega.
     hx, hy, hz = splat(loads.torque[w, 0]), splat(loads.torque[w, 1]), splat(loads.torque[w, 2])
     tx, ty, tz = turn_to_world(state.orientation, s, hx, hy, hz)
     tx, ty, tz = where(turning, tx, hx), where(turning, ty, hy), where(turning, tz, hz)
@@ -254,11 +258,12 @@ def power_after(
 @compiled
 def mean_power_steady(loads: Loads, state: State, w: int, s: int, h: float) -> Vector:
     """
-    Mean power [W] of a steady wrench on a block over a drift of `h`.
+    Return the mean power [W] of a steady wrench on a block over a drift of `h`.
 
     Exact: the body moves at constant v and turns at constant omega. A wrench that turns with it
-    keeps its moment about omega, and its force turns by omega t; one that does not turn has the
-    power F . v + N . omega + F . d/dt p, where d/dt p = omega x p turns with the body as p does.
+    keeps its moment about omega, and its force turns by omega t. A wrench that does not turn has
+    the power F . v + N . omega + F . d/dt p, where d/dt p = omega x p turns with the body as p
+    does.
     """
     velocity, spin = state.linear_velocity, state.angular_velocity
     turning = bits(loads.turning[w])
@@ -268,7 +273,7 @@ def mean_power_steady(loads: Loads, state: State, w: int, s: int, h: float) -> V
     fx, fy, fz = force
     px, py, pz = point_of(loads, state.orientation, w, s)
     cx, cy, cz = oy * pz - oz * py, oz * px - ox * pz, ox * py - oy * px
-    # What turns: the force, or d/dt p.
+    # The vector that turns: the force, or d/dt p.
     mx, my, mz = mean_of_turning(
         where(turning, fx, cx), where(turning, fy, cy), where(turning, fz, cz), ox, oy, oz, h)
     with_body = fma(mx, vx, fma(my, vy, mz * vz))
@@ -281,12 +286,12 @@ def mean_power_steady(loads: Loads, state: State, w: int, s: int, h: float) -> V
 
 @inlined
 def has_rows(loads: Loads) -> bool:
-    """Whether anything acts."""
+    """Check that there is at least one load."""
     return loads.wrench.shape[0] != 0
 
 
 @compiled
 def keep_work(loads: Loads, first: int, last: int) -> None:
-    """Note the work so far, to come back to."""
+    """Store the work so far, to restore if a step is rejected."""
     for m in range(loads.start[first], loads.start[last]):
         store_at(loads.earlier_work, LANES * m, load_at(loads.work, LANES * m))

@@ -11,7 +11,9 @@ from icofabric_sim.kernels.runtime.lanes import load, splat, Vector
 def masses_of(
     masses: Masses | None, inverse_mass: float, inverse_inertia: float, s: int
 ) -> tuple[Vector, Vector]:
-    """Masses [kg] and inertias [kg m^2] of a block; `inverse_mass` and the other are of all."""
+    """
+    Return masses [kg] and inertias [kg m^2] of a block; the inverse ones are those of all bodies.
+    """
     if masses is None:
         return splat(1.0 / inverse_mass), splat(1.0 / inverse_inertia)
     else:
@@ -22,7 +24,7 @@ def masses_of(
 def mass_at(
     masses: Masses | None, inverse_mass: float, inverse_inertia: float, s: int
 ) -> tuple[float, float]:
-    """The same of one slot."""
+    """Return mass [kg] and inertia [kg m^2] of the body in one slot."""
     if masses is None:
         return 1.0 / inverse_mass, 1.0 / inverse_inertia
     else:
@@ -33,7 +35,7 @@ def mass_at(
 def largest_of(
     masses: Masses | None, inverse_mass: float, inverse_inertia: float
 ) -> tuple[float, float]:
-    """The largest mass [kg] and inertia [kg m^2]."""
+    """Return the largest mass [kg] and inertia [kg m^2]."""
     if masses is None:
         return 1.0 / inverse_mass, 1.0 / inverse_inertia
     else:
@@ -44,7 +46,7 @@ def largest_of(
 def units_of(
     masses: Masses | None, inverse_mass: float, inverse_inertia: float
 ) -> tuple[float, float]:
-    """What sums weighted by `weights_of` are multiplied by."""
+    """Return the factors of sums that are weighted by `weights_of`."""
     if masses is None:
         return 1.0 / inverse_mass, 1.0 / inverse_inertia
     else:
@@ -53,7 +55,7 @@ def units_of(
 
 @compiled
 def weights_of(masses: Masses | None, s: int) -> tuple[Vector, Vector]:
-    """Masses and inertias of a block in these units: 1 where all are alike."""
+    """Return masses and inertias of a block in the units of `units_of`: 1 if all are alike."""
     if masses is None:
         return splat(1.0), splat(1.0)
     else:

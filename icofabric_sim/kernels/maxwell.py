@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Maxwell arms of connectors: a spring and a dashpot in series, beside the connector's own law.
+Maxwell arms of connectors: a spring and a dashpot in series, parallel to the connector's own law.
 
-With its own spring a connector is a standard linear solid (Zener 1948): soft when it is deformed
-slowly, stiffer when fast, and in between it takes energy. The spring of an arm, of stiffness k_1,
-rests at a length q that is part of the state and creeps towards the length l of the connector:
+With its own spring a connector is a standard linear solid (Zener 1948): soft in slow deformations,
+stiffer in fast ones, dissipative in between. The spring of an arm, of stiffness k_1, has a rest
+length q, which is part of the state and creeps towards the length l of the connector:
 
     tension k_1 (l - q),    dq/dt = (l - q) / tau.
 
-An arm holds k_1 (l - q)^2 / 2 and takes k_1 (l - q)^2 / tau. Lengths are the same seen from either
-end to the last bit, so both ends keep a q of their own, and these stay equal.
+An arm stores k_1 (l - q)^2 / 2 and dissipates k_1 (l - q)^2 / tau. Lengths are bit-identical from
+either end, so each end stores its own q, and both stay equal.
 """
 
 from icofabric_sim.kernels.records import Links, Maxwell, Model
@@ -31,7 +31,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.viscous import add_force, coefficient_of
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
@@ -41,10 +41,10 @@ def add_maxwell(
     spent: Vector
 ) -> Vector:
     """
-    Add the pulls of the arms of a block to the slopes of velocity and spin, which end at `row`.
+    Add the forces of the arms of a block to the slopes of velocity and spin, which end at `row`.
 
-    Slopes of the rest lengths come after these. Returns all power [W] that is taken with theirs:
-    half of what each takes counts for either end.
+    Slopes of the rest lengths come after these. Return `spent` plus the dissipated power [W]: half
+    of that of each arm counts for either end.
     """
     if maxwell is None:
         return spent
@@ -66,7 +66,7 @@ def add_maxwell(
             place = links.place[block, link]
             ux, uy = load_at(points, place) - qx, load_at(points, place + stride) - qy
             uz = load_at(points, place + 2 * stride) - qz
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
             inverse = rsqrt(square)
             stretch = where(
                 bits(links.present[block, link]), square * inverse - load(rest, link, s), zero)
@@ -94,7 +94,7 @@ def maxwell_look(
     rest: np.ndarray | None, points: np.ndarray, stride: int, block: int, s: int
 ) -> tuple[Vector, Vector]:
     """
-    What the arms of a block add to the bound of the squared frequency [1/s^2]; energy [J].
+    Return what arms of a block add to the bound of the squared frequency [1/s^2]; energy [J].
 
     The bound is that of `block_bound` with (n . du)^2 <= |du|^2. Half of the energy of each arm
     counts for either end.
@@ -117,7 +117,7 @@ def maxwell_look(
             ux = load_at(points, place) - load_at(points, at)
             uy = load_at(points, place + stride) - load_at(points, at + stride)
             uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
             inverse = rsqrt(square)
             stretch = where(there, square * inverse - load(rest, link, s), zero)
             k = coefficient_of(maxwell.own_stiffness, maxwell.stiffness, link, s)

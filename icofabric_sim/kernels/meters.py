@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Energies that flow into or out of the bodies, summed up from their powers at Runge-Kutta stages.
+Energies that flow into or out of the bodies, integrated from their powers at Runge-Kutta stages.
 """
 
 from icofabric_sim.kernels.records import Meter
@@ -12,7 +12,7 @@ import numpy as np
 
 @compiled
 def note_flow(meter: Meter | None, index: int, s: int, power: Vector) -> None:
-    """Power [W] of a block at a stage."""
+    """Store the power [W] of a block at a stage."""
     if meter is None:
         return
     store(meter.power, index, s, power)
@@ -23,9 +23,9 @@ def add_flow(
     meter: Meter | None, slot: np.ndarray, h: float, weights: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Add what flowed in a step [J], the weighted sum of its powers, for blocks first to last.
+    Add the energy [J] of a step, the weighted sum of its powers, for blocks first to last.
 
-    It is kept as the step's start has it, too.
+    The energy at the start of the step is stored too.
     """
     if meter is None:
         return
@@ -41,7 +41,7 @@ def add_flow(
 
 @compiled
 def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> None:
-    """The powers at the end of a step are those at the start of the next."""
+    """Copy the powers at the end of a step to the start of the next."""
     if meter is None:
         return
     for block in range(first, last):
@@ -51,7 +51,7 @@ def repeat_flow(meter: Meter | None, slot: np.ndarray, first: int, last: int) ->
 
 @compiled
 def flowed_in(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> float:
-    """What flowed so far [J] at the bodies of blocks first to last."""
+    """Return the energy so far [J] at the bodies of blocks first to last."""
     total = 0.0
     if meter is None:
         return total
@@ -63,7 +63,7 @@ def flowed_in(meter: Meter | None, slot: np.ndarray, first: int, last: int) -> f
 
 @compiled
 def flowed(meter: Meter | None) -> float:
-    """All that flowed so far [J]."""
+    """Return the energy so far [J] of all bodies."""
     total = 0.0
     if meter is None:
         return total

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What bending and twisting add to the energy of a block, and to the bound of its frequency."""
+"""Energies of bending and twisting of a block, and their bounds of its frequency."""
 
 import math
 
@@ -26,7 +26,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 # Largest of (2 + 2 cos phi + sin phi) / 2 over all angles, (2 + sqrt 5) / 2.
 _TWIST = 0.5 * (2.0 + math.sqrt(5.0))
 # Largest |d''| l^2 / |u'|^2 of the unit vector d of u: sqrt(p (4 - 3 p)) at p = 2/3, twice for
@@ -40,7 +40,7 @@ def bending_look(
     position: np.ndarray, orientation: np.ndarray, points: np.ndarray, block: int, s: int
 ) -> tuple[Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] that bending alone gives to a block; its energy [J].
+    Return the bound of the squared frequency [1/s^2] by bending alone of a block; its energy [J].
 
     With E = kappa |n - d|^2 / 2 for each end, E'' = kappa |n' - d'|^2 + kappa (n - d) . (n'' -
     d''). In the first term n' - d' = x_1 - y_2, with x_1 = dtheta_1 x n + P du_1 / l of the own
@@ -71,7 +71,7 @@ def bending_look(
                 bending.stiffness, bending.variety, links.present[block, link], link, s)
             ux, uy = load_at(points, place) - px, load_at(points, place + stride) - py
             uz = load_at(points, place + 2 * stride) - pz
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
             inverse = rsqrt(square)
             d = (ux * inverse, uy * inverse, uz * inverse)
             other = since_woven(
@@ -82,7 +82,7 @@ def bending_look(
             bent = fma(ex, ex, fma(ey, ey, ez * ez))
             far = fma(mx, mx, fma(my, my, mz * mz))
             energy = fma(kappa, bent, energy)
-            # What is left away from the woven state.
+            # Terms that vanish in the woven state.
             bent = sqrt(bent)
             both = bent + sqrt(far)
             arm = fma(sx, sx, fma(sy, sy, sz * sz))
@@ -119,7 +119,7 @@ def twisting_look(
     block: int, s: int
 ) -> tuple[Vector, Vector]:
     """
-    Bound of the squared frequency [1/s^2] that twisting alone gives to a block; its energy [J].
+    Return the bound of the squared frequency [1/s^2] by twisting alone of a block; its energy [J].
 
     E'' = kappa / 2 (tr Q |b|^2 - b . Q b + dtheta_1 . (Q - Q^T) dtheta_2) with b = dtheta_1 -
     dtheta_2. tr Q - Q has no larger eigenvalue than 1 + cos phi in its symmetric part, and the
@@ -159,7 +159,9 @@ def gram(
 
 @compiled
 def largest_row(b: tuple[Vector, ...]) -> Vector:
-    """Largest absolute row sum of such a matrix, whose diagonal is not negative."""
+    """
+    Return the largest absolute row sum of a matrix of `gram`, whose diagonal is not negative.
+    """
     b1, b2, b3, b4, b5 = fabs(b[1]), fabs(b[2]), fabs(b[3]), fabs(b[4]), fabs(b[5])
     b7, b8, b9, b10 = fabs(b[7]), fabs(b[8]), fabs(b[9]), fabs(b[10])
     b12, b13, b14 = fabs(b[12]), fabs(b[13]), fabs(b[14])

@@ -3,8 +3,8 @@
 """
 Second derivatives of the energies of bending and twisting along small motions.
 
-The configuration is x + dx, exp(dtheta) R, as in kernels/hessian.py; seen from either end, which
-is then the first.
+The configuration is x + dx, exp(dtheta) R, as in kernels/hessian.py. Either end counts as the
+first for its own body.
 """
 
 from icofabric_sim.kernels.connectors import Six
@@ -15,24 +15,24 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, load, load_at, rsqrt, splat, Vector, where
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
 def cross(a: Three, b: Three) -> Three:
-    """Cross product."""
+    """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
 def inner(a: Three, b: Three) -> Vector:
-    """Scalar product."""
+    """Return the scalar product."""
     return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
 
 
 @compiled
 def turned_twice(turn: Three, arm: Three, along: Three) -> Three:
-    """Half the gradient over `turn` of along . [turn x (turn x arm)]."""
+    """Return half the gradient over `turn` of along . [turn x (turn x arm)]."""
     half = splat(0.5)
     first, second, third = half * inner(turn, arm), half * inner(turn, along), inner(along, arm)
     return (
@@ -51,8 +51,8 @@ def add_bending_product(
 
     With a = du_2 - du_1, w = n + m (see `add_bending`), w' = dtheta_1 x n + dtheta_2 x m, P = 1 -
     d d^T, b = P w / l: of E = -kappa w . d, G a = kappa / l [d (b . a) + b (d . a) + (w . d) / l
-    P a], g = G a - kappa / l P w'. The own rows are -g and -s x g - kappa / l n x P a, and what
-    the second derivatives of the arm s (with the force -kappa b) and of n (with -kappa d) add.
+    P a], g = G a - kappa / l P w'. The own rows are -g and -s x g - kappa / l n x P a, plus the
+    second derivatives of the arm s (with the force -kappa b) and of n (with -kappa d).
     """
     if bending is None:
         return total
@@ -81,7 +81,7 @@ def add_bending_product(
                 p[0] - load(position, 0, s), p[1] - load(position, 1, s),
                 p[2] - load(position, 2, s))
             square = inner(u, u)
-            far = square > splat(_SMALLEST)
+            far = square > splat(_SMALLEST_SQUARE)
             kappa = where(far, kappa, zero)
             inverse = where(far, rsqrt(where(far, square, one)), zero)
             d = (u[0] * inverse, u[1] * inverse, u[2] * inverse)

@@ -3,11 +3,11 @@
 """
 Connectors that also resist bending at their ends, and twisting of their two bodies.
 
-Bending: kappa_b (1 - n . d) at each end, d the unit vector of the connector and n where it
-pointed in the woven fabric, fixed in the body. Twisting: kappa_t (1 - cos phi), phi the angle of
-the rotation of one body against the other since then, 1 - cos phi = (3 - tr Q) / 2. Both are
-smooth for any rotation but where a connector has no length, and like springs computed from either
-end with opposite forces.
+Bending: kappa_b (1 - n . d) at each end, with d the unit vector of the connector and n its
+direction in the woven fabric, fixed in the body. Twisting: kappa_t (1 - cos phi), with phi the
+angle of the rotation of one body against the other since then, 1 - cos phi = (3 - tr Q) / 2. Both
+are smooth for any rotation, except for a connector of zero length. Like springs they are computed
+from either end with opposite forces.
 """
 
 from icofabric_sim.kernels.connectors import Six
@@ -26,14 +26,14 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-# Squared lengths up to this have no direction, and nothing bends.
-_SMALLEST = 1e-300
+# Squared lengths [m^2] up to this bound have no direction and no bending moment.
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
 def partner_slot(links: Links, stride: int, block: int, link: int) -> int:
     """
-    Slot of lane 0's partner: connectors end at the edge across from the one where they begin.
+    Return the slot of lane 0's partner; a connector ends at the edge opposite to its first edge.
     """
     slot: int = links.place[block, link] - 3 * ((link >> 1) ^ 1) * stride
     return slot
@@ -43,7 +43,7 @@ def partner_slot(links: Links, stride: int, block: int, link: int) -> int:
 def stiffness_of(
     uniform: float, variety: np.ndarray | None, present: int, link: int, s: int
 ) -> Vector:
-    """Stiffness [N m/rad] of a connector against a moment, 0 where there is none."""
+    """Return the stiffness [N m/rad] of a connector against a moment, 0 without a connector."""
     if variety is None:
         return where(bits(present), splat(uniform), splat(0.0))
     else:
@@ -53,9 +53,9 @@ def stiffness_of(
 @compiled
 def since_woven(woven: np.ndarray | None, orientation: np.ndarray, s: int) -> Nine:
     """
-    World components of the body axes, or, where `woven` ones differ, of what were the world's.
+    Return the rotation of each body since the woven state, by columns, in world components.
 
-    That is the rotation of each body since the woven state, by columns.
+    Columns are the body axes, or, if `woven` orientations differ, the turned world axes.
     """
     if woven is None:
         return axes_of_lanes(orientation, s)
@@ -74,7 +74,7 @@ def since_woven(woven: np.ndarray | None, orientation: np.ndarray, s: int) -> Ni
 def woven_direction(
     direction: np.ndarray, directions: np.ndarray | None, link: int, s: int
 ) -> Three:
-    """Where a connector pointed in the woven fabric, in the axes of `since_woven`."""
+    """Return the direction of a connector in the woven fabric, in the axes of `since_woven`."""
     if directions is None:
         return splat(direction[link, 0]), splat(direction[link, 1]), splat(direction[link, 2])
     else:
@@ -87,7 +87,7 @@ def woven_direction(
 def woven_directions(
     bending: Bending, own: Nine, other: Nine, link: int, s: int
 ) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector]:
-    """The same turned with its own body and with the other, world components."""
+    """Return the woven direction turned with its own body and with the other, world components."""
     x, y, z = woven_direction(bending.direction, bending.directions, link, s)
     nx, ny, nz = on_axes(own, x, y, z)
     mx, my, mz = on_axes(other, x, y, z)
@@ -100,12 +100,12 @@ def add_bending(
     points: np.ndarray, block: int, s: int, wrench: Six
 ) -> Six:
     """
-    Add what resists bending to the force [N] and torque about the centre [N m] of a block.
+    Add the resistance to bending to force [N] and torque about the centre [N m] of a block.
 
     With u = r_2 - r_1, d = u / l, P = 1 - d d^T and n, m the woven direction turned with the own
     body and the other, the energy kappa (2 - (n + m) . d) has the force -kappa / l P (n + m) at
-    the own end, and beside its moment the torque kappa n x d. Differences to d are taken first:
-    close to the woven state nothing cancels.
+    the own end, and besides its moment the torque kappa n x d. Differences to d are taken first,
+    so that close to the woven state nothing cancels.
     """
     if bending is None:
         return wrench
@@ -128,7 +128,7 @@ def add_bending(
                 uy = load_at(points, place + stride) - py
                 uz = load_at(points, place + 2 * stride) - pz
                 square = fma(ux, ux, fma(uy, uy, uz * uz))
-                there = square > splat(_SMALLEST)
+                there = square > splat(_SMALLEST_SQUARE)
                 inverse = where(there, rsqrt(where(there, square, one)), zero)
                 dx, dy, dz = ux * inverse, uy * inverse, uz * inverse
                 other = since_woven(
@@ -159,7 +159,7 @@ def add_twisting(
     wrench: Six
 ) -> Six:
     """
-    Add what resists twisting to the torques [N m] of a block: kappa sin(phi) about its axis.
+    Add the resistance to twisting to the torques [N m] of a block: kappa sin(phi) about its axis.
 
     With e_i and g_i the axes of the own body and the other, Q = sum g_i e_i^T and sin(phi) times
     its axis is sum e_i x g_i / 2.
@@ -176,7 +176,7 @@ def add_twisting(
                 twisting.stiffness, twisting.variety, links.present[block, link], link, s)
             g = since_woven(
                 twisting.woven, orientation, partner_slot(links, stride, block, link))
-            # Without fused operations: from the other end it is exactly the opposite.
+            # Without fused operations, so that the torque from the other end is exactly opposite.
             x = e[1] * g[2] - e[2] * g[1] + (e[4] * g[5] - e[5] * g[4]) + (
                 e[7] * g[8] - e[8] * g[7])
             y = e[2] * g[0] - e[0] * g[2] + (e[5] * g[3] - e[3] * g[5]) + (
@@ -189,7 +189,9 @@ def add_twisting(
 
 @compiled
 def apart(e: Nine, g: Nine) -> Vector:
-    """1 - cos phi between the axes of two bodies: sum |g_i - e_i|^2 / 4, without cancellation."""
+    """
+    Return 1 - cos phi between the axes of two bodies, sum |g_i - e_i|^2 / 4, without cancellation.
+    """
     total = splat(0.0)
     for k in range(9):
         total = fma(g[k] - e[k], g[k] - e[k], total)
@@ -201,9 +203,9 @@ def moment_energy(
     moments: Moments, orientation: np.ndarray, ends: np.ndarray
 ) -> float:
     """
-    Energy [J] of bending and twisting of all connectors; bodies first.
+    Return the energy [J] of bending and twisting of all connectors; bodies first.
 
-    Unit quaternions (n, 4), `ends` (c, 2, 3) [m].
+    `orientation`: unit quaternions (n, 4); `ends` (c, 2, 3) [m].
     """
     total = 0.0
     axes = np.empty((2, 3, 3))
@@ -223,7 +225,7 @@ def moment_energy(
             square += (ends[c, 1, k] - ends[c, 0, k]) ** 2
         bent, twisted = 0.0, 0.0
         for k in range(3):
-            d = (ends[c, 1, k] - ends[c, 0, k]) / np.sqrt(max(square, _SMALLEST))
+            d = (ends[c, 1, k] - ends[c, 0, k]) / np.sqrt(max(square, _SMALLEST_SQUARE))
             for end in range(2):
                 n = 0.0
                 for i in range(3):

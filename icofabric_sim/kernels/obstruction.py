@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Finds connectors that run into the shell that they are attached to.
+Detection of connectors that enter the shell to which they are attached.
 
-At an edge two faces meet, with normals n1 and n2: a connector of direction d enters the shell
-where d.n1 < 0 and d.n2 < 0. Both normals lean by the same angle from the edge's own direction a,
-to either side t of the edge, so that is d.a + tan |d.t| < 0 with tan = 1 / tau^2.
+At an edge two faces join, with normals n1 and n2. A connector of direction d enters the shell if
+d.n1 < 0 and d.n2 < 0. Both normals lean by the same angle from the edge's own direction a,
+to either side t of the edge, so the condition is d.a + tan |d.t| < 0 with tan = 1 / tau^2.
 
 From any other point p the open segment p + t d, 0 < t < 1, is clipped by all faces: it meets the
-interior where some t has n.(p + t d) < rho for every face. That is exact on a face, an edge, a
+interior if some t has n.(p + t d) < rho for every face. This test is exact on a face, an edge, a
 vertex and outside. A point inside the shell has its connector inside from the start: not counted.
 """
 
@@ -33,8 +33,8 @@ import numpy as np
 
 # 1 / tau^2: the dihedral angle of the icosahedron is 138.19 degrees.
 LEAN = 0.3819660112501051
-# What leads along a face is outside, also where rounding has it below by this part of its length:
-# at the least connector angle (eq 54) all of a woven fabric do.
+# Relative tolerance: a connector along a face is outside, even if rounding puts it below the face.
+# At the least connector angle (eq 54) all connectors of a woven fabric lie along faces.
 ALONG = 1e-12
 
 
@@ -44,9 +44,9 @@ def obstructed_lanes(
     points: np.ndarray, stride: int, first: int, last: int
 ) -> Vector:
     """
-    How many connectors enter the shells of bodies in each lane, of blocks first to last together.
+    Count connectors that enter the shells of bodies in each lane, over blocks first to last.
 
-    A connector that does so at both of its ends counts twice.
+    A connector that enters shells at both of its ends counts twice.
     """
     total = splat(0.0)
     if links is None:
@@ -63,7 +63,7 @@ def obstructed_in(
     shells: Shells | None, links: Links, orientation: np.ndarray, points: np.ndarray,
     stride: int, block: int, s: int
 ) -> Vector:
-    """How many enter the shells of a block."""
+    """Count connectors that enter the shells of a block."""
     zero, one = splat(0.0), splat(1.0)
     total = zero
     for edge in range(6):
@@ -88,9 +88,10 @@ def enters_from(
     uy: Vector, uz: Vector
 ) -> Any:
     """
-    Mask of the bodies at slot `s` whose shells a connector enters that leads this way [m].
+    Return the mask of bodies at slot `s` whose shells a connector along u [m] enters.
 
-    From the attachment point at the named `edge`: its midpoint where `shells` are None.
+    The connector begins at the attachment point of the named `edge`: its midpoint if `shells` is
+    None.
     """
     if shells is None:
         return enters_lanes(axes, ux, uy, uz)
@@ -103,9 +104,9 @@ def clips_lanes(
     shells: Shells, orientation: np.ndarray, edge: int, s: int, ux: Vector, uy: Vector, uz: Vector
 ) -> Any:
     """
-    Mask of the bodies at slot `s` whose shells a connector enters that leads this way [m].
+    Return the mask of bodies at slot `s` whose shells a connector along u [m] enters.
 
-    From the attachment point at a named `edge`, wherever that is.
+    The connector begins at the attachment point of a named `edge`, in any position.
     """
     zero, one = splat(0.0), splat(1.0)
     ax, ay, az, bx, by, bz, cx, cy, cz = axes_of_lanes(orientation, s)
@@ -120,18 +121,20 @@ def clips_lanes(
         least = where(depth < least, depth, least)
         crossing = depth / where(out < zero, out, where(out > zero, out, one))
         begin = where(out < zero, maximum(crossing, begin), begin)
-        # Beside a face, or outwards from it, there is no way below it.
+        # A segment outside a face, or directed outwards from it, does not pass below the face.
         last = where(depth > zero, crossing, zero)
         last = where(out > zero, last, where(depth > zero, one, zero))
         end = where(out < zero, end, where(last < end, last, end))
-    # What lies inside has its connector inside from the start.
+    # A point inside the shell has its connector inside from the start: not counted.
     begin = where(zero < least, end, begin)
     return begin < end
 
 
 @compiled
 def lanes_deeper(deeper: np.ndarray | None, depth: Vector, on_face: float, s: int) -> Vector:
-    """Depths [m] of a point below a face, in shells of a size of their own if there are any."""
+    """
+    Return depths [m] of a point below a face, with individually sized shells if there are any.
+    """
     if deeper is None:
         return depth
     else:
@@ -141,7 +144,7 @@ def lanes_deeper(deeper: np.ndarray | None, depth: Vector, on_face: float, s: in
 
 @compiled
 def body_deeper(deeper: np.ndarray | None, depth: float, on_face: float, b: int) -> float:
-    """The same of body `b`."""
+    """Return the depth [m] of a point below a face of the shell of body `b`."""
     if deeper is None:
         return depth
     else:
@@ -154,9 +157,9 @@ def axes_at(
     shells: Shells | None, points: np.ndarray, stride: int, edge: int, s: int
 ) -> Six:
     """
-    Axes [m] of the bodies at slot `s` along and across a named `edge`, where `shells` are None.
+    Return axes [m] of the bodies at slot `s` along and across a named `edge` if `shells` is None.
 
-    As differences of attachment points, which are edge midpoints then.
+    The axes are differences of attachment points, which are edge midpoints then.
     """
     if shells is not None:
         zero = splat(0.0)
@@ -164,7 +167,7 @@ def axes_at(
     pair = edge >> 1
     at = 3 * edge * stride + s
     across = (6 * pair + 3 * (1 - (edge & 1))) * stride + s
-    # The edges up and down have the axis x across them, north and south y, west and east z.
+    # The axis across the edges up and down is x, across north and south y, west and east z.
     side = 6 * ((pair + 1) % 3) * stride + s
     return (
         load_at(points, at) - load_at(points, across),
@@ -177,7 +180,9 @@ def axes_at(
 
 @compiled
 def enters_lanes(axes: Six, ux: Vector, uy: Vector, uz: Vector) -> Any:
-    """Mask of the bodies whose shells a connector enters that leads this way [m] from an edge."""
+    """
+    Return the mask of bodies whose shells a connector along u [m] enters from an edge midpoint.
+    """
     ax, ay, az, tx, ty, tz = axes
     out = fma(ux, ax, fma(uy, ay, uz * az))
     beside = fabs(fma(ux, tx, fma(uy, ty, uz * tz)))
@@ -190,9 +195,9 @@ def find_obstructed(
     found: np.ndarray
 ) -> None:
     """
-    The same connector by connector, bodies first: bit 0 of `found` (c,) at the first end, bit 1.
+    Mark connectors that enter shells: bit 0 of `found` (c,) at the first end, bit 1 at the second.
 
-    `position` (n, 3), `orientation` (n, 4) unit quaternions.
+    Bodies first: `position` (n, 3), `orientation` (n, 4) unit quaternions.
     """
     for c in range(found.shape[0]):
         first, second = connectors.first[c], connectors.second[c]
@@ -213,9 +218,9 @@ def enters(
     shells: Shells | None, orientation: np.ndarray, b: int, edge: int, dx: float, dy: float,
     dz: float
 ) -> bool:
-    """Whether a connector that leads by this [m] from an edge of body `b` enters its shell."""
+    """Check that a connector along d [m] from an edge of body `b` enters the shell of the body."""
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
-    # Into the axes of the body: the inverse of eq 26.
+    # Components on the axes of the body: the inverse of eq 26.
     tx, ty, tz = 2.0 * (dy * z - dz * y), 2.0 * (dz * x - dx * z), 2.0 * (dx * y - dy * x)
     bx = dx + w * tx + (ty * z - tz * y)
     by = dy + w * ty + (tz * x - tx * z)
@@ -236,9 +241,9 @@ def enters(
 @compiled
 def clips(shells: Shells, b: int, edge: int, x: float, y: float, z: float) -> bool:
     """
-    Whether the open segment from an attachment point by (x, y, z) [m] meets the interior.
+    Check that the open segment from an attachment point along (x, y, z) [m] meets the interior.
 
-    Axes of body `b`.
+    Vector on the axes of body `b`.
     """
     begin, end, least = 0.0, 1.0, 1.0
     below = -ALONG * (abs(x) + abs(y) + abs(z))

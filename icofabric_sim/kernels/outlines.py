@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where connectors begin and end and where shells have their corners, for messages and figures.
+Ends of connectors and corners of shells, for messages and figures.
 
-Bodies first: `position` (n, 3) [m], `orientation` (n, 4) unit quaternions x y z w. Points go
-straight to where they will stay, which need not be aligned in memory; nothing is stored on the
-way.
+Bodies first: `position` (n, 3) [m], `orientation` (n, 4) unit quaternions x y z w. Points are
+written directly to their destination, which need not be aligned in memory, without intermediate
+copies.
 """
 
 import math
@@ -20,7 +20,7 @@ def edge_point(
     connectors: Connectors, position: np.ndarray, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
     """
-    World position [m] of the attachment point at an edge of body `b`, its midpoint in eq 49.
+    Return the attachment point at an edge of body `b` [m], world frame; the midpoint in eq 49.
 
     Edge codes: up, down, north, south, west, east, on the body axes z, x, y.
     """
@@ -32,7 +32,7 @@ def edge_point(
 def arm_at(
     attachment: np.ndarray | None, half_width: float, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
-    """The same from the centre of the body."""
+    """Return the arm [m] from the centre of body `b` to its attachment point, world frame."""
     if attachment is None:
         return arm_on_axis(half_width, orientation, b, edge)
     else:
@@ -48,7 +48,7 @@ def arm_at(
 def arm_on_axis(
     half_width: float, orientation: np.ndarray, b: int, edge: int
 ) -> tuple[float, float, float]:
-    """The same for a point on a body axis."""
+    """Return the arm [m] to an attachment point on a body axis, world frame."""
     x, y, z, w = orientation[b, 0], orientation[b, 1], orientation[b, 2], orientation[b, 3]
     h = half_width
     axis = edge >> 1
@@ -72,7 +72,7 @@ def arm_on_axis(
 def fill_lengths(
     connectors: Connectors, position: np.ndarray, orientation: np.ndarray, lengths: np.ndarray
 ) -> None:
-    """Lengths [m] of all connectors, `lengths` (c,)."""
+    """Write the lengths [m] of all connectors into `lengths` (c,)."""
     for c in range(connectors.first.shape[0]):
         x0, y0, z0 = edge_point(
             connectors, position, orientation, connectors.first[c], connectors.first_edge[c])
@@ -88,10 +88,10 @@ def classify(
     counts: np.ndarray
 ) -> None:
     """
-    Class of the strain of every connector: how many `bounds` it exceeds; and how many of each.
+    Write the class of the strain of every connector: the number of `bounds` that it exceeds.
 
-    `natural_length` (c,), or (1,) for all; `classes` (c,) uint8, `counts` of one more than the
-    bounds. What is not a number exceeds all.
+    `natural_length` (c,), or (1,) for all; `classes` (c,) uint8; `counts` of each class, one more
+    than the bounds. NaN exceeds all bounds.
     """
     counts[:] = 0
     for c in range(lengths.shape[0]):
@@ -109,7 +109,9 @@ def fill_lines(
     connectors: Connectors, position: np.ndarray, orientation: np.ndarray, classes: np.ndarray,
     wanted: int, points: np.ndarray
 ) -> None:
-    """Both ends [m] of every connector of the class `wanted`, in order: `points` (2 m, 3)."""
+    """
+    Write both ends [m] of every connector of the class `wanted`, in order, into `points` (2 m, 3).
+    """
     row = 0
     for c in range(classes.shape[0]):
         if classes[c] == wanted:
@@ -128,7 +130,7 @@ def fill_shells(
     corners: np.ndarray, points: np.ndarray
 ) -> None:
     """
-    Corners [m] of the faces of some bodies, in order: `points` (m k, 3).
+    Write the corners [m] of the faces of some bodies, in order, into `points` (m k, 3).
 
     `vertices` (v, 3) [m] in body axes; `corners` (k,) their numbers, three for each face.
     """

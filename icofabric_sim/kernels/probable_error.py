@@ -1,28 +1,29 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a step of the embedded pair errs by, as against the safe side that accepts or refuses it.
+Probable error of a step of the embedded pair, beside the conservative estimate that accepts it.
 """
 
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, maximum, rsqrt, splat, sqrt, Vector, where
 
-# Of an oscillation: the ratio of the two errors over x^2 (0.0033 to 0.0041 for x up to 1).
+# Ratio of the two errors of an oscillation, over x^2 (0.0033 to 0.0041 for x up to 1).
 SMOOTH_RATIO = 0.0042
-# What a kink makes a step err by, over what it adds to the error of order 5: 0.3 to 7 in single
-# steps, after where in the step it lies.
+# Error of a step due to a kink, over its contribution to the error of order 5: 0.3 to 7 in single
+# steps, depending on the time of the kink within the step.
 _KINK = 1.7
 
 
 @compiled
 def probable_error(square_5: Vector, square_3: Vector, smooth: float) -> Vector:
     """
-    What a step errs by, from the squares of its errors of order 5 and 3; see docs/decisions/.
+    Estimate the error of a step from the squares of its errors of order 5 and 3.
 
-    In x, step times frequency, these are as x^6 and x^4, the error itself as x^9: so with their
-    ratio r it is e5 r^1.5. The constants are those of an oscillation, within 1.3 for x up to 4.
-    Where a force has a kink r is larger than `smooth`, which the fastest oscillation has; what
-    is beyond that in e5 is about as large as the error. 1e300: no force has one.
+    See docs/decisions/. In x, step times frequency, these errors are as x^6 and x^4, the error
+    itself as x^9: with their ratio r it is e5 r^1.5. The constants are those of an oscillation,
+    within a factor of 1.3 for x up to 4. If a force has a kink, r is larger than `smooth`, the
+    ratio of the fastest oscillation; the excess in e5 is about as large as the error. 1e300: no
+    force has a kink.
     """
     error_5, error_3 = sqrt(square_5), sqrt(square_3)
     ratio = error_5 * rsqrt(maximum(square_3, splat(1e-300)))

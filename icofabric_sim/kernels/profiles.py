@@ -11,18 +11,18 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 NEAR, FAR = 0.269234655052841545, 0.453089922969331996
 NEAR_WEIGHT, FAR_WEIGHT, MIDDLE_WEIGHT = (
     0.239314335249683234, 0.118463442528094544, 64.0 / 225.0)
-# The five points of that rule in their order, in parts of the whole.
+# The five points of this rule in their order, as fractions of the interval.
 NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
 
 # Factors at these points.
 Five = tuple[float, float, float, float, float]
-# As long as no wrench was asked for.
+# Factors before the first wrench.
 ONES: Five = (1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 @compiled
 def factor_of(varying: Varying | None, w: int, time: float) -> float:
-    """What wrench `w` is multiplied by at `time` [s]."""
+    """Return the factor of wrench `w` at `time` [s]."""
     if varying is None:
         return 1.0
     else:
@@ -35,10 +35,10 @@ def factor_of(varying: Varying | None, w: int, time: float) -> float:
 @compiled
 def factors_over(varying: Varying | None, w: int, time: float, h: float) -> Five:
     """
-    What wrench `w` is multiplied by at the five points of a drift of `h` [s] from `time` on.
+    Return the factors of wrench `w` at the five points of a drift of `h` [s] from `time` on.
 
-    The same for all rows of a wrench, so callers keep them from row to row: a sine takes as long
-    as half of what else is done for a block.
+    The factors are equal for all rows of a wrench, so callers keep them from row to row: a sine
+    takes half as long as the other work for a block.
     """
     if is_steady(varying, w):
         factor = factor_of(varying, w, time)
@@ -51,7 +51,7 @@ def factors_over(varying: Varying | None, w: int, time: float, h: float) -> Five
 
 @compiled
 def is_steady(varying: Varying | None, w: int) -> bool:
-    """Whether that is the same at all times."""
+    """Check that the factor of a wrench is constant."""
     if varying is None:
         return True
     else:

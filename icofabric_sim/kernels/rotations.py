@@ -25,7 +25,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-# Square of the half angle up to which the series below are exact to rounding.
+# Largest square of the half angle for which the series below are exact to rounding.
 _SERIES = 1.0 / 64.0
 
 Three = tuple[Vector, Vector, Vector]
@@ -35,7 +35,7 @@ Nine = tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vec
 
 @compiled
 def rows_of(orientation: np.ndarray) -> np.ndarray:
-    """Orientations as (4, s) or (9, s)."""
+    """Return orientations as (4, s) or (9, s)."""
     if orientation.ndim == 3:
         return orientation.reshape(9, orientation.shape[2])
     else:
@@ -46,7 +46,7 @@ def rows_of(orientation: np.ndarray) -> np.ndarray:
 def to_world(
     orientation: np.ndarray, s: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """World components of a vector given on the axes of the body in slot `s` (eq 26)."""
+    """Return world components of a vector on the axes of the body in slot `s` (eq 26)."""
     if orientation.ndim == 2:
         qx, qy, qz, qw = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
         tx = 2.0 * (qy * z - qz * y)
@@ -69,7 +69,7 @@ def to_world(
 def turn_to_world(
     orientation: np.ndarray, s: int, x: Vector, y: Vector, z: Vector
 ) -> tuple[Vector, Vector, Vector]:
-    """World components of vectors given on the axes of the bodies of a block (eq 26)."""
+    """Return world components of vectors on the axes of the bodies of a block (eq 26)."""
     if orientation.ndim == 2:
         qx, qy = load(orientation, 0, s), load(orientation, 1, s)
         qz, qw = load(orientation, 2, s), load(orientation, 3, s)
@@ -89,7 +89,7 @@ def turn_to_world(
 
 @compiled
 def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
-    """World components of the body axes (eqs 16 and 26) of the block at slot `s`."""
+    """Return world components of the body axes (eqs 16 and 26) of the block at slot `s`."""
     if orientation.ndim == 2:
         x, y = load(orientation, 0, s), load(orientation, 1, s)
         z, w = load(orientation, 2, s), load(orientation, 3, s)
@@ -108,7 +108,7 @@ def axes_of_lanes(orientation: np.ndarray, s: int) -> Nine:
 
 @compiled
 def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
-    """World components of a vector given on body axes."""
+    """Return world components of a vector given on body axes."""
     return (
         fma(x, axes[0], fma(y, axes[3], z * axes[6])),
         fma(x, axes[1], fma(y, axes[4], z * axes[7])),
@@ -117,7 +117,7 @@ def on_axes(axes: Nine, x: Vector, y: Vector, z: Vector) -> Three:
 
 @inlined
 def half_angle_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
-    """cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
+    """Return cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
     half = 0.5 * h
     square = fma(ox, ox, fma(oy, oy, oz * oz)) * splat(half * half)
     # Horner's rule; the first term left out is 1e-19 at the end of the range.
@@ -146,9 +146,9 @@ def rotate(
     orientation: np.ndarray, s: int, h: float, ox: Vector, oy: Vector, oz: Vector
 ) -> None:
     """
-    Exact flow of the block at slot `s` over `h` at constant omega, world axes.
+    Apply the exact rotation of the block at slot `s` over `h` at constant omega, world axes.
 
-    Of dq/dt = omega q / 2 (eq 22), or of de_i/dt = omega x e_i (eq 19).
+    Solves dq/dt = omega q / 2 (eq 22), or de_i/dt = omega x e_i (eq 19).
     """
     cosine, sine = half_angle_factors(h, ox, oy, oz)
     zero = splat(0.0)
@@ -185,7 +185,7 @@ def rotate(
 @compiled
 def orthonormalise(orientation: np.ndarray, s: int) -> None:
     """
-    One Newton step of the polar decomposition, M (3 - M^T M) / 2, in place, of a block.
+    Take one Newton step of the polar decomposition, M (3 - M^T M) / 2, in place, of a block.
 
     Rounding does not accumulate.
     """
@@ -208,7 +208,7 @@ def orthonormalise(orientation: np.ndarray, s: int) -> None:
 def _products(
     first: np.ndarray, second: np.ndarray, third: np.ndarray, s: int, i: int, j: int
 ) -> Vector:
-    """Element (i, j) of M^T M."""
+    """Return element (i, j) of M^T M."""
     return fma(
         load(first, i, s), load(first, j, s),
         fma(load(second, i, s), load(second, j, s), load(third, i, s) * load(third, j, s)))
@@ -219,9 +219,9 @@ def arm_lanes(
     orientation: np.ndarray, s: int, half_width: float, axis: int
 ) -> tuple[Vector, Vector, Vector]:
     """
-    Arms [m], world frame, from the centres to the first edge on a body axis (0 x, 1 y, 2 z).
+    Return arms [m] from the centres to the first edge on a body axis (0 x, 1 y, 2 z), world frame.
 
-    Those are the edges north, west and up; the edge across has the opposite arm.
+    Those are the edges north, west and up; the opposite edge has the opposite arm.
     """
     h = splat(half_width)
     if orientation.ndim == 2:
@@ -252,7 +252,7 @@ def arm_lanes(
 def place_points(
     half_width: float, position: np.ndarray, orientation: np.ndarray, points: np.ndarray, s: int
 ) -> None:
-    """Attachment points [m] of the block at slot `s`: the six edge midpoints (eq 49)."""
+    """Write the attachment points [m] of the block at slot `s`: the six edge midpoints (eq 49)."""
     stride = position.shape[1]
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     for pair in range(3):
@@ -271,7 +271,7 @@ def place_anywhere(
     attachment: np.ndarray, position: np.ndarray, orientation: np.ndarray, points: np.ndarray,
     s: int
 ) -> None:
-    """Attachment points [m] of the block at slot `s`: any six, (6, 3) in body axes."""
+    """Write the attachment points [m] of the block at slot `s`: any six, (6, 3) in body axes."""
     stride = position.shape[1]
     x, y, z = load(position, 0, s), load(position, 1, s), load(position, 2, s)
     axes = axes_of_lanes(orientation, s)

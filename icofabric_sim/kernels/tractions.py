@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Surface forces on bodies, summed over their faces: one row for each block, whatever the faces.
+Surface forces on bodies, summed over their faces: one row for each block, for any faces.
 
 Pressure and shear that turn with a body are one wrench in its axes. Those of fixed direction are
 one force F, and the torque of the first moments S_k = sum of p F_k (p in body axes, k along the
-world): sum over k of (R S_k) x e_k. Without friction the part n (n . F) of each force acts, along
-the normal n, and both sums are linear in the axes of the body: n n F and (p x n) n F, contracted
-with them. The first is the same with both normals exchanged: xx, xy, xz, yy, yz, zz.
+world): sum over k of (R S_k) x e_k. Without friction the component n (n . F) of each force acts,
+along the normal n, and both sums are linear in the axes of the body: n n F and (p x n) n F,
+contracted with them. The first is symmetric in both normals: xx, xy, xz, yy, yz, zz.
 
 Loops over rows are in the callers, see kernels/loads.py.
 """
@@ -36,13 +36,13 @@ import numpy as np
 TURNING, FIXED, SLIDING = 6, 12, 45
 _PAIRS = 18  # numbers of the six pairs of body axes, before those of the torque
 
-# Of the Gauss rule over a drift.
+# Weights of the Gauss rule over a drift.
 _WEIGHTS = (FAR_WEIGHT, NEAR_WEIGHT, MIDDLE_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT)
 
-# Below this square of a spin [1/s^2] nothing turns.
+# A square of a spin [1/s^2] below this number counts as zero.
 _STILL = 1e-100
 
-# What turns while a body is in free flight: see `power_of_turning` and `sliding_parts`.
+# Terms of the power of a body in free flight: see `power_of_turning` and `sliding_parts`.
 Four = tuple[Vector, Vector, Vector, Vector]
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 Sliding = tuple[Three, Six]
@@ -54,9 +54,9 @@ def traction_wrench(
     axes: Nine
 ) -> tuple[Three, Three]:
     """
-    Force [N] and torque about the centre [N m] of a row on a block with these axes, world frame.
+    Return force [N] and torque about the centre [N m] of a row on a block, world frame.
 
-    But for the factor of its profile.
+    The factor of its profile is not included.
     """
     force, torque = turning_part(turning, TURNING * LANES * row, axes)
     force, torque = add_fixed(fixed, FIXED * LANES * row, axes, force, torque)
@@ -65,13 +65,13 @@ def traction_wrench(
 
 @inlined
 def three_at(values: np.ndarray, at: int) -> Three:
-    """Three numbers of all lanes."""
+    """Return three numbers of all lanes."""
     return load_at(values, at), load_at(values, at + LANES), load_at(values, at + 2 * LANES)
 
 
 @compiled
 def turning_part(turning: np.ndarray | None, at: int, axes: Nine) -> tuple[Three, Three]:
-    """What turns with the bodies."""
+    """Return the wrench of surface forces that turn with the bodies."""
     if turning is None:
         zero = splat(0.0)
         return (zero, zero, zero), (zero, zero, zero)
@@ -83,7 +83,7 @@ def turning_part(turning: np.ndarray | None, at: int, axes: Nine) -> tuple[Three
 
 @compiled
 def moments_at(fixed: np.ndarray, at: int, axes: Nine) -> Nine:
-    """First moments R S_x, R S_y, R S_z [N m] of forces of fixed direction, world frame."""
+    """Return first moments R S_x, R S_y, R S_z [N m] of forces of fixed direction, world frame."""
     ax, ay, az = three_at(fixed, at + 3 * LANES)
     bx, by, bz = three_at(fixed, at + 6 * LANES)
     cx, cy, cz = three_at(fixed, at + 9 * LANES)
@@ -97,7 +97,7 @@ def moments_at(fixed: np.ndarray, at: int, axes: Nine) -> Nine:
 def add_fixed(
     fixed: np.ndarray | None, at: int, axes: Nine, force: Three, torque: Three
 ) -> tuple[Three, Three]:
-    """Add what keeps its direction."""
+    """Add surface forces of fixed direction."""
     if fixed is None:
         return force, torque
     else:
@@ -111,7 +111,7 @@ def add_fixed(
 def add_sliding(
     sliding: np.ndarray | None, at: int, axes: Nine, force: Three, torque: Three
 ) -> tuple[Three, Three]:
-    """Add what acts along the normals of faces without friction."""
+    """Add surface forces along the normals of faces without friction."""
     if sliding is None:
         return force, torque
     else:
@@ -129,9 +129,9 @@ def mean_traction_power(
     state: State, row: int, s: int, h: float, factors: Five
 ) -> Vector:
     """
-    Mean power [W] of a row on a block over a drift of `h` [s], before it moves.
+    Return the mean power [W] of a row on a block over a drift of `h` [s], before the block moves.
 
-    Exact where it is steady; else by a Gauss rule of order 10, beyond that of any method.
+    Exact for a steady row; else by a Gauss rule of order 10, beyond that of any method.
     `factors`: see `factors_over`.
     """
     axes = axes_of_lanes(state.orientation, s)
@@ -157,11 +157,11 @@ def power_of_turning(
     turning: np.ndarray | None, row: int, axes: Nine, v: Three, omega: Three
 ) -> Four:
     """
-    Parts of `power_of` [W] on a block in free flight, of what turns with the bodies.
+    Return terms of `power_of` [W] on a block in free flight, of forces that turn with the bodies.
 
     With v and omega constant, the power of a force f that turns with the body is v . f, and its
-    torque keeps the part along omega. A force of fixed direction gives F . v and the sum over k of
-    e_k . (omega x R S_k), where omega x R S_k turns too. Both turn by Rodrigues' formula.
+    torque keeps its component along omega. A force of fixed direction gives F . v and the sum over
+    k of e_k . (omega x R S_k), where omega x R S_k turns too. Both turn by Rodrigues' formula.
     """
     if turning is None:
         zero = splat(0.0)
@@ -183,7 +183,7 @@ def power_of_turning(
 def add_power_of_fixed(
     fixed: np.ndarray | None, row: int, axes: Nine, v: Three, omega: Three, parts: Four
 ) -> Four:
-    """Add the parts of what keeps its direction."""
+    """Add the terms of forces of fixed direction."""
     if fixed is None:
         return parts
     else:
@@ -203,14 +203,16 @@ def add_power_of_fixed(
 
 @inlined
 def power_of(parts: Four, factors: Three) -> Vector:
-    """Power [W] with cos x, sin x / |omega| and (1 - cos x) / |omega|^2, or their means."""
+    """
+    Return the power [W] with cos x, sin x / |omega| and (1 - cos x) / |omega|^2, or their means.
+    """
     return fma(parts[1], factors[0], fma(
         parts[2], factors[1], fma(parts[3], factors[2], parts[0])))
 
 
 @inlined
 def power_then(parts: Four, slid: Sliding | None, omega: Three, later: float) -> Vector:
-    """Power [W] of a steady row on a block `later` [s] than now, after free flight."""
+    """Return the power [W] of a steady row on a block after `later` [s] of free flight."""
     factors = turn_factors(later, omega[0], omega[1], omega[2])
     return add_sliding_power(slid, factors, power_of(parts, factors))
 
@@ -220,11 +222,12 @@ def sliding_parts(
     sliding: np.ndarray | None, row: int, axes: Nine, v: Three, omega: Three
 ) -> Sliding | None:
     """
-    Parts of the power [W] of what acts along the normals of faces without friction.
+    Return terms of the power [W] of forces along the normals of faces without friction.
 
-    The axes e_j turn by Rodrigues' formula, so force and torque on body axes, which are linear in
-    them, have three parts; so have the components e_i . v, while e_i . omega stays. What the
-    torques give goes with the turning factors, what the forces give with their products.
+    The axes e_j turn by Rodrigues' formula. Force and torque on body axes are linear in them and
+    so have three terms. The components e_i . v have three terms too, while e_i . omega stays
+    constant. The power of torques is linear in the turning factors, that of forces in their
+    products.
     """
     if sliding is None:
         return None
@@ -242,7 +245,7 @@ def sliding_parts(
         first, second, third = (
             force_on_body(sliding, at, axes), force_on_body(sliding, at, across),
             force_along_spin(sliding, at, omega, p, q, r))
-        # The torque along the spin, which stays on body axes, is linear in the axes.
+        # The torque along the spin, which is constant on body axes, is linear in the axes.
         turning = along_spin(sliding, at, p, q, r)
         torques = (
             product_of(turning, axes), product_of(turning, across),
@@ -258,7 +261,7 @@ def sliding_parts(
 @inlined
 def force_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
     """
-    Force [N] along the body axes.
+    Return the force [N] along the body axes.
 
     Numbers are read where they are used, since all of them do not fit into registers.
     """
@@ -281,7 +284,9 @@ def force_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
 def force_along_spin(
     sliding: np.ndarray, at: int, omega: Three, p: Vector, q: Vector, r: Vector
 ) -> Three:
-    """The same for the axes' parts along the spin, p omega, q omega and r omega."""
+    """
+    Return the force [N] for the components of the axes along the spin, p omega, q omega, r omega.
+    """
     xx, xy = dot(pair_at(sliding, at, 0), omega), dot(pair_at(sliding, at, 1), omega)
     xz, yy = dot(pair_at(sliding, at, 2), omega), dot(pair_at(sliding, at, 3), omega)
     yz, zz = dot(pair_at(sliding, at, 4), omega), dot(pair_at(sliding, at, 5), omega)
@@ -292,19 +297,19 @@ def force_along_spin(
 
 @inlined
 def pair_at(sliding: np.ndarray, at: int, pair: int) -> Three:
-    """Numbers of two body axes, for the three of the world."""
+    """Return the numbers of two body axes, for the three of the world."""
     return three_at(sliding, at + 3 * LANES * pair)
 
 
 @inlined
 def dot(a: Three, b: Three) -> Vector:
-    """Scalar product."""
+    """Return the scalar product."""
     return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
 
 
 @inlined
 def torque_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
-    """Torque [N m] along the body axes."""
+    """Return the torque [N m] along the body axes."""
     at = at + _PAIRS * LANES
     return (
         product_of(nine_at(sliding, at), axes), product_of(nine_at(sliding, at + 9 * LANES), axes),
@@ -313,7 +318,9 @@ def torque_on_body(sliding: np.ndarray, at: int, axes: Nine) -> Three:
 
 @inlined
 def along_spin(sliding: np.ndarray, at: int, p: Vector, q: Vector, r: Vector) -> Nine:
-    """What gives the power of the torque [W] with the axes; the spin along them is p, q, r."""
+    """
+    Return coefficients of the power of the torque [W]; the spin along the body axes is p, q, r.
+    """
     at = at + _PAIRS * LANES
     a, b, c = (
         nine_at(sliding, at), nine_at(sliding, at + 9 * LANES),
@@ -328,7 +335,7 @@ def along_spin(sliding: np.ndarray, at: int, p: Vector, q: Vector, r: Vector) ->
 
 @inlined
 def nine_at(values: np.ndarray, at: int) -> Nine:
-    """Nine numbers of all lanes."""
+    """Return nine numbers of all lanes."""
     return (
         *three_at(values, at), *three_at(values, at + 3 * LANES),
         *three_at(values, at + 6 * LANES))
@@ -336,7 +343,7 @@ def nine_at(values: np.ndarray, at: int) -> Nine:
 
 @inlined
 def product_of(values: Nine, axes: Nine) -> Vector:
-    """Sum of nine numbers times the components of the axes."""
+    """Return the sum of nine numbers times the components of the axes."""
     first = fma(values[0], axes[0], fma(values[1], axes[1], values[2] * axes[2]))
     second = fma(values[3], axes[3], fma(values[4], axes[4], values[5] * axes[5]))
     third = fma(values[6], axes[6], fma(values[7], axes[7], values[8] * axes[8]))
@@ -345,7 +352,7 @@ def product_of(values: Nine, axes: Nine) -> Vector:
 
 @inlined
 def seen(axes: Nine, v: Three) -> Three:
-    """Components of a vector along axes."""
+    """Return the components of a vector along axes."""
     return (
         fma(axes[0], v[0], fma(axes[1], v[1], axes[2] * v[2])),
         fma(axes[3], v[0], fma(axes[4], v[1], axes[5] * v[2])),
@@ -355,11 +362,11 @@ def seen(axes: Nine, v: Three) -> Three:
 @inlined
 def mean_products(h: float, omega: Three, factors: Three) -> Six:
     """
-    Means over a time from 0 to `h` [s] of the products of the three `turn_factors`.
+    Return means over a time from 0 to `h` [s] of the products of the three `turn_factors`.
 
-    Of A = cos x, B = sin x / w and C = (1 - cos x) / w^2, w = |omega|, with the means of these:
-    A = 1 - w^2 C, B is the derivative of C, and B^2 is 2 C of twice the angle. That of C^2 is a
-    difference over w^2, and multiplies what is of the order of w^4.
+    With A = cos x, B = sin x / w and C = (1 - cos x) / w^2, w = |omega|, and the means of these: A
+    = 1 - w^2 C, B is the derivative of C, and B^2 is 2 C of twice the angle. The mean of C^2 is a
+    difference over w^2, with a coefficient of order w^4.
     """
     ox, oy, oz = omega
     square = fma(ox, ox, fma(oy, oy, oz * oz))
@@ -375,7 +382,11 @@ def mean_products(h: float, omega: Three, factors: Three) -> Six:
 def add_mean_sliding(
     slid: Sliding | None, factors: Three, omega: Three, h: float, power: Vector
 ) -> Vector:
-    """Add its mean over a time from 0 to `h` [s]; `factors`: the means of these."""
+    """
+    Add the mean power [W] of `slid` over a time from 0 to `h` [s].
+
+    `factors`: the mean turning factors.
+    """
     if slid is None:
         return power
     else:
@@ -387,7 +398,7 @@ def add_mean_sliding(
 
 @inlined
 def add_products(products: Six, factors: Six, power: Vector) -> Vector:
-    """Add what goes with the products of turning factors, aa, ab, ac, bb, bc and cc."""
+    """Add the terms with products of turning factors, aa, ab, ac, bb, bc and cc."""
     first = fma(products[0], factors[0], fma(products[1], factors[1], products[2] * factors[2]))
     second = fma(products[3], factors[3], fma(products[4], factors[4], products[5] * factors[5]))
     return power + (first + second)
@@ -395,7 +406,7 @@ def add_products(products: Six, factors: Six, power: Vector) -> Vector:
 
 @inlined
 def add_sliding_power(slid: Sliding | None, factors: Three, power: Vector) -> Vector:
-    """Add the power [W] of these parts with cos x, sin x / |omega|, (1 - cos x) / |omega|^2."""
+    """Add the power [W] of `slid` with cos x, sin x / |omega|, (1 - cos x) / |omega|^2."""
     if slid is None:
         return power
     else:

@@ -1,25 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-The largest eigenvalue of a symmetric tridiagonal matrix, as the Lanczos iteration makes them.
-"""
+"""The largest eigenvalue of a symmetric tridiagonal matrix of the Lanczos iteration."""
 
 import math
 
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
-# Each halves the interval of the eigenvalue, or finds it to rounding before.
+# Bisections of the interval of the eigenvalue; they end early at the accuracy of rounding.
 _HALVINGS = 120
-# The vector is the positive one, which no start of ones can miss; each solution divides the rest
-# by the gap over the shift, some 1e-14 of the matrix.
+# The vector has positive numbers, so a start of ones always has a component along it. Each
+# solution divides the remainder by the gap over the shift, some 1e-14 of the matrix.
 _SOLUTIONS = 3
 _SHIFT = 4e-15
 
 
 @compiled
 def is_above(diagonal: np.ndarray, off: np.ndarray, value: float, smallest: float) -> bool:
-    """Whether all eigenvalues lie below `value`: no pivot of T - value is positive (Sturm)."""
+    """Check that all eigenvalues lie below `value`: no pivot of T - value is positive (Sturm)."""
     pivot = diagonal[0] - value
     if pivot > 0.0:
         return False
@@ -34,14 +32,14 @@ def is_above(diagonal: np.ndarray, off: np.ndarray, value: float, smallest: floa
 @compiled
 def largest_eigenvalue(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray) -> float:
     """
-    Largest eigenvalue, and its unit vector with positive numbers into `vector` (n,).
+    Return the largest eigenvalue; write its unit vector with positive numbers into `vector` (n,).
 
-    `diagonal` (n,), `off` (n - 1,) > 0. See `largest_of_scaled`; numbers whose squares are too
-    large are scaled before.
+    `diagonal` (n,), `off` (n - 1,) > 0. See `largest_of_scaled`; all numbers are first divided by
+    the largest, because squares could overflow.
     """
     scale = 0.0
     for i in range(diagonal.shape[0]):
-        # Also where it is not a number.
+        # True for NaN, too.
         if not abs(diagonal[i]) <= scale:
             scale = abs(diagonal[i])
     for i in range(off.shape[0]):
@@ -56,7 +54,7 @@ def largest_eigenvalue(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray
 @compiled
 def largest_of_scaled(diagonal: np.ndarray, off: np.ndarray, vector: np.ndarray) -> float:
     """
-    The same for numbers of at most 1.
+    Return the largest eigenvalue and write its vector, for numbers of at most 1.
 
     The value by bisection (Barth, Martin and Wilkinson 1967), to rounding; the vector by inverse
     iteration from above, where T - value is negative definite and needs no pivoting.

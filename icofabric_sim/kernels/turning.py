@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Vectors that turn at a constant angular velocity: after a time, and their means over it."""
+"""Vectors that turn at a constant angular velocity: after a time, and their means over a time."""
 
 from icofabric_sim.kernels.rotations import half_angle_factors, Three
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -9,7 +9,7 @@ from icofabric_sim.kernels.runtime.lanes import fma, splat, Vector, where
 
 @compiled
 def turned(vector: Three, cosine: Vector, ux: Vector, uy: Vector, uz: Vector) -> Three:
-    """A vector turned by the unit quaternion (u, cosine)."""
+    """Return a vector turned by the unit quaternion (u, cosine)."""
     x, y, z = vector
     two = splat(2.0)
     tx, ty, tz = two * (uy * z - uz * y), two * (uz * x - ux * z), two * (ux * y - uy * x)
@@ -21,7 +21,7 @@ def turned(vector: Three, cosine: Vector, ux: Vector, uy: Vector, uz: Vector) ->
 @compiled
 def turn_factors(later: float, ox: Vector, oy: Vector, oz: Vector) -> Three:
     """
-    Cos x, sin x / |omega| and (1 - cos x) / |omega|^2 with x = |omega| later.
+    Return cos x, sin x / |omega| and (1 - cos x) / |omega|^2 with x = |omega| later.
 
     A vector f that turns at omega is then f cos x + (omega x f) sin x / |omega|
     + omega (omega . f) (1 - cos x) / |omega|^2 (Rodrigues).
@@ -34,7 +34,7 @@ def turn_factors(later: float, ox: Vector, oy: Vector, oz: Vector) -> Three:
 
 @compiled
 def mean_turn_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> Three:
-    """Means of the same over a time from 0 to `h` [s]."""
+    """Return means of the `turn_factors` over a time from 0 to `h` [s]."""
     first, second = mean_factors(h, ox, oy, oz)
     square = fma(ox, ox, fma(oy, oy, oz * oz))
     versine = splat(h * h) * second
@@ -43,7 +43,7 @@ def mean_turn_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> Three:
 
 @compiled
 def mean_factors(h: float, ox: Vector, oy: Vector, oz: Vector) -> tuple[Vector, Vector]:
-    """(1 - cos x) / x^2 and (x - sin x) / x^3 with x = |omega| h, smooth at zero."""
+    """Return (1 - cos x) / x^2 and (x - sin x) / x^3 with x = |omega| h, smooth at zero."""
     step, one = splat(h), splat(1.0)
     # cos(x / 2), and sin(x / 2) / x.
     cosine, sine = half_angle_factors(h, ox, oy, oz)
@@ -71,7 +71,7 @@ def mean_of_turning(
     fx: Vector, fy: Vector, fz: Vector, ox: Vector, oy: Vector, oz: Vector, h: float
 ) -> Three:
     """
-    Mean over `h` of a vector that turns at omega from `f` on: the integral of eq 22's rotation.
+    Return the mean over `h` of a vector that turns at omega from `f` on (integral of eq 22).
 
     f + (1 - cos x) / x^2 (h omega x f) + (x - sin x) / x^3 (h omega x (h omega x f)), with
     x = |omega| h.

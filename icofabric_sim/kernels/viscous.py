@@ -3,8 +3,8 @@
 """
 Forces that depend on velocities: damping along connectors, drag, and the magnetic field.
 
-For slopes of Runge-Kutta methods: what they add to the slopes of velocity and spin of a block, and
-the power [W] that they take from the motion.
+For slopes of Runge-Kutta methods: accelerations are added to the slopes of velocity and spin of a
+block, and the dissipated power [W] is returned.
 """
 
 from icofabric_sim.kernels.loads import inverses
@@ -26,7 +26,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-_SMALLEST = 1e-300
+_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
@@ -34,7 +34,7 @@ def place_speeds(
     damping: Damping | None, state: State, points: np.ndarray, speeds: np.ndarray, s: int
 ) -> None:
     """
-    Velocities v + omega x arm [m/s] of the attachment points of a block, laid out like points.
+    Write velocities v + omega x arm [m/s] of the attachment points of a block, laid out as points.
     """
     if damping is None:
         return
@@ -59,12 +59,11 @@ def add_damping(
     speeds: np.ndarray, linear: np.ndarray, angular: np.ndarray, block: int, s: int
 ) -> Vector:
     """
-    Damping along the connectors: each pulls its ends together with c dl/dt.
+    Add damping forces c dl/dt along the connectors; return the dissipated power [W].
 
     With u from this end to the other and w their relative velocity the force is c (u . w) u / l^2,
-    which is the same seen from either end, but for its sign, to the last bit. It does not turn
-    with the frame: a common rigid motion has u . w = 0. Half of the power c (dl/dt)^2 that each
-    takes counts for either end.
+    bit-identical from either end except for its sign. It is frame-invariant: a common rigid motion
+    has u . w = 0. Half of the power c (dl/dt)^2 of each connector counts for either end.
     """
     zero = splat(0.0)
     spent = zero
@@ -88,7 +87,7 @@ def add_damping(
             wx = load_at(speeds, place) - load_at(speeds, at)
             wy = load_at(speeds, place + stride) - load_at(speeds, at + stride)
             wz = load_at(speeds, place + 2 * stride) - load_at(speeds, at + 2 * stride)
-            inverse = rsqrt(maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST)))
+            inverse = rsqrt(maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE)))
             rate = fma(ux, wx, fma(uy, wy, uz * wz)) * inverse
             rate = where(bits(links.present[block, link]), rate, zero)
             pull = coefficient_of(damping.own, damping.coefficient, link, s) * rate
@@ -110,7 +109,7 @@ def add_damping(
 def coefficient_of(
     own: np.ndarray | None, coefficient: float, link: int, s: int
 ) -> Vector:
-    """Damping [N s/m] of a connector at each body of a block."""
+    """Return the coefficient of a connector at each body of a block, individual or common."""
     if own is None:
         return splat(coefficient)
     else:
@@ -141,7 +140,7 @@ def add_drag(
     spent: Vector
 ) -> Vector:
     """
-    Drag -gamma v on each centre and -gamma' omega on each spin; returns all power with theirs.
+    Add drag -gamma v on centres and -gamma' omega on spins; return `spent` plus its power [W].
     """
     if drag is None:
         return spent
@@ -164,7 +163,7 @@ def add_magnetic(
     s: int
 ) -> None:
     """
-    The magnetic parts of the Lorentz force on a charged shell with a dipole; they do no work.
+    Add the magnetic terms of the Lorentz force on a charged shell with a dipole; they do no work.
 
     Integrated over the charges at r from the centre, which move with v + omega x r: with
     charge q, dipole p and an isotropic second moment s 1, s = q Lambda / (2 M) (that of the

@@ -36,7 +36,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.viscous import coefficient_of
 import numpy as np
 
-_SMALLEST = 1e-300
+_MIN_POSITIVE = 1e-300
 # Where a law is flat, of its tension over its length: the tension decides there, not the slope.
 _FLAT = 1e-9
 
@@ -176,7 +176,7 @@ def tangent_springs(
             ux = load_at(points, place) - load_at(points, at)
             uy = load_at(points, place + stride) - load_at(points, at + stride)
             uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_MIN_POSITIVE))
             length = square * rsqrt(square)
             k, pull = law_at(links.variety, links, link, s, square, length)
             pull = tabled_pull(links.tables, link, s, length, pull)
@@ -184,7 +184,7 @@ def tangent_springs(
             pull = square_time * pull
             k = fma(square_time, k, time * damping_of(damping, link, s))
             size = maximum(pull, splat(0.0) - pull)
-            least = maximum(splat(_FLAT) * size / length, splat(_SMALLEST))
+            least = maximum(splat(_FLAT) * size / length, splat(_MIN_POSITIVE))
             k = where(maximum(k, splat(0.0) - k) > least, k, least)
             there = bits(links.present[block, link])
             store(slopes, link, s, where(there, k, splat(0.0)))
