@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The event loop of a run: steps, and the wrenches between them, in order of time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 import logging
 import math
@@ -26,7 +27,6 @@ from icofabric_sim.simulation.model.packing import (
 )
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.driver import Driver
-from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.faults import stiffest_term, too_fast
 from icofabric_sim.simulation.stepping.method_needs import (
     ADAPTIVE,
@@ -44,6 +44,7 @@ from icofabric_sim.simulation.stepping.method_selection import (
 from icofabric_sim.simulation.stepping.methods import facts_of, Method, METHODS
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+from icofabric_sim.simulation.stepping.trajectory import RunSetup, Start
 from icofabric_sim.simulation.stepping.uniform_stepping import latest_end
 import numpy as np
 
@@ -68,7 +69,7 @@ class EventLoop:
         `ranks`: processes that take the steps together; `device`: what takes them, if not this
         process.
         """
-        self._scene, self._packed, self._on_pause = scene, packed, on_pause
+        self._scene, self._packed = scene, packed
         self.time = 0.0  # [s] that was asked for last
         self.inputs = Inputs(scene)
         # Grows with whatever changes the state that is seen.
@@ -77,7 +78,7 @@ class EventLoop:
         # When a step has to end for an input that was taken already [s]; infinite: no step has.
         self._cut_due = math.inf
         parameters = scene.parameters
-        # Name of the method in METHODS, and why it was chosen.
+        # Name of the method in METHODS, and the reason for it.
         self.method = Choice(parameters['solver.method'], 'given as solver.method')
         is_chosen = self.method.name == 'auto'
         loads, half_edge = self._loads(), scene.geometry.half_edge
@@ -142,13 +143,12 @@ class EventLoop:
         # Each rank takes its steps by one thread, a device takes all of them, and what implicit
         # steps take most of their time for, to solve, is done by one.
         is_shared = ranks is None and device is None and not method.implicit
-        self._thread_team = ThreadTeam(
-            parameters['solver.threads'], packed, is_shared=is_shared)
-        self._broad_phase = None
-        if packed.contact is not None:
-            self._broad_phase = BroadPhase(
-                packed.contact, packed.layout, packed.model, self._thread_team.size)
-        self._obstruction = Obstruction(parameters['connector.obstruction'], packed)
+        team = ThreadTeam(parameters['solver.threads'], packed, is_shared=is_shared)
+        self._setup = RunSetup(
+            scene, packed, self.inputs, team,
+            None if packed.contact is None else BroadPhase(
+                packed.contact, packed.layout, packed.model, team.size),
+            Obstruction(parameters['connector.obstruction'], packed), on_pause)
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
         # Makes a method by its name.
@@ -201,35 +201,15 @@ class EventLoop:
 
     def _make_driver(
         self, method: Method, state: State, loads: Loads, frequency: Frequency, *,
-        begins: bool = True
+        takes_steps: bool = True
     ) -> Driver:
-        """Make what takes the steps of a method from the present time on."""
-        scene, parameters = self._scene, self._scene.parameters
+        """Return a driver that takes the steps of a method from the present time on."""
         return Driver(
-            self._packed,
-            method,
-            state,
-            loads,
-            frequency,
-            origin=self.time,
-            fixed_step=parameters['solver.step'],
-            tolerance=parameters['solver.tolerance'],
-            energy_limit=parameters['solver.energy_limit'],
-            estimates_errors=parameters['solver.error_estimate'],
-            output_period=1.0 / parameters['publish_rate'],
-            load_rate=self._load_rate(loads),
-            half_edge=scene.geometry.half_edge,
-            has_events=bool(why_events(scene)),
-            thread_team=self._thread_team,
-            broad_phase=self._broad_phase,
-            obstruction=self._obstruction,
-            anchor_breaks=self.inputs.anchor_breaks,
-            pulse_step=self.inputs.pulse_step,
+            self._setup, method,
+            Start(self.time, state, loads, self._load_rate(loads), frequency),
             leaves_contacts=(
                 self.near_method is not None and self.method.name == self._first.name),
-            begins=begins,
-            on_pause=self._on_pause,
-        )
+            takes_steps=takes_steps)
 
     @property
     def touching_method(self) -> str:
@@ -246,7 +226,7 @@ class EventLoop:
         try:
             return self._make_driver(
                 facts_of(self.method.name), self.driver.trajectory.state, self._loads(again=True),
-                self.driver.rates.frequency, begins=False).is_ready()
+                self.driver.rates.frequency, takes_steps=False).is_ready()
         finally:
             self.method = before
 
@@ -272,9 +252,9 @@ class EventLoop:
         """Go on from a `state` where the present steps have come to, by another method."""
         before, was, now = self.driver, self.method, self.time
         self.method, self.time = choice, before.time
-        if self._broad_phase is not None:
+        if self._setup.broad_phase is not None:
             # Methods that run through contacts say otherwise themselves.
-            self._broad_phase.counts_listed = True
+            self._setup.broad_phase.counts_listed = True
         try:
             after = self._make_driver(
                 self._method_of(choice.name), state, self._loads(again=True),
@@ -341,12 +321,8 @@ class EventLoop:
         """
         The state at the present time; after a failure the last good one, whose time it is then.
         """
-        try:
+        with self._at_last_good_state():
             return self.driver.state_at(self.time)
-        except SimulationError:
-            self.time = self.driver.time
-            self.changes += 1
-            raise
 
     def apply(self, target: Target, value: Value, time: float) -> None:
         """Let an input act from `time` [s] on, now or later."""
@@ -408,10 +384,10 @@ class EventLoop:
             raise ValueError(
                 f'cut_due must be its time {time!r} s or infinite, got {self._cut_due!r}')
         self.driver.load_state(tree.part('stepper'), self._loads(again=True))
-        if not self.driver.time <= latest_end(time) or not time <= self.driver.next_step_time:
+        start, end = self.driver.time, self.driver.stepping.next_step_time
+        if not start <= latest_end(time) or not time <= end:
             raise ValueError(
-                f'its time {time!r} s is not in the step in progress, '
-                f'{self.driver.time!r} to {self.driver.next_step_time!r} s')
+                f'its time {time!r} s is not in the step in progress, {start!r} to {end!r} s')
         self.time = time
 
     def settle_inputs(self) -> None:
@@ -480,27 +456,28 @@ class EventLoop:
 
     def _end_step(self, time: float) -> None:
         """End the step in progress at `time` [s]."""
-        try:
+        with self._at_last_good_state():
             while not self.driver.cut(time):
                 self._follow_contacts()
             self._follow_contacts()
+
+    @contextmanager
+    def _at_last_good_state(self) -> Iterator[None]:
+        """On a failure, set the time to that of the last good state, which may be earlier."""
+        try:
+            yield
         except SimulationError:
-            # The last good state may be older than what was seen of the run.
             self.time = self.driver.time
             self.changes += 1
             raise
 
     def _reach(self, time: float) -> None:
         try:
-            self._settle_loads_before(time)
-            self.driver.advance(time)
-            while self._follow_contacts():
+            with self._at_last_good_state():
+                self._settle_loads_before(time)
                 self.driver.advance(time)
-        except SimulationError:
-            # The last good state may be older than what was seen of the run.
-            self.time = self.driver.time
-            self.changes += 1
-            raise
+                while self._follow_contacts():
+                    self.driver.advance(time)
         except BaseException:
             self.time = max(self.time, self.driver.time)
             self.changes += 1

@@ -30,7 +30,7 @@ def test_steps_are_judged_only_up_to_where_a_drive_stops():
     """A step in progress ends where shell and plane would overlap by more than ends a run."""
     live = ico.compile_scene(onto_plane(0.02))
     time = 0.1
-    while not live._driver.next_step_time * SPEED > 0.0133:
+    while not live._driver.stepping.next_step_time * SPEED > 0.0133:
         time += 1e-4
         live.advance_to(time)
     lasting = ico.compile_scene(onto_plane(0.02))

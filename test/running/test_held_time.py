@@ -165,14 +165,14 @@ def test_outputs_of_the_time_at_which_an_input_awaits_its_kernels_are_sent(held,
     runner, sink = held
     sink.topics, sink.is_bag = (*sink.topics, POSES), True
     driver, free = runner.simulation._driver, threading.Event()
-    cut = driver._stepping.cut
+    cut = driver.stepping.cut
 
     def missing(time):
         if time > 0.0 and not free.is_set():
             raise KernelsMissing
         return cut(time)
 
-    monkeypatch.setattr(driver._stepping, 'cut', missing)
+    monkeypatch.setattr(driver.stepping, 'cut', missing)
     for module in (driver_module, time_advance):
         monkeypatch.setattr(module, 'is_compiler_free', free.is_set)
     push(runner, 'push', stamp=50_000_000, force=PUSH)
@@ -358,7 +358,7 @@ def test_a_kernel_that_takes_a_moment_is_waited_for_only_while_another_thread_co
         held, monkeypatch):
     runner, _ = held
     driver, taken = runner.simulation._driver, []
-    run, free = driver._stepping.run, threading.Event()
+    run, free = driver.stepping.run, threading.Event()
 
     def missing_once(time, count):
         if not taken:
@@ -366,7 +366,7 @@ def test_a_kernel_that_takes_a_moment_is_waited_for_only_while_another_thread_co
             raise KernelsMissing
         run(time, count)
 
-    monkeypatch.setattr(driver._stepping, 'run', missing_once)
+    monkeypatch.setattr(driver.stepping, 'run', missing_once)
     for module in (driver_module, time_advance):
         monkeypatch.setattr(module, 'is_compiler_free', free.is_set)
     with Beside(runner) as beside:
@@ -381,8 +381,8 @@ def test_a_kernel_that_takes_a_moment_is_waited_for_only_while_another_thread_co
     # Where no other thread compiles it is compiled in place, and nothing waits.
     waiting = ico.compile_scene(SCENE)
     waiting._driver.awaits_kernels = True
-    run, taken[:] = waiting._driver._stepping.run, []
-    monkeypatch.setattr(waiting._driver._stepping, 'run', missing_once)
+    run, taken[:] = waiting._driver.stepping.run, []
+    monkeypatch.setattr(waiting._driver.stepping, 'run', missing_once)
     waiting.advance_to(0.001)
     assert taken and waiting.time == 0.001
 
@@ -392,7 +392,7 @@ def test_a_second_try_does_not_compile_what_a_contact_needs(monkeypatch):
     free, waiting = ico.compile_scene(SCENE), ico.compile_scene(SCENE)
     driver, tries = waiting._driver, []
     driver.awaits_kernels = True
-    run = driver._stepping.run
+    run = driver.stepping.run
 
     def missing_first(time, count):
         tries.append(driver.contact.contacts is not None)
@@ -400,14 +400,14 @@ def test_a_second_try_does_not_compile_what_a_contact_needs(monkeypatch):
             raise KernelsMissing
         run(time, count)
 
-    monkeypatch.setattr(driver._stepping, 'run', missing_first)
+    monkeypatch.setattr(driver.stepping, 'run', missing_first)
     monkeypatch.setattr(driver_module, 'is_compiler_free', lambda: True)
     with pytest.raises(KernelsAwaited) as awaited:
         waiting.advance_to(0.15)
     assert awaited.value.is_for_contacts and len(tries) % 2 == 0 and not any(tries)
     assert not waiting.status.has_contacts and 0.05 < waiting.time < 0.15
     driver.awaits_kernels = False
-    monkeypatch.setattr(driver._stepping, 'run', run)
+    monkeypatch.setattr(driver.stepping, 'run', run)
     for simulation in (free, waiting):
         simulation.advance_to(0.15)
     assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()
@@ -420,7 +420,7 @@ def test_steps_that_fail_while_kernels_are_awaited_leave_the_state_as_it_was(mon
         simulation.advance_to(0.02)
     driver, tries = waiting._driver, []
     driver.awaits_kernels = True
-    run = driver._stepping.run
+    run = driver.stepping.run
 
     def broken(time, count):
         tries.append(count)
@@ -429,14 +429,14 @@ def test_steps_that_fail_while_kernels_are_awaited_leave_the_state_as_it_was(mon
             raise KernelsMissing
         raise MemoryError('no room for a kernel')
 
-    monkeypatch.setattr(driver._stepping, 'run', broken)
+    monkeypatch.setattr(driver.stepping, 'run', broken)
     monkeypatch.setattr(driver_module, 'is_compiler_free', lambda: True)
     before = driver.state_tree()
     with pytest.raises(MemoryError):
         waiting.advance_to(0.03)
     assert len(tries) == failing and waiting.time == 0.02
     assert repr(driver.state_tree()) == repr(before)
-    monkeypatch.setattr(driver._stepping, 'run', run)
+    monkeypatch.setattr(driver.stepping, 'run', run)
     for simulation in (free, waiting):
         simulation.advance_to(0.03)
     assert waiting.snapshot().position.tobytes() == free.snapshot().position.tobytes()

@@ -163,7 +163,7 @@ class SimulationStatus:
     @property
     def next_step_time(self) -> float:
         """Time [s] at which the step in progress ends, unless an input ends it before."""
-        return self._driver.next_step_time
+        return self._driver.stepping.next_step_time
 
     @property
     def largest_frequency(self) -> float:
@@ -195,7 +195,8 @@ class SimulationStatus:
     @property
     def error_rate(self) -> float:
         """Error that the method adds for each second [1/s], measured last; NaN: not estimated."""
-        return self._driver.error_rate() if self._driver.errors.is_estimated else math.nan
+        return self._driver.stepping.error_rate() if (
+            self._driver.errors.is_estimated) else math.nan
 
     @property
     def error_estimate(self) -> float:
@@ -206,7 +207,7 @@ class SimulationStatus:
         """
         if not self._driver.errors.is_estimated:
             return math.nan
-        return self._driver.error_estimate(self._event_loop.time)
+        return self._driver.stepping.error_estimate(self._event_loop.time)
 
     @property
     def error_estimate_lacks(self) -> str:
@@ -220,7 +221,7 @@ class SimulationStatus:
                 'steps that do not adapt: solver.method dop8 without solver.step follows it')
         if self._packed.model.wrapping is not None:
             # Windows are not measured where shells may touch.
-            blind = self._driver.contact.is_possible and not self._driver.is_given
+            blind = self._driver.contact.is_possible and not self._trajectory.is_given
             found.append(
                 'where connectors around shells change to another geodesic the force jumps, and '
                 'the tolerance is not kept' + (
@@ -231,13 +232,13 @@ class SimulationStatus:
                     'shells pass through each other, where no way around them is right: lengths '
                     'of connectors jump there, by which errors grew to 10,000 times the estimate '
                     'in a test; contact.mode auto keeps shells apart')
-        if (self._packed.external is not None and self._driver.is_given and self.step_count > 0
+        if (self._packed.external is not None and self._trajectory.is_given and self.step_count > 0
                 and not self.error_estimate > 0.0):
             found.append(
                 'a body force alone moves the bodies, and nothing turns or vibrates by whose '
                 'period the error of a given solver.step is measured, so the estimate stays 0: '
                 'without solver.step every step is judged')
-        if self._driver.is_given and (self.broken_count or self._packed.goes_slack):
+        if self._trajectory.is_given and (self.broken_count or self._packed.goes_slack):
             found.append(
                 'bodies fly where connectors have broken, or are far softer on one side of their '
                 'natural length: nothing takes an error of velocity back there, and the error at '

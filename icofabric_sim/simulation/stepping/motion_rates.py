@@ -14,7 +14,7 @@ from icofabric_sim.simulation.model.stability import (
 )
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.faults import fastest_term, stiffest_term, unsafe_step
-from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.simulation.stepping.trajectory import Start, Trajectory
 from icofabric_sim.simulation.stepping.whole_state import WholeState
 import numpy as np
 
@@ -33,16 +33,13 @@ class MotionRates:
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, whole: WholeState,
-        fabric: Frequency, load_rate: float, pulse_step: Callable[[], float]
+        start: Start, pulse_step: Callable[[], float]
     ) -> None:
-        """
-        Begin with the largest frequency of the `fabric`, and the `load_rate` [rad/s].
-
-        `pulse_step` returns the longest step [s] within what acts.
-        """
+        """Begin at `start`; `pulse_step` returns the longest step [s] that resolves the loads."""
         self._trajectory, self._contact, self._whole = trajectory, contact, whole
         # The largest frequency of the fabric alone, and the rate of the loads alone.
-        self.fabric, self.load_rate, self.pulse_step = fabric, load_rate, pulse_step
+        self.fabric, self.load_rate = start.frequency, start.load_rate
+        self.pulse_step = pulse_step
 
     @property
     def frequency(self) -> Frequency:
@@ -139,7 +136,7 @@ class MotionRates:
         """End the run at `time` [s] if a given step has become longer than the limit."""
         trajectory, contact = self._trajectory, self._contact
         step = trajectory.step
-        if step <= self.limit:
+        if not trajectory.is_given or step <= self.limit:
             return
         if contact.is_possible and step <= trajectory.method.stability / max(
                 self.fabric.rate + trajectory.packed.velocity_rate, 1e-300):

@@ -91,10 +91,6 @@ class Pieces(Protocol):
     monitor: StepMonitor
     controller: StepController
 
-    @property
-    def is_given(self) -> bool:
-        """Whether the step was given by `solver.step`."""
-
     def choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
         """Take the step that the controller proposes from now on."""
 

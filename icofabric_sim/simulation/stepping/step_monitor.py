@@ -53,24 +53,25 @@ class StepMonitor:
 
     def __init__(
         self, trajectory: Trajectory, rates: MotionRates, whole: WholeState,
-        obstruction: Obstruction, *, given: bool, tolerance: float, differences: int
+        obstruction: Obstruction, *, tolerance: float, differences: int
     ) -> None:
         """
-        Check the `trajectory`; `given`: its step is, else it is chosen for the `tolerance` [1/s].
+        Check the `trajectory`, whose step is given or chosen for the `tolerance` [1/s].
 
-        `differences`: order of those by which the roughness of the motion is judged.
+        `differences` is the order of the differences that measure the roughness of the motion.
         """
         self._trajectory, self._rates, self.obstruction = trajectory, rates, obstruction
         self._whole = whole
-        self._is_given, self._tolerance, self._differences = given, tolerance, differences
+        self._tolerance, self._differences = tolerance, differences
         # Steps since the last check, and from one to the next.
         self.since_check = 0
         self._longest = CLOSE_INTERVAL if obstruction.stops else CHECK_INTERVAL
         self._most_steps = max(self._longest // trajectory.method.stages, 1)
         # Where the step follows the roughness of the motion there is a whole difference before
         # each check, so that a run goes back to where the motion was known to be smooth.
-        self._window = 1 if given else max(differences, 1)
-        self._least_steps = self._window if obstruction.stops or not given else SHORTEST_INTERVAL
+        self._window = 1 if trajectory.is_given else max(differences, 1)
+        self._least_steps = SHORTEST_INTERVAL if (
+            trajectory.is_given and not obstruction.stops) else self._window
         self._most_steps = self._in_windows(max(self._most_steps, self._least_steps))
         # Steps that searches for contacts count as the time between two health checks.
         self.search_interval = self._most_steps
@@ -96,13 +97,13 @@ class StepMonitor:
         """Choose the steps between two health checks for the present step."""
         trajectory, rate = self._trajectory, self._rates.fabric.rate
         step = trajectory.step
-        if trajectory.control is not None and not self._is_given and rate > 0.0:
+        if trajectory.control is not None and not trajectory.is_given and rate > 0.0:
             # The first steps of an adaptive method are not known yet.
             step = trajectory.method.chosen / rate
         self.interval = self.interval_with(step)
-        if self._is_given and self._rates.frequency.rate > self._rates.fabric.rate:
+        if trajectory.is_given and self._rates.frequency.rate > self._rates.fabric.rate:
             self.interval = min(self.interval, self.search_interval)
-        if self._is_given and trajectory.packed.goes_slack:
+        if trajectory.is_given and trajectory.packed.goes_slack:
             # Errors of connectors that tighten are measured from check to check, in whole periods.
             self.interval = self.search_interval
         self.since_check = min(self.since_check, self.interval - 1)
@@ -130,7 +131,7 @@ class StepMonitor:
         ledger.high, ledger.low, ledger.spin_weight = math.inf, math.inf, 1.0
         self._whole.examine()
         ledger.low = 0.0
-        if self._is_given:
+        if self._trajectory.is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at
             # every check: the bound may be three times as high, its own growth says nothing.
             method, step = trajectory.method, trajectory.step
@@ -204,7 +205,7 @@ class StepMonitor:
         meeting = None if trajectory.control is not None else meeting_between(
             trajectory.packed, trajectory.saved, trajectory.state, time - trajectory.saved_time,
             trajectory.step)
-        if not self._is_given and abs(balance.error) < _ROUNDING * balance.scale:
+        if not self._trajectory.is_given and abs(balance.error) < _ROUNDING * balance.scale:
             way_out = (
                 f'a solver.energy_limit of {_ROUNDING:g} or more, as this is the rounding of many '
                 'steps, which shorter ones only make more of')
@@ -226,7 +227,7 @@ class StepMonitor:
 
     def way_out(self) -> str:
         """Say what makes steps shorter."""
-        if self._is_given:
+        if self._trajectory.is_given:
             return 'give a smaller solver.step, or 0 to have it chosen'
         return shorter_steps(self._trajectory.step, self._tolerance, self._rates.fastest_term())
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Watches for connectors that are longer or shorter than the table of their law says."""
+"""Report of connectors whose length is beyond the table of their law."""
 
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.model.packing import PackedScene
@@ -10,36 +10,38 @@ import numpy as np
 
 class TableWatch:
     """
-    Remembers the first connector that was seen beyond its table, at the health checks.
+    First connector whose length was beyond its table at a health check.
 
-    Forces note that they met a length beyond its table: lengths are computed only after that.
+    Force kernels set a flag at a length beyond its table; lengths are computed only then.
     """
 
     def __init__(self, packed: PackedScene) -> None:
-        """Watch the connectors of a scene with tables."""
+        """Watch the connectors of a scene, if some have tables."""
         self._packed, self.found = packed, ''  # sentence
         self._suspected = True
-        self._always = packed.model.wrapping is not None  # pieces are those of straight lengths
+        # Force kernels compare straight lengths, which geodesics exceed.
+        self._always = packed.model.wrapping is not None
         links = packed.model.links
-        assert links is not None and links.tables is not None
-        self._beyond = links.tables.beyond
+        tables = None if links is None else links.tables
+        self._has_tables = tables is not None
+        self._beyond = np.zeros(1) if tables is None else tables.beyond
 
     @property
     def is_watching(self) -> bool:
-        """Whether something is still to be found."""
-        return not self.found or self.may_stop
+        """True while a length beyond a table is still to be reported."""
+        return self._has_tables and (not self.found or self.may_stop)
 
     @property
     def may_stop(self) -> bool:
-        """Whether a run stops beyond some table."""
+        """True if a run stops beyond some table."""
         return bool(self._packed.tables.stops.any())
 
     def is_suspect(self) -> bool:
-        """Whether a connector was beyond its table in a state since the last check."""
+        """Return True if a connector was beyond its table in a state since the last check."""
         return self._always or self._beyond[0] > 0.0
 
     def was_suspect(self) -> bool:
-        """Return whether a state since the last check but one is suspect, and begin anew."""
+        """Return True if a state since the last check but one is suspect; restart the count."""
         before, self._suspected = self._suspected, self.is_suspect()
         self._beyond[0] = 0.0
         return before or self._suspected
@@ -47,7 +49,7 @@ class TableWatch:
     def describe(
         self, time: float, state: State, broken_since: np.ndarray | None
     ) -> tuple[str, bool]:
-        """Describe what is beyond its table at a `time` [s], and return whether that stops."""
+        """Return a text on connectors beyond their tables at `time` [s], and if the run stops."""
         packed = self._packed
         assert packed.connectors is not None
         first, second = packed.connectors.first, packed.connectors.second

@@ -6,8 +6,9 @@ The trajectory of a run: its state, its time, and a saved state to come back to.
 Nothing here decides which steps are taken; see `driver.py`.
 """
 
+from collections.abc import Callable
 import math
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from icofabric_sim.kernels.contact.forces import touch_all
 from icofabric_sim.kernels.contact.losses import touch_ahead
@@ -23,10 +24,12 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
-from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.layout import copy_state, has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.model.shared_kinds import (
@@ -37,11 +40,13 @@ from icofabric_sim.simulation.model.shared_kinds import (
     Without,
     without,
 )
+from icofabric_sim.simulation.model.stability import Frequency
 from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.evaluations import Evaluations
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Elsewhere, KINK_ORDER, Method
+from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
 
@@ -49,40 +54,49 @@ import numpy as np
 _REMEMBERED = 'stretch', 'slopes', 'lost'
 
 
+class RunSetup(NamedTuple):
+    """Objects that all drivers of a run share."""
+
+    scene: Scene
+    packed: PackedScene
+    inputs: Inputs
+    thread_team: ThreadTeam
+    broad_phase: BroadPhase | None  # None: shells cannot touch
+    obstruction: Obstruction
+    # Called between two kernel calls, at the end of a step; an exception ends the advance there.
+    on_pause: Callable[[], None]
+
+
+class Start(NamedTuple):
+    """State in which a driver starts, and the loads of that time."""
+
+    time: float  # [s]
+    state: State
+    loads: Loads
+    load_rate: float  # [rad/s]
+    frequency: Frequency  # largest one of the fabric in this state
+
+
 class Trajectory:
-    """A state that moves in steps, what acts on it, and the last state that was saved."""
+    """State that advances in steps, its loads, and the state that was saved last."""
 
     def __init__(
-        self,
-        packed: PackedScene,
-        method: Method,
-        state: State,
-        loads: Loads,
-        *,
-        origin: float,
-        step: float,
-        differences: int,
-        energy_limit: float,
-        half_edge: float,
-        thread_team: ThreadTeam,
-        control: EmbeddedControl | None = None,
-        anchor_breaks: AnchorBreaks | None = None,
+        self, setup: RunSetup, method: Method, start: Start, *, differences: int,
+        control: EmbeddedControl | None
     ) -> None:
         """
-        Begin with `state` at time `origin` [s], with steps of `step` [s]; 0: not known yet.
+        Begin at `start`; `control` belongs to steps that the kernel accepts or rejects.
 
-        `control`: of steps that the kernel accepts or refuses, the last of which is always
-        in progress.
-
-        `differences`: order of the differences by which the roughness of the motion is judged;
-        `half_edge` [m]: a, the unit of errors of positions.
+        `differences` is the order of the differences that measure the roughness of the motion.
         """
+        packed, state = setup.packed, start.state
         self.packed, self.model, self.method = packed, packed.model, method
-        self._state, self._loads = state, loads
-        self.thread_team, self.half_edge = thread_team, half_edge
+        self._state, self._loads = state, start.loads
+        # Unit of errors of positions: a [m].
+        self.thread_team, self.half_edge = setup.thread_team, setup.scene.geometry.half_edge
         self.broken = Broken(packed)
-        # Of what acts, which knows of them when it is packed; None: no anchor breaks.
-        self.anchor_breaks = anchor_breaks
+        # Of the inputs, which pack the loads; None: no anchor can break.
+        self.anchor_breaks = setup.inputs.anchor_breaks
         # For evaluations of a state, which do not depend on the method.
         self._room_of: Without[Work] = Without('trail', 'breakage', 'external', 'kinks')
         self._forces_of: Without[Model] = Without(*BESIDE_ACCELERATIONS)
@@ -98,15 +112,17 @@ class Trajectory:
             self._work = self._work._replace(
                 given=packed.layout.meter(), external=packed.external)
         self.control = control
-        # Steps of one length end at origin + index x step.
-        self.origin, self.index, self.step = origin, 0, step
+        # Steps of one length end at origin + index x step; 0: the step is not known yet.
+        parameters = setup.scene.parameters
+        self.origin, self.index, self.step = start.time, 0, parameters['solver.step']
+        self.is_given = self.step > 0.0  # by `solver.step`
         self.step_count = 0
         self.evaluations = Evaluations()
-        self.ledger = Ledger(packed, energy_limit)
-        self.ledger.inverse_size = half_edge**-2
+        self.ledger = Ledger(packed, parameters['solver.energy_limit'])
+        self.ledger.inverse_size = self.half_edge**-2
         self._saved = packed.layout.like(state)
         # Times [s] of the saved state, and of the one that is here: a device may have a later one.
-        self._saved_time = self._saved_here = origin
+        self._saved_time = self._saved_here = start.time
         # Energies that had flowed at a saved state, by name, when that was, and by which loads.
         self._flows: dict[str, np.ndarray] = {}
         self._flows_at: tuple[float, Loads | None] = math.nan, None

@@ -69,7 +69,7 @@ class UniformStepping:
         origin, step = trajectory.origin, trajectory.step
         count = (time - origin) / step
         if not count < _MOST_STEPS:
-            reason = '' if self._pieces.is_given else (
+            reason = '' if self._pieces.trajectory.is_given else (
                 f'; {too_fast(trajectory.time, self._pieces.rates.fastest_term())}')
             trajectory.fail(
                 f'steps of {step:.6g} s never come to t = {time:.9g} s: that would take '
@@ -154,7 +154,7 @@ class UniformStepping:
         elif pieces.contact.has_left(state, time):
             # Of a chosen step the whole: the run must not depend on what is shown.
             return self._judge_steps(
-                trajectory.step if rest > 0.0 and not pieces.is_given else rest)
+                trajectory.step if rest > 0.0 and not trajectory.is_given else rest)
         return True
 
     def go_back(self) -> None:
@@ -249,11 +249,11 @@ class UniformStepping:
             # What was before the last search was judged by the one before that.
             if not found and 0.5 * (start + end) > pieces.contact.search_time:
                 found = pieces.contact.passing(
-                    before, after, start, end, long=pieces.is_given)
+                    before, after, start, end, long=trajectory.is_given)
 
         span = trajectory.time - trajectory.saved_time
         pieces.trials.retrace(round(span / trajectory.step), max(rest, 0.0), visit)
-        if found and pieces.is_given:
+        if found and trajectory.is_given:
             pieces.contact.stop_passing(found)
         return not found
 
@@ -279,7 +279,7 @@ class UniformStepping:
             trajectory.fail(
                 f'no step of {rest:.6g} s leads from t = {trajectory.time:.9g} s to a state at '
                 f't = {time:.9g} s; ' + (
-                    'take a smaller solver.step, or 0 to have it chosen' if pieces.is_given
+                    'take a smaller solver.step, or 0 to have it chosen' if trajectory.is_given
                     else 'take a smaller solver.tolerance') + '; the last good state, of '
                 f't = {trajectory.time:.9g} s, is kept')
         return state
@@ -372,7 +372,7 @@ class UniformStepping:
         if touching is not None and checks.since_check == 0:
             if saved_at >= 0 and not status & monitor.UNSOUND:
                 touching.end(saved_time, errors.probe.steady_rate)
-                if not pieces.is_given:
+                if not trajectory.is_given:
                     errors.report_excess(saved_time)
             else:
                 touching.begin(time)
@@ -428,7 +428,7 @@ class UniformStepping:
 
     def _is_far(self, step: float) -> bool:
         """Whether bodies may leave the region with known contacts in a given `step` [s]."""
-        return self._pieces.is_given and step > self._pieces.contact.longest_step
+        return self._pieces.trajectory.is_given and step > self._pieces.contact.longest_step
 
     def _accept(self, time: float) -> bool:
         """
