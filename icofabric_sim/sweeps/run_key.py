@@ -58,9 +58,8 @@ def features_digest() -> str:
     NUMBA_CPU_NAME does not determine these features: if it is set, Numba adds the features of
     this processor unless NUMBA_CPU_FEATURES is set too.
     """
-    from icofabric_sim.kernels.runtime.numba_private import cpu_target
-    _, _, features = cpu_target.target_context.codegen().magic_tuple()
-    return hashlib.sha256(str(features).encode()).hexdigest()[:_FEATURES_DIGITS]
+    from icofabric_sim.kernels.runtime.numba_private import processor_features
+    return hashlib.sha256(processor_features().encode()).hexdigest()[:_FEATURES_DIGITS]
 
 
 def key_of(

@@ -562,12 +562,12 @@ def test_a_kernel_keeps_its_machine_code_while_another_thread_compiles():
     with parts.compiling('kernel'):
         thread.start()
         assert entered.wait(60.0)
-        kernel, part = (parts._create_library(name) for name in ('kernel', 'part'))
+        kernel, part = (parts._library_class(name) for name in ('kernel', 'part'))
     made.set()
     thread.join()
-    assert not isinstance(kernel, parts._PartLibrary) and isinstance(part, parts._PartLibrary)
-    # What others compile in this process is left alone.
-    assert not isinstance(parts._create_library('theirs'), parts._PartLibrary)
+    assert kernel is parts.KernelLibrary and part is parts.PartLibrary
+    # Other functions that are compiled in this process are left alone.
+    assert parts._library_class('theirs') is None
 
 
 def test_import_of_kernels_spares_scipy_and_leaves_blas_to_others():

@@ -13,12 +13,14 @@ from typing import Any
 
 from icofabric_sim.kernels.runtime.disk_cache import KernelCache
 from icofabric_sim.kernels.runtime.numba_private import (
-    config,
-    cpu_target,
-    CPUDispatcher,
+    cache_of,
+    COMPILE_EVENT,
+    Dispatcher,
     event,
+    is_compiling_disabled,
     NullCache,
-    without_blas_check,
+    PASS_EVENT,
+    set_up_compiler,
 )
 from icofabric_sim.kernels.runtime.parts import compiling
 from icofabric_sim.kernels.runtime.target import kernel_target, target
@@ -26,7 +28,7 @@ from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.process.interrupts import exit_request
 from numba.types import unliteral
 
-_PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
+_PLAIN = is_compiling_disabled()
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -54,14 +56,12 @@ class _NoCache(NullCache):
     """A cache that marks kernels among all functions that Numba compiles in this process."""
 
 
-class _Part(CPUDispatcher):
+class _Part(Dispatcher):
     """
     A kernel as other kernels call it: without wrappers for Python and C.
 
     An `entrance` is compiled in place of the function, and stored on disk as the kernel.
     """
-
-    _compiler: Any
 
     def __init__(
         self, function: Callable[..., Any], *, inline: bool = False,
@@ -75,24 +75,14 @@ class _Part(CPUDispatcher):
         self._kept: Any = None
         self._entrance = function.__qualname__ if entrance else ''
 
-    @property
-    def _cache(self) -> Any:
-        """Cache on disk, opened on first access because a process uses few kernels."""
+    def find_cache(self) -> Any:
+        """Return the cache on disk, opened on first access because a process uses few kernels."""
         if self._kept is None:
             self._kept = _NoCache()
             # RuntimeError: no folder can be written.
             with suppress(RuntimeError):
                 self._kept = KernelCache(self._made_of, entrance=bool(self._entrance))
         return self._kept
-
-    @_cache.setter
-    def _cache(self, unused: Any) -> None:
-        """Ignore the empty cache that Numba sets at first."""
-
-    def _compilation_chain_init_hook(self) -> None:
-        """
-        Skip the types of other packages, which Numba loads before it reads those of arguments.
-        """
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """
@@ -124,12 +114,11 @@ class _Kernel(_Part):
         super().__init__(function, entrance=self._call)
         update_wrapper(self, function)
         self.py_func = function
-        self._compile_call, self._compiler.compile = self._compiler.compile, self._compile
+        self.add_before_compiling(self._provide_part)
 
-    def _compile(self, arguments: Any, result: Any) -> Any:
+    def _provide_part(self) -> None:
         # The part is made when another kernel calls it: no kernel does if all are on disk.
         self._call.__globals__['part'] = self._as_part()
-        return self._compile_call(arguments, result)
 
     # Attributes that other kernels read.
     def get_call_template(self, args: Any, kws: Any) -> Any:
@@ -144,8 +133,8 @@ class _Kernel(_Part):
         """
         types = tuple(self.typeof_pyval(argument) for argument in arguments)
         return types in self.overloads or (
-            isinstance(self._cache, KernelCache)
-            and self._cache.holds(types, self.targetctx))
+            isinstance(self.find_cache(), KernelCache)
+            and self.find_cache().holds(types, self.targetctx))
 
     def _as_part(self) -> _Part:
         if self._part is None:
@@ -183,7 +172,7 @@ class _Compilations(event.Listener):
         self._collects = False
 
     def on_start(self, happening: event.Event) -> None:
-        cache = getattr(happening.data['dispatcher'], '_cache', None)
+        cache = cache_of(happening.data['dispatcher'])
         if not self._depth and not isinstance(cache, (KernelCache, _NoCache)):
             return
         compile_notice.require_allowed()
@@ -196,7 +185,7 @@ class _Compilations(event.Listener):
         compile_notice.begin(
             kept=isinstance(cache, KernelCache),
             remark=f'; for {kernel_target()} alone, because {reason}' if reason else '')
-        _set_up_compiler()
+        set_up_compiler()
 
     def on_end(self, happening: event.Event) -> None:
         if self._depth:
@@ -216,16 +205,6 @@ class _Passes(event.Listener):
         pass
 
 
-@cache
-def _set_up_compiler() -> None:
-    """
-    Load all that Numba can compile; an empty cache spends a tenth of a node's start on the load.
-    """
-    with without_blas_check():
-        cpu_target.typing_context.refresh()
-        cpu_target.target_context.refresh()
-
-
 if not _PLAIN:
-    event.register('numba:compile', _Compilations())
-    event.register('numba:run_pass', _Passes())
+    event.register(COMPILE_EVENT, _Compilations())
+    event.register(PASS_EVENT, _Passes())

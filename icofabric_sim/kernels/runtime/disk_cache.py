@@ -25,14 +25,11 @@ import uuid
 
 from icofabric_sim.kernels.runtime.lane_types import LANES
 from icofabric_sim.kernels.runtime.numba_private import (
-    _nrt,
-    CompileResultCacheImpl,
-    config,
-    FunctionCache,
-    IndexDataCacheFile,
+    cache_folder_setting,
+    CacheFile,
+    DiskCache,
 )
 import llvmlite
-from llvmlite import binding
 import numba
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -95,7 +92,7 @@ def kernel_cache_folder() -> str:
     OSError
         If neither NUMBA_CACHE_DIR nor XDG_CACHE_HOME is set and the user has no home folder.
     """
-    named = getattr(config, 'CACHE_DIR', '')
+    named = cache_folder_setting()
     if named:
         return os.path.abspath(os.path.join(named, 'icofabric_sim'))
     # Programs ignore a relative XDG_CACHE_HOME (XDG Base Directory Specification).
@@ -187,35 +184,39 @@ def _hash_of_file(path: str) -> bytes:
     return hashlib.sha256(Path(path).read_bytes()).digest()
 
 
-class _CacheFile(IndexDataCacheFile):
+class _CacheFile(CacheFile):
     """The index of a kernel and its entries, safe against other processes and damage."""
 
-    def _load_index(self) -> Any:
+    def read_index(self) -> Any:
+        """Return the file name of each entry; empty if the index cannot be read."""
         try:
-            return super()._load_index()
+            return super().read_index()
         except Exception:  # noqa: BLE001 - truncated, or it names records that no longer exist
             return {}
 
-    def _load_data(self, name: str) -> Any:
+    def read_entry(self, name: str) -> Any:
+        """Return the content of an entry. Raise OSError if the entry cannot be read."""
         try:
-            return super()._load_data(name)
+            return super().read_entry(name)
         except Exception as error:  # noqa: BLE001 - truncated by a full disk or a power failure
             raise OSError(f'{name} cannot be read') from error
 
-    def _data_name(self, number: int) -> str:
+    def entry_name(self, number: int) -> str:
+        """Return a file name that no other process uses."""
         # Numba numbers the entries. An index may then name an entry of an older source or of other
         # arguments: after a process ended before it wrote the entry, or two processes raced.
-        return self._data_name_pattern.replace('{number:d}', uuid.uuid4().hex[:16])
+        return f'{self.name}.{uuid.uuid4().hex[:16]}.nbc'
 
-    def _save_index(self, overloads: Any) -> None:
-        super()._save_index(overloads)
-        if len(overloads) > 1:
+    def write_index(self, names: Any) -> None:
+        """Write the file name of each entry; remove entries of older sources."""
+        super().write_index(names)
+        if len(names) > 1:
             # The first entry has cleared the folder. Listing thousands of files for each further
             # entry would take a noticeable fraction of the compile time.
             return
-        pattern = self._data_name_pattern.partition('{number:d}')[0]
-        used = set(overloads.values())
-        for path in glob.glob(os.path.join(glob.escape(self._cache_path), f'{pattern}*.nbc')):
+        used = set(names.values())
+        for path in glob.glob(os.path.join(
+                glob.escape(self.folder), f'{glob.escape(self.name)}.*.nbc')):
             if os.path.basename(path) not in used:
                 Path(path).unlink(missing_ok=True)
 
@@ -229,35 +230,9 @@ def _one_writer(folder: str) -> Iterator[None]:
         yield
 
 
-@cache
-def _provide_runtime() -> None:
-    """
-    Give the linker the addresses of Numba's runtime library, as setting up the compiler does.
-    """
-    for name, address in _nrt.c_helpers.items():
-        binding.add_symbol(name if name.startswith('_') else f'NRT_{name}', address)
-
-
-class _Entries(CompileResultCacheImpl):
-    """Entries of a kernel on disk, reduced to the data that a call needs."""
-
-    _locator_classes = [_Locator]
-
-    def reduce(self, cres: Any) -> Any:
-        """
-        Omit the text of the types, and empty environments.
-
-        Numba keeps an environment for each function that went into the code, some fifty a kernel.
-        To load an environment, Numba imports the module of its function.
-        """
-        *kept, reload_init, environments = super().reduce(cres._replace(type_annotation=''))
-        return (*kept, reload_init, tuple(one for one in environments if one.consts))
-
-
-class KernelCache(FunctionCache):
+class KernelCache(DiskCache, locator=_Locator):
     """The entries of one kernel."""
 
-    _impl_class = _Entries
     # The error by which entries could not be written, once it has been logged.
     _lost = ''
 
@@ -269,19 +244,19 @@ class KernelCache(FunctionCache):
         """
         super().__init__(function)
         self._entrance = entrance
-        stamp = (_STAMP, self._impl.locator.get_source_stamp())
-        self._cache_file = _CacheFile(self._cache_path, self._impl.filename_base, stamp)
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """
-        Load a compiled kernel, or return None if the cache has none.
+    def open_file(self, folder: str, name: str, source_stamp: Any) -> _CacheFile:
+        """Return the index and the entries of this kernel, which are valid for one source."""
+        return _CacheFile(folder, name, (_STAMP, source_stamp))
 
-        The method of Numba sets the compiler up first; machine code needs only its runtime
-        library.
+    def key_parts(self) -> tuple[Any, ...]:
         """
-        _provide_runtime()
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+        Return the number of lanes, and whether the entries can be called from Python.
+
+        Numba's key has the target: a level of x86-64, or a processor (target.py). If only its
+        features are set, the processor at hand determines the number of lanes.
+        """
+        return LANES, self._entrance
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """
@@ -293,7 +268,7 @@ class KernelCache(FunctionCache):
         try:
             if not _is_as_stamped():
                 return
-            with _one_writer(self._cache_path):
+            with _one_writer(self.cache_path):
                 super().save_overload(sig, data)
         except OSError as error:
             if not KernelCache._lost:
@@ -301,12 +276,3 @@ class KernelCache(FunctionCache):
                 _LOGGER.warning(
                     'compiled kernels cannot be kept on disk, the next start compiles them again: '
                     '%s; NUMBA_CACHE_DIR names another folder for them', error)
-
-    def holds(self, types: tuple[Any, ...], target: Any) -> bool:
-        """Check that the cache has an entry for arguments of such types."""
-        return self._index_key(types, target.codegen()) in self._cache_file._load_index()
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        # Numba's key has the target: a level of x86-64, or a processor (target.py). If only
-        # features are given, the processor at hand determines the number of lanes.
-        return *super()._index_key(sig, codegen), LANES, self._entrance

@@ -15,7 +15,13 @@ import threading
 import time
 from typing import TypeVar
 
-from icofabric_sim.kernels.runtime.numba_private import event, global_compiler_lock
+from icofabric_sim.kernels.runtime.numba_private import (
+    COMPILE_EVENT,
+    compiler_lock,
+    event,
+    LOCK_EVENT,
+    PASS_EVENT,
+)
 from icofabric_sim.process.compile_notice import KernelsMissing
 
 Result = TypeVar('Result')
@@ -34,7 +40,7 @@ class _Guard(threading.local):
     def forbids(self) -> tuple[str, ...]:
         if not self.is_on:
             return ()
-        return (_COMPILING,) if self.may_load() else (_COMPILING, _LOADING)
+        return (COMPILE_EVENT,) if self.may_load() else (COMPILE_EVENT, LOCK_EVENT)
 
 
 class _Watch(event.Listener):
@@ -59,9 +65,8 @@ class _End(event.Listener):
         pass
 
 
-_COMPILING, _LOADING = 'numba:compile', 'numba:compiler_lock'
 _guard = _Guard()
-for _kind in (_COMPILING, _LOADING):
+for _kind in (COMPILE_EVENT, LOCK_EVENT):
     event.register(_kind, _Watch())
 
 
@@ -91,27 +96,25 @@ def none_becomes_ready() -> Iterator[None]:
         yield
         return
     # Kernels become ready under this lock.
-    lock = global_compiler_lock._lock
-    if not lock.acquire(blocking=False):
+    if not compiler_lock.acquire(blocking=False):
         raise KernelsMissing
     try:
         yield
     finally:
-        lock.release()
+        compiler_lock.release()
 
 
 def is_compiler_free() -> bool:
     """Check that no other thread compiles or loads kernels."""
-    lock = global_compiler_lock._lock
-    if not lock.acquire(blocking=False):
+    if not compiler_lock.acquire(blocking=False):
         return False
-    lock.release()
+    compiler_lock.release()
     return True
 
 
 def end_compiling() -> None:
     """End compilations in all threads but the main one, because the process ends."""
-    event.register('numba:run_pass', _End())
+    event.register(PASS_EVENT, _End())
 
 
 def guarded_alike(

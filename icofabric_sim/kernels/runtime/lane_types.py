@@ -14,23 +14,21 @@ from typing import Any
 from icofabric_sim.kernels.runtime.numba_private import (
     AbstractTemplate,
     cgutils,
-    config,
     infer_global,
     signature,
+    target_setting,
 )
 from icofabric_sim.kernels.runtime.target import host_features
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-# Untyped: Numba sets its configuration at run time.
-_config: Any = config
-
 
 def _has_avx512() -> bool:
     """Check that code is made for a processor with AVX-512, see target.py."""
-    if _config.CPU_NAME and _config.CPU_NAME != 'host':
-        return '+avx512f' in (_config.CPU_FEATURES or '')
+    name, features = target_setting()
+    if name:
+        return '+avx512f' in features
     return host_features().get('avx512f', False)
 
 

@@ -9,11 +9,16 @@ its caller keeps it. A kernel therefore reads the fields by pointer and counts n
 optimiser may treat loaded fields as constants.
 """
 
+from collections.abc import Iterable
 import hashlib
 import operator
 from typing import Any
 
-from icofabric_sim.kernels.runtime.numba_private import AttributeTemplate, cgutils, cpu_target
+from icofabric_sim.kernels.runtime.numba_private import (
+    add_after_declaring,
+    AttributeTemplate,
+    cgutils,
+)
 from llvmlite import ir
 from numba import types
 from numba.extending import (
@@ -136,25 +141,19 @@ def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:
     return value
 
 
-def _declare(module: Any, description: Any) -> Any:
+def _mark_records(arguments: dict[str, Any], kinds: Iterable[tuple[str, Any]]) -> None:
     """
-    Declare a function whose records the optimiser can read anywhere in the function.
+    Mark the arguments of a function that are records: they can be read anywhere in the function.
 
     The optimiser may then read a field before a loop, though only some rounds of the loop need it.
     """
-    function = _declare_function(module, description)
-    arguments = {argument.name: argument for argument in function.args}
-    for name, kind in zip(description.args, description.argtypes):
-        argument = arguments.get(f'arg.{name}')
-        # The argument is None if the module has the declaration already.
-        if isinstance(kind, RecordType) and argument is not None:
-            argument.attributes.dereferenceable = kind.size
-            argument.attributes.add('nonnull')
-    return function
+    for name, kind in kinds:
+        if isinstance(kind, RecordType) and name in arguments:
+            arguments[name].attributes.dereferenceable = kind.size
+            arguments[name].attributes.add('nonnull')
 
 
-_declare_function = cpu_target.target_context.declare_function
-cpu_target.target_context.declare_function = _declare
+add_after_declaring(_mark_records)
 
 
 @unbox(RecordType)

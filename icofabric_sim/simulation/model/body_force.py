@@ -11,7 +11,7 @@ from typing import Any, Final
 from icofabric_sim import checks
 from icofabric_sim.kernels.external import C_FUNCTION
 from icofabric_sim.kernels.records import External
-from icofabric_sim.kernels.runtime.numba_private import config
+from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numba
 from numba import carray, types
@@ -27,7 +27,7 @@ _C_TYPES = types.int64(
 _ROW = types.Array(types.float64, 1, 'C')
 # How far the two ways of calling a function may be apart, beside the largest number.
 _ALIKE = 1e-9
-_PLAIN = bool(getattr(config, 'DISABLE_JIT', 0))
+_PLAIN = is_compiling_disabled()
 
 
 class BodyForce:

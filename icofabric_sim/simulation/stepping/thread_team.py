@@ -20,7 +20,7 @@ import weakref
 from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
-from icofabric_sim.kernels.runtime.numba_private import config
+from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.simulation.model.packing import PackedScene
@@ -80,7 +80,7 @@ def size_for(wanted: int, body_count: int, *, loose: bool = False) -> int:
         _LOGGER.warning(
             'solver.threads %d is more than the %d cores of this machine: %d are used; the '
             'result does not depend on it', wanted, cores, cores)
-    if getattr(config, 'DISABLE_JIT', 0):
+    if is_compiling_disabled():
         return 1
     if forced := _forced.get():
         return forced

@@ -18,7 +18,7 @@ import time
 import traceback
 from typing import Any, Final
 
-from icofabric_sim.kernels.runtime.numba_private import event
+from icofabric_sim.kernels.runtime.numba_private import COMPILE_EVENT, event
 from icofabric_sim.parameters.changes import restarts_motion
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
@@ -131,7 +131,7 @@ def classify_by_clock(
     logger.addHandler(handler)
     propagated, logger.propagate = logger.propagate, False
     try:
-        with event.install_listener('numba:compile', compiler), (
+        with event.install_listener(COMPILE_EVENT, compiler), (
                 tempfile.TemporaryDirectory()) as folder:
             finding = classify(stress, stress.write_files(Path(folder)), clock)
     except Exception as error:  # noqa: BLE001 - any exception is a finding
