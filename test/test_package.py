@@ -239,6 +239,25 @@ def test_private_modules_of_numba_are_imported_in_one_module():
     assert users > 15
 
 
+def test_private_attributes_of_numba_are_used_in_one_module():
+    """Attributes that numba_private.py uses; other modules of kernels have their own names."""
+    private = {
+        name for node in ast.walk(ast.parse(NUMBA_PRIVATE.read_text()))
+        for name in [getattr(node, 'attr', ''), getattr(node, 'name', None) or '']
+        if isinstance(node, (ast.Attribute, ast.FunctionDef)) and re.match('_[a-z]', name)
+    } - {'_replace'}  # of named tuples
+    assert {'_cache', '_compiler', '_engine', '_final_module', '_load_index'} <= private
+    for path in sources(PACKAGE):
+        text = path.read_text()
+        if path == NUMBA_PRIVATE or 'numba' not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
+            name = getattr(node, 'attr', getattr(node, 'value', ''))
+            if isinstance(node, (ast.Attribute, ast.Constant)) and name in private:
+                raise AssertionError(
+                    f'{path.relative_to(ROOT)}:{node.lineno}: {name} belongs to numba_private')
+
+
 def test_only_ros_folder_imports_ros():
     outside = [path for path in sources(PACKAGE) if PACKAGE / 'ros' not in path.parents]
     assert len(outside) > 10

@@ -21,12 +21,12 @@ from icofabric_sim.kernels.runtime.numba_private import (
     NullCache,
     PASS_EVENT,
     set_up_compiler,
+    unliteral,
 )
 from icofabric_sim.kernels.runtime.parts import compiling
 from icofabric_sim.kernels.runtime.target import kernel_target, target
 from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.process.interrupts import exit_request
-from numba.types import unliteral
 
 _PLAIN = is_compiling_disabled()
 

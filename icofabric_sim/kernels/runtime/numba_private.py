@@ -66,6 +66,9 @@ from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
 from numba.core.registry import cpu_target, CPUDispatcher  # noqa: E402
 from numba.core.runtime.nrt import _nrt  # noqa: E402
 
+# Returns the type of a literal number as that of any other number.
+from numba.core.types import unliteral  # noqa: E402
+
 # Typing rules of attributes and operators of new types.
 from numba.core.typing.templates import (  # noqa: E402
     AbstractTemplate,
@@ -79,7 +82,7 @@ __all__ = [
     'cache_of', 'CacheFile', 'cgutils', 'COMPILE_EVENT', 'compiler_lock', 'DiskCache',
     'Dispatcher', 'event', 'infer_global', 'is_compiling_disabled', 'KernelLibrary', 'LOCK_EVENT',
     'NullCache', 'number_functions_from', 'PartLibrary', 'PASS_EVENT', 'processor_features',
-    'set_up_compiler', 'signature', 'target_setting', 'use_libraries']
+    'set_up_compiler', 'signature', 'target_setting', 'unliteral', 'use_libraries']
 
 # Events: a function is compiled or loaded; a pass of the compiler; the compiler's lock is awaited.
 COMPILE_EVENT, PASS_EVENT, LOCK_EVENT = (
@@ -215,7 +218,8 @@ class DiskCache(FunctionCache):
 
     def __init_subclass__(cls, *, locator: type) -> None:
         """Store the entries where `locator` says."""
-        cls._impl_class = type('_EntriesOf', (_Entries,), {'_locator_classes': [locator]})
+        entries: Any = type('_EntriesOf', (_Entries,), {'_locator_classes': [locator]})
+        cls._impl_class = entries
 
     def __init__(self, function: Callable[..., Any]) -> None:
         """Raise RuntimeError if the class of locators returns None for the function."""
