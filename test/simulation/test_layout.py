@@ -127,7 +127,7 @@ def test_what_is_made_in_pieces_is_that_of_the_whole(changes, monkeypatch):
     scene = make_scene((5, 6, 7), changes)
     packed = pack_scene(scene)
     assert scene.body_count > 7 * 11
-    monkeypatch.setattr(layout_module, '_PIECE', 11)
+    monkeypatch.setattr(layout_module, '_BATCH_SIZE', 11)
     monkeypatch.setattr(weave_connect, '_BATCH_BODIES', 11)
     monkeypatch.setattr(weave_connect, '_MAX_STORED_BODIES', 0)
     # Made anew, so that no connectors are listed yet.

@@ -1,3 +1,5 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What kernels read: a scene packed into arrays, and what follows from them."""
+"""
+Packing of a scene into the arrays that kernels read, and quantities derived from these arrays.
+"""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""First and second derivatives of the energy of anchors, body by body."""
+"""First and second derivatives of the energy of anchors, for each anchored body."""
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.records import Anchors, Loads, Model, State
@@ -10,9 +10,9 @@ import numpy as np
 
 def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) -> float:
     """
-    Largest squared frequency [1/s^2] of anchors alone at `time` [s]; held freedoms are left out.
+    Return the largest squared frequency [1/s^2] that anchors alone cause at `time` [s].
 
-    Infinite where numbers are too large.
+    Held degrees of freedom are left out. The result is infinite if a number overflows.
     """
     anchors = loads.anchors
     assert anchors is not None
@@ -35,9 +35,9 @@ def anchor_accelerations(
     model: Model, loads: Loads, state: State, time: float
 ) -> np.ndarray:
     """
-    What anchors add to accelerations at `time` [s], (6, s) [m/s^2, rad/s^2].
+    Return the accelerations due to anchors at `time` [s], (6, s) [m/s^2, rad/s^2].
 
-    0 of held freedoms.
+    Accelerations along held degrees of freedom are 0.
     """
     found = np.zeros((6, state.position.shape[1]))
     if loads.anchors is None:
@@ -53,11 +53,12 @@ def stiffness_of(
     anchors: Anchors, a: int, position: np.ndarray, axes: np.ndarray, time: float
 ) -> np.ndarray:
     """
-    Second derivative (6, 6) along small motions (dx, dtheta) of a body, world frame.
+    Return the second derivative (6, 6) of the energy of an anchor, world frame.
 
-    With s the arm, n the direction and l the length of the connector, f its tension,
-    du = dx + dtheta x s: k (n.du)^2 + f/l |P du|^2 - f n.(dtheta x (dtheta x s)). The larger of
-    k_e and k_c counts: the connector may pass from one to the other before the next health check.
+    The derivative is taken along small motions (dx, dtheta) of the body. With the arm s, the
+    direction n, the length l and the tension f of the anchor, and du = dx + dtheta x s: k (n.du)^2
+    + f/l |P du|^2 - f n.(dtheta x (dtheta x s)). k is the larger of k_e and k_c, because the
+    anchor may change from one to the other before the next health check.
     """
     s, n, length, tension = _pulled(anchors, a, position, axes, time)
     along = np.outer(n, n)
@@ -74,7 +75,9 @@ def stiffness_of(
 def _pulled(
     anchors: Anchors, a: int, position: np.ndarray, axes: np.ndarray, time: float
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Arm [m], direction to the point of the world, length [m] and tension [N] of an anchor."""
+    """
+    Return arm [m], direction towards the world point, length [m] and tension [N] of an anchor.
+    """
     after = time - anchors.start[a]
     point = after ** np.arange(4.0) @ anchors.cubic[a]
     s = anchors.arm[a] @ axes
@@ -86,7 +89,7 @@ def _pulled(
 
 
 def _anchored(model: Model, loads: Loads, anchors: Anchors) -> list[tuple[int, int]]:
-    """Slot of the body, and number, of every anchor."""
+    """Return the slot of the body and the number of every anchor."""
     row, lane = acting_lanes(loads)
     number = -1 - loads.wrench[row] - anchors.first
     chosen = number >= 0
@@ -104,7 +107,7 @@ def _pose(state: State, slot: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inverses(model: Model, slot: int) -> np.ndarray:
-    """Inverse masses and inertias of the freedoms of a body, (6,)."""
+    """Return the inverse mass or inertia of each degree of freedom of a body, (6,)."""
     if model.supports is None:
         return np.repeat([model.inverse_mass, model.inverse_inertia], 3)
     held = model.supports

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs Maxwell arms of connectors, and the lengths at which their springs rest."""
+"""Packing of the Maxwell arms of connectors and of the rest lengths of their springs."""
 
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths
@@ -30,9 +30,11 @@ def pack_arms(
 
 
 def lengths_of(connectors: Connectors, model: Model, state: InitialState) -> np.ndarray:
-    """Lengths [m] of the connectors, (c,); of those around their shells along the geodesic."""
+    """
+    Return the lengths [m] of the connectors, (c,), along the geodesic if wrapped over a shell.
+    """
     length = np.empty(len(connectors.first))
-    # As the kernel was compiled for: not to be written to.
+    # Read-only, the type for which the kernel is compiled.
     rows = [np.ascontiguousarray(values).view() for values in (state.position, state.orientation)]
     for values in rows:
         values.flags.writeable = False
@@ -49,9 +51,10 @@ def carried_lengths(
     before: Connectors, rest: np.ndarray, held: np.ndarray, after: Connectors, length: np.ndarray
 ) -> np.ndarray:
     """
-    Rest lengths [m] of the connectors `after` a change, where they join the edges of one `before`.
+    Return rest lengths [m] of the arms of `after` that join the same edges as `before`.
 
-    `rest` (c,) of those, which had an arm where `held` (c,). Others are at rest at their `length`.
+    `rest` (c,) are the rest lengths before the change, of connectors with an arm where `held`
+    (c,). The springs of all other connectors are relaxed at their present `length`.
     """
     keys = [np.column_stack([
         connectors.first, connectors.second, connectors.first_edge, connectors.second_edge])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results as plain numbers: CSV files, and tables of pandas."""
+"""Tables of results: CSV files and data frames of pandas."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -13,14 +13,16 @@ from icofabric_sim.libraries import import_library
 
 
 class AsTable(ABC):
-    """What has a `table()`; writes it to files and hands it to pandas."""
+    """Base class of results that form a table, with output to CSV files and pandas."""
 
     @abstractmethod
     def table(self) -> dict[str, list[Any]]:
-        """A list for each column, named with its unit; the first one numbers the rows."""
+        """
+        Return a list for each column, named with its unit; the first column numbers the rows.
+        """
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to a CSV file, numbers in full."""
+        """Write the table to a CSV file with all digits."""
         columns = self.table()
         with open(checks.path('path', path), 'w', newline='', encoding='utf-8') as stream:
             table = csv.writer(stream)
@@ -28,7 +30,7 @@ class AsTable(ABC):
             table.writerows(zip(*columns.values()))
 
     def to_pandas(self) -> Any:
-        """Return the table as a DataFrame of pandas. Raise ImportError if that is missing."""
+        """Return the table as a DataFrame; raise ImportError if pandas is missing."""
         pandas = import_library(
             'pandas', 'to_pandas', without='table() and to_csv() do not')
         columns = self.table()
@@ -36,27 +38,27 @@ class AsTable(ABC):
 
 
 class Row(Protocol):
-    """One of several results."""
+    """A row of a table of results."""
 
     def row(self) -> Sequence[Any]:
-        """Plain values, one for each column of their table."""
+        """Return the values of the row, one for each column."""
 
 
 _Row = TypeVar('_Row', bound=Row)
 
 
 class Results(list[_Row], AsTable):
-    """A list of results of one kind, which is a table, too."""
+    """A list of results of one type that is also a table."""
 
     def __init__(
         self, columns: Sequence[str], results: Iterable[_Row] = (), *, number: str = ''
     ) -> None:
-        """Under the names of their `columns`, with units; a `number` counts them from 1."""
+        """Name the `columns`, with units; a column `number` counts the rows from 1."""
         super().__init__(results)
         self.columns, self.number = tuple(columns), number
 
     def __repr__(self) -> str:
-        """Say what they are and how far the first column goes, without the numbers."""
+        """Return the type, the number of results and the range of the first column."""
         if not self:
             return '<no results>'
         first, last = self[0].row()[0], self[-1].row()[0]
@@ -64,7 +66,7 @@ class Results(list[_Row], AsTable):
         return f'<{len(self):,} of {type(self[0]).__name__}: {self.columns[0]} {reach}>'
 
     def table(self) -> dict[str, list[Any]]:
-        """A list for each column."""
+        """Return a list for each column."""
         rows = [result.row() for result in self]
         numbers = {self.number: list(range(1, len(self) + 1))} if self.number else {}
         return {**numbers,

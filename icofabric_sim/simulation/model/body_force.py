@@ -20,38 +20,41 @@ import numpy as np
 Force = Callable[..., tuple[Any, Any]]
 Potential = Callable[..., Any]
 
-# Columns of what a function gets: position, orientation, linear and angular velocity.
+# Columns of the arguments: position, orientation, linear and angular velocity.
 _PARTS: Final = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13))
 _C_TYPES = types.int64(
     types.float64, types.int64, types.CPointer(types.float64), types.CPointer(types.float64))
 _ROW = types.Array(types.float64, 1, 'C')
-# How far the two ways of calling a function may be apart, beside the largest number.
-_ALIKE = 1e-9
-_PLAIN = is_compiling_disabled()
+# Largest difference of the results of both conventions, over the largest value.
+_CONVENTION_TOLERANCE_RATIO = 1e-9
+_JIT_IS_DISABLED = is_compiling_disabled()
 
 
 class BodyForce:
     """
-    A force and a torque on every body, from time, place, orientation and velocities.
+    A force and a torque on every body, as functions of time, pose and velocities.
 
     `force(time, position, orientation, linear_velocity, angular_velocity)` returns the force [N]
-    and the torque about the centre [N m], world frame, SI units. It must depend on nothing else.
+    and the torque about the centre [N m], world frame, SI units. The result must depend on these
+    arguments only.
 
-    Where Numba can compile it, it is called for one body at a time, with arrays (3,), (3,), (4,),
-    ... and returns two vectors or tuples of three numbers. Where it cannot, Python calls it with
-    all bodies, (n, 3), (n, 4) x y z w, (n, 3), (n, 3), and it returns two arrays (n, 3), or body
-    by body if it fails for all at once. `compiled` True or False settles which; a function that
-    both would take, and that means something else to each, is refused.
+    If Numba can compile `force`, kernels call the compiled function for one body at a time, with
+    arrays (3,), (3,), (4,), (3,), (3,); the function returns two vectors or tuples of three
+    numbers. Otherwise Python calls `force` with all bodies, (n, 3), (n, 3), (n, 4) x y z w, (n,
+    3), (n, 3); the function returns two arrays (n, 3). If that call fails, Python calls `force`
+    for one body at a time. `compiled` selects one of these conventions: True for the first, False
+    for the second. A function that accepts both conventions with different results raises an error
+    unless `compiled` is given.
 
-    Its work counts as work in. With a `potential(time, position, orientation)`, called in the
-    same way and returning energies [J], of a force that has one which does not depend on time,
-    this is part of the energy instead.
+    The work of the force counts as external work. If the force has a potential that does not
+    depend on time, give `potential(time, position, orientation)`, which returns energies [J] in
+    the same convention. The potential is then part of the energy.
     """
 
     def __init__(
         self, force: Force, *, potential: Potential | None = None, compiled: bool | None = None
     ) -> None:
-        """Nothing is called or compiled yet."""
+        """Store the functions; a scene compiles and calls them later."""
         checks.function('force', force)
         if potential is not None:
             checks.function('potential', potential)
@@ -59,16 +62,16 @@ class BodyForce:
             compiled = checks.flag('compiled', compiled)
         self.force, self.potential, self._wanted = force, potential, compiled
         self.name = getattr(force, '__name__', type(force).__name__)
-        # Whether Numba has compiled it; None until a scene is.
+        # True if Numba has compiled the function; None before a scene is compiled.
         self.is_compiled: bool | None = None
-        # Whether it is called for one body at a time; known once it is prepared.
+        # True if the function is called for one body at a time; set by `prepare`.
         self.is_by_body = False
-        self._compiled: Any = None  # compiled code that calls it body by body
-        self._keep: list[Any] = []  # what compiled code points to
+        self._compiled: Any = None  # compiled code that calls the function for each body
+        self._keep: list[Any] = []  # objects that compiled code points to
         self._error: BaseException | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the functions without compiled code, which holds in one process."""
+        """Return the functions without compiled code, which is valid in one process only."""
         return {**vars(self), 'is_compiled': None, '_compiled': None, '_keep': [], '_error': None}
 
     def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
@@ -100,12 +103,12 @@ class BodyForce:
             0, layout.slot, numbers, result, aligned_empty((6, layout.slot_count)),
             np.zeros(1, np.int64), np.zeros(1))
         external.rows[:] = 0.0
-        if self._wanted is not False and not _PLAIN and self.is_compiled is None:
+        if self._wanted is not False and not _JIT_IS_DISABLED and self.is_compiled is None:
             self._compiled = self._compile()
             if self._compiled is None and self._wanted:
                 raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
         self.is_compiled = self._compiled is not None
-        self.is_by_body = self.is_compiled or bool(_PLAIN and self._wanted) or (
+        self.is_by_body = self.is_compiled or bool(_JIT_IS_DISABLED and self._wanted) or (
             self._wanted is None and self._takes_only_one(numbers))
         if self._compiled is not None:
             address = self._compiled.address
@@ -117,7 +120,7 @@ class BodyForce:
         self._try(external)
         try:
             start = self.energy(0.0, numbers[:, _PARTS[0]], numbers[:, _PARTS[1]])
-        except Exception as error:  # noqa: BLE001 - it is the user's
+        except Exception as error:  # noqa: BLE001 - code of the user
             raise ValueError(
                 self._sentence(external, f'its potential: {_words(error)}')) from error
         if not math.isfinite(start):
@@ -155,7 +158,7 @@ class BodyForce:
                     f'{len(position)} bodies, got {checks.shown(found)}')
             return float(np.sum(found))
         return float(sum(
-            checks.number(f'what the potential of body_force {self.name} returns', each, unit='J')
+            checks.number(f'the result of the potential of body_force {self.name}', each, unit='J')
             for each in map(self.potential, itertools.repeat(time), position, orientation)))
 
     def explain(self, external: External) -> str:
@@ -175,11 +178,11 @@ class BodyForce:
         checks.instance('external', external, External)
         error: BaseException | None = self._error
         if error is None:
-            # Compiled code cannot say: Python will.
+            # Compiled code gives no reason: call the Python function.
             for body, row in enumerate(external.numbers):
                 try:
                     found = self._of_body(external.moment[0], row)
-                except Exception as raised:  # noqa: BLE001 - it is the user's
+                except Exception as raised:  # noqa: BLE001 - code of the user
                     return self._sentence(external, f'{_words(raised)} (for body {body})')
                 if not np.isfinite(found).all():
                     return self._sentence(external, f'it is not finite for body {body}: {found}')
@@ -187,11 +190,11 @@ class BodyForce:
         return self._sentence(external, _words(error))
 
     def _takes_only_one(self, numbers: np.ndarray) -> bool:
-        """Return whether Python can call it for one body, and not for all at once."""
+        """Return True if Python can call the function for one body but not for all at once."""
         for call, state in ((self._of_all, numbers), (self._of_body, numbers[0])):
             try:
                 call(0.0, state)
-            except Exception:  # noqa: BLE001 - reported when it is tried for all
+            except Exception:  # noqa: BLE001 - reported by the call for all bodies
                 continue
             return call == self._of_body
         return False
@@ -200,21 +203,21 @@ class BodyForce:
         return f'body_force {self.name} failed at t = {external.moment[0]:.9g} s: {what}'
 
     def _compile(self) -> Any:
-        """Compile a C function for all bodies; None, with the error noted, where Numba cannot."""
+        """Compile a C function for all bodies; return None and store the error if Numba fails."""
         force: Any = self.force
         try:
             single = force if hasattr(force, 'py_func') else numba.njit(force)
             single.compile((types.float64, *[_ROW] * 4))
             # The result must be two vectors, too.
             loop = _loop(single)
-        except Exception as error:  # noqa: BLE001 - Numba lets many kinds through
+        except Exception as error:  # noqa: BLE001 - Numba raises many types
             self._error = ValueError(_words(error).split('\n')[0])
             return None
         self._error = None
         return loop
 
     def _python(self, external: External) -> Callable[..., int]:
-        """Callback that hands all bodies to the Python function, and keeps what goes wrong."""
+        """Return a callback that passes all bodies to the Python function and stores errors."""
         def call(time: float, count: int, numbers: int, result: int) -> int:
             try:
                 if self.is_by_body:
@@ -225,7 +228,7 @@ class BodyForce:
                 wrong = np.flatnonzero(~np.isfinite(external.result).all(axis=1))
                 if len(wrong):
                     raise ValueError(f'it is not finite for body {wrong[0]}')
-            except BaseException as error:  # noqa: BLE001 - nothing may pass compiled code
+            except BaseException as error:  # noqa: BLE001 - no exception may cross compiled code
                 self._error = error
                 return 1
             return 0
@@ -254,12 +257,12 @@ class BodyForce:
         return np.concatenate([force, torque], axis=-1)
 
     def _try(self, external: External) -> None:
-        """Call it once for the start."""
+        """Call the function once with the initial state."""
         if self.is_compiled:
-            # Compiled code would not notice that numbers are missing.
+            # Compiled code would not detect missing values.
             try:
                 self._of_body(0.0, external.numbers[0])
-            except Exception as error:  # noqa: BLE001 - it is the user's
+            except Exception as error:  # noqa: BLE001 - code of the user
                 raise ValueError(self._sentence(external, _words(error))) from error
         function = C_FUNCTION(external.address)
         status = function(
@@ -270,10 +273,11 @@ class BodyForce:
             return
         try:
             other = self._of_all(0.0, external.numbers)
-        except Exception:  # noqa: BLE001 - it is for one body, then
+        except Exception:  # noqa: BLE001 - the function is for one body
             return
         size = np.abs(external.result).max(initial=0.0)
-        if not np.abs(other - external.result).max(initial=0.0) <= _ALIKE * size:
+        difference = np.abs(other - external.result).max(initial=0.0)
+        if not difference <= _CONVENTION_TOLERANCE_RATIO * size:
             raise ValueError(
                 f'body_force {self.name} can be called for one body and for all at once, but '
                 'gives different forces: say which is meant with '
@@ -281,14 +285,14 @@ class BodyForce:
 
 
 def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
-    """Take a function for a body force without a potential."""
+    """Return a function as a body force without a potential."""
     if force is None or isinstance(force, BodyForce):
         return force
     return BodyForce(checks.function('body_force', force, 'a function or a BodyForce'))
 
 
 def _loop(single: Any) -> Any:
-    """C function that calls a compiled one body by body."""
+    """Return a C function that calls a compiled function for each body."""
     @numba.cfunc(_C_TYPES)
     def call(time, count, numbers, result):  # type: ignore[no-untyped-def]
         given = carray(numbers, (count, 13))
@@ -297,7 +301,7 @@ def _loop(single: Any) -> Any:
             try:
                 force, torque = single(
                     time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13])
-            except Exception:  # noqa: BLE001 - Python will say what it was
+            except Exception:  # noqa: BLE001 - `explain` finds the reason
                 return 1
             for k in range(3):
                 target[b, k] = force[k]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs what connectors do beside pulling: moments against bending and twisting."""
+"""Packing of the moments of connectors against bending and twisting."""
 
 import math
 from typing import NamedTuple
@@ -15,7 +15,9 @@ import numpy as np
 
 
 class PackedMoments(NamedTuple):
-    """For the kernels of motion, and connector by connector; None where there are none."""
+    """
+    Moments for the kernels of motion and for single connectors; None if there are no moments.
+    """
 
     bending: Bending | None
     twisting: Twisting | None
@@ -23,7 +25,7 @@ class PackedMoments(NamedTuple):
 
 
 def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMoments:
-    """Stiffnesses against moments, and the directions in which connectors leave woven bodies."""
+    """Pack bending and twisting stiffnesses and the directions of connectors at woven bodies."""
     connectors = scene.connectors
     kappa_b, kappa_t = connectors.bending_stiffness, connectors.twisting_stiffness
     if links is None or not (kappa_b.any() or kappa_t.any()):
@@ -57,14 +59,16 @@ def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMom
 
 
 def aligned_like(values: np.ndarray) -> np.ndarray:
-    """The same numbers as rows (r, s) that begin with a cache line."""
+    """Return a copy as rows (r, s) that start at a cache line."""
     rows = aligned_empty((math.prod(values.shape[:-1]), values.shape[-1]))
     rows[:] = values.reshape(rows.shape)
     return rows
 
 
 def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarray:
-    """Link of each connector, (c,), at one of its ends: whose place is that of the other end."""
+    """
+    Return the link of each connector, (c,), at one end: the link whose place is the other end.
+    """
     own, other = scene.connectors.bodies[:, end], scene.connectors.bodies[:, 1 - end]
     edge = scene.connectors.edges.astype(np.int64)
     lane = layout.slot[own] % LANES
@@ -77,14 +81,14 @@ def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarra
 def _variety(
     scene: Scene, layout: Layout, ends: list[np.ndarray], values: np.ndarray
 ) -> np.ndarray | None:
-    """Values of the connectors at each body, (12, s); None where all are alike."""
+    """Return values of the connectors at each body, (12, s); None if all values are equal."""
     return None if len(values) == 1 else _rows(scene, layout, ends, (values, values))
 
 
 def _rows(
     scene: Scene, layout: Layout, ends: list[np.ndarray], values: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Values of the connectors as seen from either end, (12, s)."""
+    """Return values of the connectors seen from either end, (12, s)."""
     rows = aligned_zeros((LINK_COUNT, layout.slot_count))
     for end, link in enumerate(ends):
         rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values[end]

@@ -1,20 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs the damping of connectors: one coefficient for all, or one for each."""
+"""Packing of the damping coefficients of connectors: one for all, or one for each."""
 
 from icofabric_sim.kernels.records import Damping, LINK_COUNT, Links
 from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
-# Connectors that are entered at once: bounds the temporary arrays.
-_PIECE = 1 << 18
+# Connectors of a batch: bounds the temporary arrays.
+_BATCH_SIZE = 1 << 18
 
 
 def pack_damping(
     connectors: SceneConnectors, layout: Layout, links: Links | None
 ) -> Damping | None:
-    """Damping c [N s/m] of all connectors for kernels; None where nothing is damped."""
+    """Pack the damping coefficients c [N s/m] of all connectors; None without damping."""
     damping = connectors.damping
     if links is None or not damping.max(initial=0.0) > 0.0:
         return None
@@ -26,21 +26,19 @@ def pack_damping(
 def at_links(
     values: np.ndarray, layout: Layout, links: Links, connectors: SceneConnectors
 ) -> np.ndarray:
-    """
-    A number of each connector, (c,), at the connectors of each body, (12, s); 0 where none is.
-    """
+    """Return values of connectors, (c,), by the links of each body, (12, s); 0 at unused links."""
     bodies, edges = connectors.bodies, connectors.edges
     result = aligned_zeros((LINK_COUNT, layout.slot_count))
     block = layout.block_of(np.arange(layout.body_count, dtype=np.int32))
-    for start in range(0, len(bodies), _PIECE):
-        piece = slice(start, start + _PIECE)
+    for start in range(0, len(bodies), _BATCH_SIZE):
+        batch = slice(start, start + _BATCH_SIZE)
         for end in range(2):
-            own, other = bodies[piece, end], bodies[piece, 1 - end]
-            target = 3 * layout.slot_count * edges[piece, 1 - end].astype(np.int64)
+            own, other = bodies[batch, end], bodies[batch, 1 - end]
+            target = 3 * layout.slot_count * edges[batch, 1 - end].astype(np.int64)
             target += layout.slot[other]
-            # Two connectors leave each edge; the one that leads to the other body's edge.
-            link = 2 * edges[piece, end].astype(np.int64)
+            # Of the two connectors of an edge, choose the one that leads to the other body's edge.
+            link = 2 * edges[batch, end].astype(np.int64)
             lane = layout.slot[own] - layout.blocks.slot[block[own]]
             link += links.place[block[own], link] + lane != target
-            result[link, layout.slot[own]] = values[piece]
+            result[link, layout.slot[own]] = values[batch]
     return result

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs charges, dipoles and fields for the kernels."""
+"""Packing of charges, dipoles and fields for the kernels."""
 
 from icofabric_sim.kernels.records import Coulomb, Dipole, Magnet
 from icofabric_sim.scene.electric import Electric
@@ -13,7 +13,7 @@ COULOMB_CONSTANT = 8.9875517862e9
 
 
 def pack_dipole(electric: Electric) -> Dipole | None:
-    """Equal dipoles in a steady electric field, if both are there."""
+    """Pack equal dipoles in a steady electric field; None without dipoles or without the field."""
     if not electric.is_potential:
         return None
     moment = electric.dipole[0]
@@ -24,7 +24,7 @@ def pack_dipole(electric: Electric) -> Dipole | None:
 def pack_magnet(
     electric: Electric, masses: BodyMasses, layout: Layout
 ) -> Magnet | None:
-    """Charges and dipoles that move in the magnetic field, if both are there."""
+    """Pack charges and dipoles that move in a magnetic field; None without either."""
     if not (electric.magnetic.any() and (electric.charge.any() or electric.dipole.any())):
         return None
     charge = layout.spread(np.broadcast_to(electric.charge, layout.body_count)[:, None])
@@ -35,7 +35,7 @@ def pack_magnet(
 
 
 def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:
-    """Charges on each other, if that is asked for."""
+    """Pack charges that repel or attract each other; None without mutual forces of charges."""
     largest = float(np.abs(electric.charge).max(initial=0.0))
     if not (electric.mutual and largest > 0.0 and layout.body_count > 1):
         return None

@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The Lanczos iteration for M^-1/2 H M^-1/2, without a matrix: what steps and modes are found by.
+Lanczos iteration for the eigenvalues of M^-1/2 H M^-1/2, for step sizes and vibration modes.
 
 H is the Hessian of a configuration (kernels/hessian.py), M the masses and inertias; eigenvalues
-are squared frequencies [1/s^2]. From three-term recurrences: two vectors are kept, not a basis.
+are squared frequencies [1/s^2]. The matrix is never assembled. The three-term recurrence keeps two
+vectors instead of a basis.
 """
 
 from collections.abc import Iterator
@@ -30,12 +31,12 @@ from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, witho
 from icofabric_sim.simulation.stepping.portions import Portions
 import numpy as np
 
-# Bodies up to which the noise that an iteration starts from is kept.
-_FEW = 2_000
+# Up to this number of bodies, the noise of start vectors is cached.
+_CACHED_BODY_COUNT = 2_000
 
 
 class Largest(NamedTuple):
-    """The largest eigenvalue, and the weights (i,) of the iteration's vectors in its vector."""
+    """The largest eigenvalue, and the weights (i,) of the Lanczos vectors in its eigenvector."""
 
     value: float  # [1/s^2]
     weights: np.ndarray
@@ -43,42 +44,44 @@ class Largest(NamedTuple):
 
 @dataclass
 class Tridiagonal:
-    """The matrix of an iteration, as far as it has come; off[i] couples steps i and i + 1."""
+    """The tridiagonal matrix of the completed steps; off[i] couples steps i and i + 1."""
 
-    diagonal: np.ndarray  # (m,) for the steps that may be taken at most
+    diagonal: np.ndarray  # (m,) for the largest number of steps
     off: np.ndarray
     done: int = 0  # steps
 
     @classmethod
     def of(cls, most: int) -> 'Tridiagonal':
-        """Room for at most so many steps."""
+        """Return an empty matrix for at most `most` steps."""
         return cls(np.zeros(most), np.zeros(most))
 
     @property
     def size(self) -> int:
-        """Steps until all that the start contains was found, or until now."""
+        """
+        Number of rows of the matrix: completed steps, or fewer if the start vector is exhausted.
+        """
         ended = np.flatnonzero(~(self.off[:self.done] > 0.0))
         return int(ended[0]) + 1 if len(ended) else self.done
 
     @property
     def ended(self) -> bool:
-        """Whether there is nothing left to find."""
+        """True if no more step can extend the matrix."""
         return self.done == len(self.diagonal) or not (self.off[:self.done] > 0.0).all()
 
 
 class Iteration(Protocol):
-    """What has a matrix, and takes steps that make it larger."""
+    """Interface of an iteration that extends its tridiagonal matrix step by step."""
 
     @property
     def matrix(self) -> Tridiagonal:
-        """Return the matrix, as far as it has come."""
+        """Matrix of the completed steps."""
 
     def go_on(self, count: int) -> None:
-        """Take so many steps more, or those that are left."""
+        """Take `count` more steps, or fewer if fewer remain."""
 
 
 class Lanczos:
-    """An iteration over a whole fabric."""
+    """A Lanczos iteration over a whole fabric."""
 
     def __init__(
         self, model: Model, state: State, work: Work, start: np.ndarray, most: int, *,
@@ -86,16 +89,16 @@ class Lanczos:
         coulomb: Coulomb | None = None
     ) -> None:
         """
-        Begin with the unit vector `start` (6, s), for at most so many steps.
+        Start from the unit vector `start` (6, s), for at most `most` steps.
 
-        `work` has the attachment points of the state. `own` and `pairs`: what is to be added to
-        the Hessian of the connectors, scaled by the roots of masses and inertias; 0 for what is
-        held. `coulomb`: charges that count.
+        `work` holds the attachment points of the state. `own` and `pairs` are second derivatives
+        that are added to the Hessian of the connectors, scaled by the roots of masses and
+        inertias; they are 0 for held degrees of freedom. `coulomb` are charges with mutual forces.
         """
         self._model, self._state = without(model, *BESIDE_CONNECTORS), without(state, 'rest')
         self._work = work
         self._terms = own, pairs, coulomb
-        # Slots without a body are read too: they must hold numbers.
+        # Slots without a body are read, too: they must hold finite numbers.
         self._moved, self._turns = np.zeros_like(work.points), np.zeros((3, start.shape[1]))
         self._sums = np.zeros(-(-len(model.blocks.slot) // work.group))
         self.matrix = Tridiagonal.of(most)
@@ -103,20 +106,22 @@ class Lanczos:
         self.begin_with(start)
 
     def begin_with(self, start: np.ndarray) -> None:
-        """Start over."""
+        """Restart from a vector `start` (6, s)."""
         self.matrix.done = 0
         self._current, self._previous = aligned_empty(start.shape), np.zeros_like(start)
         self._current[:] = start
 
     def go_on(self, count: int) -> None:
-        """Take so many steps more, or those that are left."""
+        """Take `count` more steps, or fewer if fewer remain."""
         matrix = self.matrix
         last = min(matrix.done + count, len(matrix.diagonal))
         self._steps(matrix.done, last, None, np.ones((1, 1)))
         matrix.done = last
 
     def combine(self, start: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Sums (j, 6, s) of the vectors of the first steps, times weights (i, j): once more."""
+        """
+        Repeat the first i steps and return sums (j, 6, s) of their vectors, weighted by (i, j).
+        """
         shapes = np.zeros((weights.shape[1], *start.shape))
         done = self.matrix.done
         self.begin_with(start)
@@ -137,17 +142,18 @@ class Lanczos:
                 weights)
             self._portions.note(until - first, perf_counter() - started)
             if not (matrix.off[first:until] > 0.0).all():
-                # Everything is found.
+                # The start vector is exhausted.
                 return
             first = until
 
 
 def find_largest(run: Iteration, upper: float, accuracy: float, every: int) -> Largest:
     """
-    Find the largest eigenvalue to a relative accuracy, tested after `every` few steps.
+    Find the largest eigenvalue to a relative `accuracy`, tested every `every` steps.
 
-    The Ritz value approaches from below, and an eigenvalue lies within the residual of it; the
-    nearer of that and of the proved bound `upper` is returned once they agree.
+    The Ritz value approaches the eigenvalue from below, and an eigenvalue lies within its
+    residual. The smaller of this residual bound and the proved bound `upper` is returned once the
+    Ritz value agrees with that bound.
     """
     value, weights, matrix = 0.0, np.ones(1), run.matrix
     while not matrix.ended:
@@ -167,9 +173,9 @@ def start_vector(
     layout: Layout, supports: Supports | None, seed: int = 1
 ) -> np.ndarray:
     """
-    Unit vector to start from, (6, s), without held freedoms; zero where all are held.
+    Return a unit start vector (6, s) without held degrees of freedom; zero if all are held.
 
-    Noise has a part of every mode and no symmetry that could hide one.
+    Noise contains every mode and has no symmetry that would exclude one.
     """
     start = aligned_empty((6, layout.slot_count))
     for target, row in zip(start, start_rows(layout, supports, seed)):
@@ -187,7 +193,7 @@ def start_vector(
 def start_rows(
     layout: Layout, supports: Supports | None, seed: int = 1
 ) -> Iterator[np.ndarray]:
-    """Rows (s,) of that vector, one after the other, before it is of length one."""
+    """Yield the rows (s,) of the start vector before normalisation."""
     for k, values in enumerate(_noise(layout.body_count, seed)):
         row = np.zeros(layout.slot_count)
         row[layout.slot] = values
@@ -197,8 +203,8 @@ def start_rows(
 
 
 def _noise(count: int, seed: int) -> Iterator[np.ndarray]:
-    """Six rows (n,) of normal numbers; those of few bodies are kept, as drawing takes time."""
-    if count <= _FEW:
+    """Return six rows (n,) of normal random numbers; rows for small fabrics are cached."""
+    if count <= _CACHED_BODY_COUNT:
         return iter(_kept_noise(count, seed))
     source = np.random.RandomState(seed)
     return (source.standard_normal(count) for _ in range(6))

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where bodies lie in the arrays of kernels: the slots, and the blocks that are computed together.
+Layout of bodies in the arrays of kernels: slots, and blocks of slots that are computed together.
 
-In a weave the connectors of an edge lead in the same directions at every body. So where a step
-to the next grid point is everywhere the same number of slots, the neighbours of neighbouring
-bodies are neighbours too, and kernels can work on whole vectors without gathering.
+In a weave, the connectors of an edge lead in the same directions at every body. If a step to the
+next grid point is the same number of slots everywhere, the neighbours of adjacent bodies are
+adjacent, too. Kernels can then use whole vectors without gathering.
 """
 
 from collections.abc import Callable, Iterator
@@ -41,33 +41,41 @@ from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.weave_connect import Connections
 import numpy as np
 
-# Bodies or connectors that are entered at once: bounds the temporary arrays.
-_PIECE = 1 << 18
-_LINE = 64  # bytes
-# Of a Runge-Kutta step and its dense output.
+# Bodies or connectors of a batch: bounds the temporary arrays.
+_BATCH_SIZE = 1 << 18
+_CACHE_LINE_BYTES = 64
+# Slopes of a Runge-Kutta step and its dense output.
 _SLOPE_COUNT = 16
-_MOST_THREADS = 1024
-# Blocks in which the roughness of the motion is judged; of larger fabrics a part.
-_SAMPLES = 4096
-# Slots for each body with which the first layout is taken.
-_GOOD = 1.3
-# Blocks more that shorter ways between neighbours are worth.
-_CLOSER = 1.05
-# Bins of a table: as many as its closest points require, but at least and, of short tables, at
-# most these counts.
-_LEAST_BINS, _MOST_BINS = 64, 4096
+_MAX_THREADS = 1024
+
+
+@dataclass(frozen=True)
+class LayoutSettings:
+    """Tunables of layouts and of the arrays for kernels."""
+
+    roughness_blocks: int = 4096  # most blocks that sample the roughness of the motion
+    accepted_slots_per_body: float = 1.3  # the first layout with fewer slots is used
+    # Ratio of the numbers of blocks up to which the layout with closer neighbours is preferred.
+    closer_block_ratio: float = 1.05
+    # Bins of a table: its closest points determine the number, but at least and, of short
+    # tables, at most these counts.
+    min_bins: int = 64
+    max_bins: int = 4096
+
+
+_SETTINGS = LayoutSettings()
 
 
 class _Places(NamedTuple):
-    """A layout of the bodies of a weave; int32."""
+    """Slots and order of the bodies of a weave; int32."""
 
     slot: np.ndarray  # (n,) from 0
-    order: np.ndarray  # (n,): grows along the fabric, equal for bodies computed close by
-    row: np.ndarray  # (n,) across the fabric: of one layer, what is side by side
+    order: np.ndarray  # (n,) order along the fabric, equal for bodies computed together
+    row: np.ndarray  # (n,) row across the fabric, of bodies side by side in a layer
 
 
 def has_jumps(links: Links | None) -> bool:
-    """Whether the slope of some tension jumps (eq 2), and none follows a table."""
+    """Return True if a tension has a slope that jumps (eq 2) and no law is tabulated."""
     return links is not None and links.tables is None and links.variety is not None and not (
         np.array_equal(links.variety.extension, links.variety.compression))
 
@@ -76,9 +84,9 @@ def kinks_room(
     links: Links | None, slots: int, blocks: int, *, turns: int = 4
 ) -> Kinks | None:
     """
-    Room for steps in which slopes jump; None where none does, or laws are by table.
+    Allocate arrays for steps across jumps of slopes; None without jumps or with tabulated laws.
 
-    `turns`: numbers of an orientation.
+    `turns` is the number of values of an orientation.
     """
     if links is None or links.variety is None or not has_jumps(links):
         return None
@@ -92,13 +100,13 @@ def kinks_room(
         natural_length=variety.natural_length, slope=room(12, slots), forces=room(48, slots),
         start=room(36, slots), active=np.zeros((blocks, 12), np.uint8),
         before=room(6, slots), rates=room(18 * slots), seconds=room(18 * slots),
-        found=np.zeros(8 * _MOST_THREADS), ranges=np.zeros(8 * _MOST_THREADS),
+        found=np.zeros(8 * _MAX_THREADS), ranges=np.zeros(8 * _MAX_THREADS),
         uniform=_uniform_law(links.variety), alike=np.zeros(2), margin=np.zeros(3),
         kept_position=room(3, slots), kept_orientation=room(turns, slots))
 
 
 def _uniform_law(variety: Variety) -> np.ndarray:
-    """k_e, k_c [N/m] and natural length [m] of all connectors; zeros where they differ."""
+    """Return k_e, k_c [N/m] and natural length [m] if all connectors share them; else zeros."""
     laws = np.stack([rows.ravel() for rows in variety])
     # Zeros where there is no connector.
     laws = laws[:, laws.any(axis=0)]
@@ -108,7 +116,7 @@ def _uniform_law(variety: Variety) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Layout:
-    """Slots of the bodies, and which are computed together."""
+    """Slots of the bodies, and the blocks of slots that are computed together."""
 
     slot: np.ndarray  # (n,) int32, of each body
     slot_count: int  # length of the arrays
@@ -118,18 +126,18 @@ class Layout:
 
     @property
     def body_count(self) -> int:
-        """Count the bodies."""
+        """Number of bodies."""
         return len(self.slot)
 
     def block_of(self, bodies: np.ndarray) -> np.ndarray:
-        """Index of the block of each body."""
+        """Return the index of the block of each body."""
         number = np.zeros(self.slot_count // LANES, np.int32)
         number[self.blocks.slot // LANES] = np.arange(len(self.blocks.slot), dtype=np.int32)
         return number[self.slot[bodies] // LANES]
 
     def spread(self, values: np.ndarray, *, empty: float = 0.0) -> np.ndarray:
         """
-        Values of the bodies, (n, ...), as an array (..., s) with `empty` where there is no body.
+        Return values of the bodies, (n, ...), as an array (..., s), `empty` where no body is.
         """
         spread = aligned_empty((*values.shape[1:], self.slot_count))
         spread[:] = empty
@@ -137,11 +145,11 @@ class Layout:
         return spread
 
     def gather(self, values: np.ndarray) -> np.ndarray:
-        """Values of the bodies, (n, ...), from an array (..., s)."""
+        """Return values of the bodies, (n, ...), from an array (..., s)."""
         return np.ascontiguousarray(np.moveaxis(values[..., self.slot], -1, 0))
 
     def pack(self, initial: InitialState) -> State:
-        """State for kernels from one of bodies; direction cosines from quaternions (eq 20)."""
+        """Return the state for kernels from that of the bodies; direction cosines follow eq 20."""
         orientation = initial.orientation
         if self.cosines:
             orientation = cosines_from_quaternions(orientation)
@@ -161,7 +169,7 @@ class Layout:
         return state
 
     def unpack(self, state: State) -> InitialState:
-        """State of the bodies, with quaternions, from one of kernels."""
+        """Return the state of the bodies, with quaternions, from that of kernels."""
         orientation = self.gather(state.orientation)
         if self.cosines:
             orientation = quaternions_from_cosines(orientation)
@@ -179,10 +187,10 @@ class Layout:
         damped: bool = False, metered: bool = False
     ) -> Work:
         """
-        Arrays for what follows from a state; with `state` also for Runge-Kutta methods.
+        Allocate the work arrays of a state; with `state` also those of Runge-Kutta methods.
 
-        `differences`: order of the differences by which the roughness of the motion is judged.
-        `damped`: with velocities of the attachment points; `metered`: with what is spent.
+        `differences` is the order of the differences that measure the roughness of the motion.
+        `damped` adds velocities of the attachment points, `metered` the dissipated energy.
         """
         points = aligned_zeros((18 * self.slot_count if links is not None else 0,))
         acceleration = aligned_zeros((6, self.slot_count))
@@ -192,9 +200,9 @@ class Layout:
             stage, start = self.like(state), self.like(state)
             for target in (stage, start):
                 copy_state(state, target)
-            trail = Trail(slopes, stage, start, *np.zeros((4, _MOST_THREADS)))
+            trail = Trail(slopes, stage, start, *np.zeros((4, _MAX_THREADS)))
         rows = 12 if self.cosines else 7
-        samples = min(len(self.blocks.slot), _SAMPLES) if differences else 0
+        samples = min(len(self.blocks.slot), _SETTINGS.roughness_blocks) if differences else 0
         difference = aligned_empty((rows, LANES * samples))
         weights = np.array([
             (-1.0) ** k * math.comb(differences, k) for k in range(differences + 1)])
@@ -206,28 +214,28 @@ class Layout:
             figures_room(len(self.blocks.slot), group), group, speeds, spent, None, None)
 
     def kinks(self, links: Links | None) -> Kinks | None:
-        """Room for steps in which slopes jump; None where none does, or laws are by table."""
+        """Allocate arrays for steps across jumps of slopes, as `kinks_room`."""
         return kinks_room(
             links, self.slot_count, len(self.blocks.slot), turns=9 if self.cosines else 4)
 
     def meter(self) -> Meter:
-        """Nothing has flowed yet."""
+        """Return a meter of dissipated energy that reads zero."""
         return Meter(
             aligned_zeros((_SLOPE_COUNT, self.slot_count)), aligned_zeros((2, self.slot_count)))
 
     def like(self, state: State) -> State:
-        """Room for another state."""
+        """Allocate another state of the same shapes."""
         return state._replace(**{
             name: aligned_empty(array.shape) for name, array in state._asdict().items()
             if array is not None})
 
     def slope_rows(self, state: State) -> int:
-        """Count the rows of a slope of a `state`, see kernels/rhs.py."""
+        """Return the number of rows of a slope of `state`, see kernels/rhs.py."""
         return (18 if self.cosines else 13) + (0 if state.rest is None else LINK_COUNT)
 
 
 def copy_state(source: State, target: State) -> None:
-    """Copy a state into the room of another one."""
+    """Copy the arrays of a state into those of another state."""
     for here, there in zip(source.rows(), target.rows()):
         np.copyto(there, here)
 
@@ -239,24 +247,26 @@ def copied_state(state: State) -> State:
 
 
 def aligned_empty(shape: tuple[int, ...]) -> np.ndarray:
-    """Array of doubles that begins with a cache line, so that no block straddles two."""
+    """
+    Return an array of doubles that starts at a cache line, so that no block straddles two lines.
+    """
     count = math.prod(shape)
-    return _aligned(np.empty(count + _LINE // 8), shape)
+    return _aligned(np.empty(count + _CACHE_LINE_BYTES // 8), shape)
 
 
 def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
-    """The same of zeros; pages that are never written to take no memory."""
+    """Return zeros that start at a cache line; pages that are never written to use no memory."""
     count = math.prod(shape)
-    return _aligned(np.zeros(count + _LINE // 8), shape)
+    return _aligned(np.zeros(count + _CACHE_LINE_BYTES // 8), shape)
 
 
 def _aligned(room: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    start = -room.ctypes.data % _LINE // 8
+    start = -room.ctypes.data % _CACHE_LINE_BYTES // 8
     return room[start:start + math.prod(shape)].reshape(shape)
 
 
 def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> Layout:
-    """Lay out the bodies of a weave, at grid points (n, 3), and after them loose bodies."""
+    """Lay out the bodies of a weave at grid points (n, 3), followed by loose bodies."""
     parts = []
     if len(grid):
         parts.append(_best_places(grid))
@@ -311,9 +321,9 @@ def _joined(arrays: list[np.ndarray]) -> np.ndarray:
 
 
 def pieces(count: int) -> Iterator[slice]:
-    """Bodies or connectors that are looked at together: temporary arrays are small."""
-    for start in range(0, count, _PIECE):
-        yield slice(start, start + _PIECE)
+    """Yield slices of bodies or connectors that keep temporary arrays small."""
+    for start in range(0, count, _BATCH_SIZE):
+        yield slice(start, start + _BATCH_SIZE)
 
 
 def make_links(
@@ -321,11 +331,11 @@ def make_links(
     half_width: float, attachment: np.ndarray | None = None, tables: ConnectorTables = NO_TABLES
 ) -> tuple[Layout, Links]:
     """
-    Tables of connectors by block; and the layout with their reach.
+    Return the layout with the reach of its links, and the tables of connectors by block.
 
-    Raises ValueError where connectors do not have the same direction at all bodies of a block.
+    Raises ValueError if connectors of a block differ in direction.
     """
-    # Where nothing is connected: the block's own edge across, which can be read.
+    # Unused links: the opposite edge of the block, which can be read.
     across = np.repeat(np.arange(EDGE_COUNT) ^ 1, LINKS_PER_EDGE)
     place = (layout.blocks.slot[:, None] + 3 * layout.slot_count * across).astype(np.int32)
     present = np.zeros(place.shape, np.uint8)
@@ -362,9 +372,10 @@ def make_links(
 
 def _sides(grid: np.ndarray, connections: Connections) -> np.ndarray:
     """
-    Which of the connectors of its edge one is, by edge and 50 more than its direction, (6, 100).
+    Return which of the two connectors of an edge leads in a direction, (6, 100).
 
-    Two leave each edge, to either side of it; their direction says which is which.
+    Indices are the edge, and the direction plus 50. Two connectors leave each edge, one to either
+    side; the direction distinguishes them.
     """
     directions: list[set[int]] = [set() for _ in range(EDGE_COUNT)]
     for _, pair, codes in _from_either_end(connections):
@@ -372,7 +383,7 @@ def _sides(grid: np.ndarray, connections: Connections) -> np.ndarray:
         for edge, direction in zip(*divmod(np.flatnonzero(key), 100)):
             directions[edge].add(int(direction))
         if min(map(len, directions)) == LINKS_PER_EDGE:
-            # No weave has more.
+            # No weave has more directions.
             break
     if max(map(len, directions)) > LINKS_PER_EDGE:
         raise ValueError(f'more than {LINKS_PER_EDGE} directions of connectors at one edge')
@@ -385,20 +396,22 @@ def _sides(grid: np.ndarray, connections: Connections) -> np.ndarray:
 def _from_either_end(
     connections: Connections
 ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-    """Pieces of connectors, (m, 2) bodies and edges, each twice: its own end comes first."""
+    """
+    Yield batches of connectors, (m, 2) bodies and edges, seen from the first and the second end.
+    """
     for piece, (bodies, edges) in connections.pieces():
         for ends in ([0, 1], [1, 0]):
             yield piece, bodies[:, ends], edges[:, ends]
 
 
 def _no_laws(layout: Layout) -> Variety:
-    """Room for the laws of the connectors at each body; ordinary numbers where there is none."""
+    """Allocate the laws of the connectors at each body, with finite values at unused links."""
     rows = [aligned_zeros((LINK_COUNT, layout.slot_count)) for _ in range(3)]
     return Variety(*rows)
 
 
 def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
-    """All tables in one, no connector with any."""
+    """Join all tables of laws, without assigning connectors to them."""
     if not tables.tables:
         return None
     heads = np.zeros((len(tables.tables), HEAD_SIZE))
@@ -408,10 +421,11 @@ def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
         extent = length[-1] - length[0]
         # Bounds a bin apart at least, and never at the side of one.
         count = np.ceil(1.01 * extent / np.diff(length).min())
-        width = extent / np.clip(count, _LEAST_BINS, max(_MOST_BINS, 4 * len(length)))
+        most = max(_SETTINGS.max_bins, 4 * len(length))
+        width = extent / np.clip(count, _SETTINGS.min_bins, most)
         head[:2] = length[0] - 0.5 * width, 1.0 / width
         head[3:6] = bin_count, row_count, row_count + len(length)
-        # As kernels do; the last bin holds what is longer still.
+        # As kernels do; the last bin holds all longer lengths.
         place = np.floor(bin_count + (length - head[0]) * head[1]).astype(np.int64) - bin_count
         head[2] = place[-1] + 1
         own = np.arange(place[-1] + 2)
@@ -433,25 +447,25 @@ def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
 
 
 def _direction(grid: np.ndarray, pair: np.ndarray) -> np.ndarray:
-    """A number for the direction of each connector, between -13 and 13."""
+    """Return the direction of each connector as a number between -13 and 13."""
     step = grid[pair[:, 1]] - grid[pair[:, 0]]
     return 9 * step[:, 0] + 3 * step[:, 1] + step[:, 2]
 
 
 def _best_places(grid: np.ndarray) -> _Places:
     """
-    The layout with the fewest blocks: rows end to end, or each in blocks of its own.
+    Return the layout with the fewest blocks, with rows end to end or in separate blocks.
 
-    Rows end to end suit slabs, whose rows are all alike. In fabrics cut along other directions
-    rows begin and end anywhere, and so would the neighbours of a block.
+    Rows end to end suit slabs, whose rows are all equally long. In fabrics cut along other
+    directions the ends of rows are irregular, and so would be the neighbours of a block.
     """
     candidates = []
     if _is_compact(grid):
         woven = _woven_places(grid)
         count, flat = _block_count(woven), _flat_places(grid)
-        # Neighbours lie closer together in the first.
-        best = woven if count <= _CLOSER * _block_count(flat) else flat
-        if _block_count(best) * LANES <= _GOOD * len(grid):
+        # Neighbours lie closer together in the woven layout.
+        best = woven if count <= _SETTINGS.closer_block_ratio * _block_count(flat) else flat
+        if _block_count(best) * LANES <= _SETTINGS.accepted_slots_per_body * len(grid):
             return best
         candidates = [woven, flat]
     candidates += [_row_places(grid, axis) for axis in range(3)]
@@ -466,7 +480,7 @@ def _block_count(places: _Places) -> int:
 
 
 def _is_compact(grid: np.ndarray) -> bool:
-    """Whether the grid points fill at least a third of the box around them."""
+    """Return True if the grid points fill at least a third of their bounding box."""
     extent = np.ptp(grid, axis=0).astype(float) + 1.0
     return bool(np.prod(extent) <= 6.0 * len(grid) + 1000.0)
 
@@ -474,7 +488,7 @@ def _is_compact(grid: np.ndarray) -> bool:
 def _placed(
     grid: np.ndarray, place: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 ) -> _Places:
-    """Places from those of pieces of the grid, (m, 3) int64 from 0 on."""
+    """Return the places of all bodies, computed by `place` for batches (m, 3) int64 from 0 on."""
     lowest, arrays = grid.min(axis=0).astype(np.int64), np.empty((3, len(grid)), np.int32)
     for piece in pieces(len(grid)):
         for target, values in zip(arrays, place(grid[piece] - lowest)):
@@ -487,7 +501,7 @@ def _extent(grid: np.ndarray) -> np.ndarray:
 
 
 def _subgrid(cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number 0-3 of the cubic grid of each point, and its cell in that grid (n, 3)."""
+    """Return the number 0-3 of the cubic grid of each point, and its cell in that grid (n, 3)."""
     return (cell[:, 0] & 1) + 2 * (cell[:, 1] & 1), cell >> 1
 
 

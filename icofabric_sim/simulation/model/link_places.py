@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where connectors are in the tables that kernels read: once at either end."""
+"""Indices of connectors in the tables of kernels, which hold each connector once at either end."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 class LinkPlaces(NamedTuple):
-    """Both ends of some connectors in the tables of `Links`; arrays of shape (2, m)."""
+    """Indices of both ends of some connectors in the tables of `Links`; arrays of shape (2, m)."""
 
     block: np.ndarray
     link: np.ndarray
@@ -20,7 +20,7 @@ class LinkPlaces(NamedTuple):
 
     @property
     def lane(self) -> np.ndarray:
-        """Lanes in their blocks."""
+        """Lanes within the blocks."""
         return np.asarray(self.slot % LANES)
 
 
@@ -28,10 +28,10 @@ def link_places(
     layout: Layout, links: Links, connectors: Connectors, chosen: np.ndarray | slice
 ) -> LinkPlaces:
     """
-    Find the `chosen` connectors, by their numbers.
+    Return the indices of the `chosen` connectors.
 
-    Two leave each edge; which of them follows from the place they lead to, also once they are
-    broken.
+    Two connectors leave each edge. The place of the other end distinguishes them, also once they
+    are broken.
     """
     bodies = np.array([connectors.first[chosen], connectors.second[chosen]])
     edges = np.array([connectors.first_edge[chosen], connectors.second_edge[chosen]], np.int64)
@@ -49,7 +49,7 @@ def link_places(
 def pack_breakage(
     layout: Layout, links: Links, connectors: Connectors, limits: BreakLimits
 ) -> Breakage:
-    """Limits of the connectors at each body; where there is none, it never breaks."""
+    """Pack the length limits of the connectors at each body; unused links never break."""
     places = link_places(layout, links, connectors, slice(None))
 
     def rows(values: np.ndarray | None, empty: float, count: int = LINK_COUNT) -> np.ndarray:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs a scene into the constants that kernels take."""
+"""Packing of a scene into the constants that kernels take."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -58,29 +58,29 @@ from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
 import numpy as np
 
-# Runge-Kutta methods hold 1.7 kB more for each body: larger fabrics are not offered them.
-_LARGEST_WILD = 50_000
+# Runge-Kutta methods need 1.7 kB more for each body: larger fabrics do not use them.
+_MAX_RUNGE_KUTTA_BODIES = 50_000
 
-_ZERO = np.zeros(3)
+_ZERO_VECTOR = np.zeros(3)
 # Stiffness on one side of the natural length over that on the other up to which a connector is
 # slack there: the period is 10 times as long or more.
-_SLACK = 1e-2
+_SLACK_STIFFNESS_RATIO = 1e-2
 
 
 class WrenchRow(NamedTuple):
-    """A wrench on some bodies, and what it is multiplied by."""
+    """A wrench on some bodies, and the profile that scales it."""
 
     bodies: np.ndarray  # (m,) int32
     in_body_axes: bool
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
-    point: np.ndarray = _ZERO  # (3,) [m], body axes
+    point: np.ndarray = _ZERO_VECTOR  # (3,) [m], body axes
     piece: Piece = STEADY_PROFILE.pieces[0]  # at times of the run
-    normal: np.ndarray = _ZERO  # (3,) body axes: only the part of the force along it acts
+    normal: np.ndarray = _ZERO_VECTOR  # (3,) body axes: only the force component along it acts
 
 
 class AnchorPack(NamedTuple):
-    """What kernels need of all anchors."""
+    """Bodies, arms, paths and laws of all anchors for the kernels."""
 
     bodies: tuple[int, ...]
     arms: tuple[np.ndarray, ...]
@@ -90,7 +90,7 @@ class AnchorPack(NamedTuple):
 
 @dataclass(frozen=True)
 class ConnectorList:
-    """Connectors of a scene, one by one: listed when first read, and not when they are pickled."""
+    """List of the connectors of a scene, built on first access and left out of pickles."""
 
     connectors: SceneConnectors
     half_width: float
@@ -98,7 +98,7 @@ class ConnectorList:
 
     @cached_property
     def listed(self) -> Connectors:
-        """The connectors as kernels take them."""
+        """Connectors in the form that kernels take."""
         bodies, edges = self.connectors.bodies, self.connectors.edges
         return Connectors(
             bodies[:, 0], bodies[:, 1], edges[:, 0], edges[:, 1], *self.connectors.laws,
@@ -116,7 +116,7 @@ class PackedScene:
     model: Model
     layout: Layout
     connector_list: ConnectorList | None
-    laws: ConnectorLaws | None  # of them
+    laws: ConnectorLaws | None  # of the connectors
     moments: Moments | None
     tables: ConnectorTables
     gravity: np.ndarray | None  # (3,) [m/s^2]
@@ -134,34 +134,39 @@ class PackedScene:
 
     @cached_property
     def goes_slack(self) -> bool:
-        """Whether a connector is so soft on one side of its natural length that bodies fly."""
+        """
+        True if a connector is so soft on one side of its natural length that bodies move freely.
+        """
         laws = self.laws
         if laws is None:
             return False
         soft = np.minimum(laws.extension, laws.compression)
-        return bool((soft <= _SLACK * np.maximum(laws.extension, laws.compression)).any())
+        stiff = np.maximum(laws.extension, laws.compression)
+        return bool((soft <= _SLACK_STIFFNESS_RATIO * stiff).any())
 
     @property
     def connectors(self) -> Connectors | None:
-        """The connectors one by one; None where there is none."""
+        """List of single connectors; None without connectors."""
         return None if self.connector_list is None else self.connector_list.listed
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields without compiled code and its addresses, which hold in one process."""
+        """
+        Return the fields without compiled code and addresses, which are valid in one process.
+        """
         return {**vars(self), 'body_force': None, 'external': None}
 
     @property
     def spends(self) -> bool:
-        """Whether forces take energy from the motion."""
+        """True if forces dissipate energy."""
         model = self.model
         return model.damping is not None or model.maxwell is not None or (
             model.drag is not None) or (self.contact is not None and self.contact.spends)
 
     def pack(self, initial: InitialState, rest: np.ndarray | None = None) -> State:
         """
-        State for kernels from one of bodies.
+        Return the state for kernels from that of the bodies.
 
-        Springs of Maxwell arms are at rest in it, or at lengths `rest` [m], (c,).
+        The springs of Maxwell arms are relaxed, or have rest lengths `rest` [m], (c,).
         """
         state, places = self.layout.pack(initial), self._arm_places
         if places is None or self.connectors is None:
@@ -174,7 +179,11 @@ class PackedScene:
     def carry(
         self, previous: 'PackedScene', rest: np.ndarray | None, initial: InitialState
     ) -> np.ndarray | None:
-        """Lengths [m] at which springs rest that rested at `rest`, (c,), in a `previous` scene."""
+        """
+        Return rest lengths [m] of Maxwell springs after a change of the scene.
+
+        `rest` (c,) are those of the `previous` scene.
+        """
         arms, before, after = previous.arms, previous.connectors, self.connectors
         if self.arms is None or after is None:
             return None
@@ -185,16 +194,16 @@ class PackedScene:
         return carried_lengths(before, rest, held, after, length)
 
     def rest_lengths(self, state: State) -> np.ndarray | None:
-        """Lengths [m] at which the springs of Maxwell arms rest, (c,); None without arms."""
+        """Return the rest lengths [m] of the springs of Maxwell arms, (c,); None without arms."""
         places = self._arm_places
         if places is None or state.rest is None:
             return None
-        # The same at either end.
+        # Equal at either end.
         return np.asarray(state.rest[places.link[0], places.slot[0]])
 
     @cached_property
     def _arm_places(self) -> LinkPlaces | None:
-        """Where the connectors are in the rows of a state; None without Maxwell arms."""
+        """Indices of the connectors in the rows of a state; None without Maxwell arms."""
         if self.model.maxwell is None or self.model.links is None or self.connectors is None:
             return None
         return link_places(self.layout, self.model.links, self.connectors, slice(None))
@@ -203,10 +212,10 @@ class PackedScene:
 def pack_scene(
     scene: Scene, *, cosines: bool = False, body_force: BodyForce | None = None
 ) -> PackedScene:
-    """Constants of the scene; a term that the scene lacks is None."""
+    """Return the constants of the scene; a term that the scene lacks is None."""
     # Eq 43: one number stands for the inertia tensor.
     masses = scene.masses
-    # The lightest, for bounds, where they differ.
+    # Bounds use the lightest body.
     mass, inertia = float(masses.mass.min()), float(masses.inertia.min())
     gravity, electric = np.array(scene.parameters['gravity']), scene.electric
     # On equal charges a uniform field is an acceleration like gravity.
@@ -275,7 +284,7 @@ def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
 def pack_supports(
     masses: BodyMasses, supports: Supports | None, layout: Layout
 ) -> PackedSupports:
-    """Inverse masses of all bodies, 0 along what `supports` hold."""
+    """Return inverse masses of all bodies, 0 along supported degrees of freedom."""
     count = layout.body_count
     mass = np.broadcast_to(1.0 / masses.mass[:, None], (count, 3))
     inertia = np.broadcast_to(1.0 / masses.inertia, count)
@@ -287,14 +296,15 @@ def pack_supports(
 
 def velocity_rate(model: Model) -> float:
     """
-    Bound [1/s] of the rates at which damping, drag and magnetic field change velocities.
+    Return a bound [1/s] of the rates at which forces that depend on velocities change velocities.
 
-    And at which the rest lengths of Maxwell arms creep.
+    These forces are damping, drag and magnetic forces; the creep rate of Maxwell arms is included.
 
     The power of damping is the sum of c (n . du)^2 over the connectors, where du = du_2 - du_1 is
-    the relative velocity of their ends and (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and
-    (n . du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of its body, which has up to
-    12 connectors at the distance s from its centre; those around shells at most that of a corner.
+    the relative velocity of their ends. (n . du)^2 <= 2 (n . du_1)^2 + 2 (n . du_2)^2, and (n .
+    du_i)^2 <= (1/M + s^2/Lambda) times twice the kinetic energy of body i. A body has up to 12
+    connectors at the distance s from its centre; for connectors wrapped over shells, s is at most
+    the distance of a corner.
     """
     rate, mass, inertia = 0.0, model.inverse_mass, model.inverse_inertia
     if model.damping is not None and model.links is not None:
@@ -315,14 +325,14 @@ def velocity_rate(model: Model) -> float:
 
 
 def list_connectors(scene: Scene) -> ConnectorList:
-    """Connectors of a scene as kernels take them."""
+    """Return the connectors of a scene in the form that kernels take."""
     given = has_own_attachments(scene.parameters)
     return ConnectorList(
         scene.connectors, _half_width(scene), scene.connectors.attachment if given else None)
 
 
 def _half_width(scene: Scene) -> float:
-    """Distance [m] of the farthest attachment point from the centre."""
+    """Return the distance [m] of the farthest attachment point from the centre."""
     if has_own_attachments(scene.parameters):
         return float(np.linalg.norm(scene.connectors.attachment, axis=1).max())
     scale: float = scene.parameters['connector.attachment_scale']
@@ -340,11 +350,12 @@ def pack_loads(
     anchors: AnchorPack | None = None,
 ) -> Loads:
     """
-    Wrenches for the kernels: a row for every block they act on.
+    Pack wrenches for the kernels: a row for every block with loaded bodies.
 
-    In the order of the blocks; those of one block in the order given. `stages`: slopes of a
-    Runge-Kutta step; `varying`: with factors that are neither 0 nor 1. Bodies of which
-    `drives` move all freedoms feel no wrench: their paths bear it.
+    Rows follow the order of the blocks, and within a block the order of `rows`. `stages` is the
+    number of slopes of a Runge-Kutta step; `varying` allows factors other than 0 and 1. No wrench
+    acts on bodies whose degrees of freedom are all prescribed by `drives`: reactions of the drives
+    balance such wrenches.
     """
     parts, members = _without_turned(list(rows), drives)
     count = len(layout.blocks.slot)
@@ -409,9 +420,10 @@ def _without_turned(
     rows: list[WrenchRow], drives: DrivePack | None
 ) -> tuple[list[WrenchRow], list[tuple[int, np.ndarray]]]:
     """
-    Wrenches, and the bodies of each by its number.
+    Return the wrenches, and the bodies of each by its number.
 
-    Without torques on bodies that paths turn and leave free to move: these bear them.
+    Torques on bodies with driven rotation and free translation are left out: reactions of the
+    drives balance them.
     """
     turned = [row.bodies for row in (() if drives is None else drives.rows)
               if row.moves[3] and not row.moves.all()]
@@ -423,7 +435,7 @@ def _without_turned(
         mine = np.isin(row.bodies, np.concatenate(turned))
         for bodies, part in (
                 (row.bodies[~mine], row),
-                (row.bodies[mine], row._replace(torque=_ZERO, point=_ZERO))):
+                (row.bodies[mine], row._replace(torque=_ZERO_VECTOR, point=_ZERO_VECTOR))):
             if len(bodies):
                 members.append((len(parts), bodies))
                 parts.append(part)
@@ -469,17 +481,15 @@ def _pack_anchors(anchors: AnchorPack, paths: int) -> Anchors:
 
 
 def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
-    """Row and lane of every body that a wrench acts on."""
+    """Return row and lane of every body under a wrench."""
     row, lane = np.nonzero(
         np.unpackbits(loads.lanes[:, None], axis=1, count=LANES, bitorder='little'))
     return row, lane
 
 
 def load_rate(loads: Loads, model: Model, size: float) -> float:
-    """
-    Rate [rad/s] of loads: `force_rate`, or that of their factors and of paths if that is larger.
-    """
-    # A step must also follow the factors and the paths themselves.
+    """Return the rate [rad/s] of loads: `force_rate`, or the larger rate of factors and drives."""
+    # Steps must also resolve the factors and paths.
     own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
     if loads.drives is not None:
         own = max(own, float(loads.drives.rate.max()))
@@ -488,9 +498,9 @@ def load_rate(loads: Loads, model: Model, size: float) -> float:
 
 def force_rate(loads: Loads, model: Model, size: float) -> float:
     """
-    Rate [rad/s] at which the loads alone would move a free body by `size` [m], or turn it.
+    Return the rate [rad/s] at which loads alone would move a free body by `size` [m] or turn it.
 
-    Infinite where the loads are too large for numbers.
+    The rate is infinite if a load overflows.
     """
     if not (loads.wrench >= 0).any():
         return 0.0
@@ -526,12 +536,11 @@ def expected_liveliness(
     scene: Scene, model: Model, loads: Loads, frequency: float
 ) -> float:
     """
-    Speeds over a, or spins [1/s], that a run will reach.
+    Estimate the largest speed over a, or spin, [1/s] of a run.
 
-    From start, loads, weight, pre-stress, drives and anchors.
-
-    Loads and weight accelerate until the fabric answers, which takes as many radians of its
-    fastest vibration as it has bodies in a row, or until the run ends.
+    Initial velocities, loads, weight, pre-stress, drives and anchors contribute. Loads and weight
+    accelerate bodies until the fabric responds or the run ends. The response takes as many radians
+    of the fastest vibration as the fabric has bodies in a row.
     """
     initial, half_edge = scene.initial, scene.geometry.half_edge
     speed = _fastest(initial.linear_velocity) / half_edge
@@ -559,13 +568,13 @@ def expected_liveliness(
 
 
 def _fastest(velocity: np.ndarray) -> float:
-    """Largest speed or spin of bodies, (n, 3)."""
+    """Return the largest speed or spin of bodies, (n, 3)."""
     return math.sqrt(max(
         float((velocity[piece]**2).sum(axis=1).max()) for piece in pieces(len(velocity))))
 
 
 def _farthest_apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference of a coordinate."""
+    """Return the largest difference of a coordinate."""
     if one is other:
         return 0.0
     return max(
@@ -574,13 +583,14 @@ def _farthest_apart(one: np.ndarray, other: np.ndarray) -> float:
 
 def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:
     """
-    Part of their length that connectors change by while the fastest vibration turns by a radian.
+    Return the relative change of connector lengths within a radian of the fastest vibration.
 
-    Of a fabric in motion of `liveliness` a/s; 0 where it is too large for what follows from it.
+    `liveliness` [1/s] is the speed over a. The result is 0 for a fabric that is too large for
+    Runge-Kutta methods.
     """
     lengths = scene.connectors.laws.natural_length
-    # Of laws by table there is one for each connector: none where there are none.
-    if not (frequency > 0.0 and 0 < scene.body_count <= _LARGEST_WILD and len(lengths)):
+    # Tabulated laws have one length for each connector: none without connectors.
+    if not (frequency > 0.0 and 0 < scene.body_count <= _MAX_RUNGE_KUTTA_BODIES and len(lengths)):
         return 0.0
     length = float(lengths.min())
     return liveliness * scene.geometry.half_edge / (length * frequency)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The equations of motion of a scene (eq 45) as a function, for other people's integrators."""
+"""The equations of motion of a scene (eq 45) as a function, for external integrators."""
 
 from collections.abc import Callable
 
@@ -14,10 +14,10 @@ Rates = Callable[[float, np.ndarray], np.ndarray]
 
 def compile_rates(scene: Scene) -> Rates:
     """
-    Compile dy/dt = f(t, y) of a scene without loads, by the same kernels as `compile_scene`.
+    Compile dy/dt = f(t, y) of a scene without loads, with the kernels of `compile_scene`.
 
-    y (13 n,): for each body position [m], quaternion x y z w, velocity [m/s], spin [rad/s], world
-    frame. The result is an array of its own.
+    y (13 n,) holds for each body position [m], quaternion x y z w, velocity [m/s] and spin
+    [rad/s], world frame. Each call returns a new array.
     """
     packed = pack_scene(scene)
     if packed.model.maxwell is not None:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Leave out of a record the terms that a kernel does not read, so that scenes share the kernel.
+Removal of record terms that a kernel does not read, so that scenes share compiled kernels.
 
-Numba compiles a kernel for each type of its records, and the type tells which fields are None.
+Numba compiles a kernel for each type of its records, and the type encodes which fields are None.
 """
 
 from typing import Generic, TypeVar

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Packs the shells that connectors may run into."""
+"""Packing of the shells that obstruct connectors."""
 
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
 from icofabric_sim.kernels.records import Shells
@@ -10,23 +10,21 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
-# A point this close to a face, in parts of the inscribed radius, lies on it.
-_ON_FACE = 1e-9
+# Largest distance of a point on a face, over the inscribed radius.
+_FACE_DISTANCE_RATIO = 1e-9
 
 
 def pack_shells(parameters: Parameters, half_edge: float) -> Shells | None:
-    """
-    How deep the attachment points lie below the faces; None where they are the edge midpoints.
-    """
+    """Return the depths of attachment points below faces; None if they are the edge midpoints."""
     if not has_own_attachments(parameters) and parameters['connector.attachment_scale'] == 1.0:
         return None
     depth = _depths(parameters, half_edge)
-    depth[np.abs(depth) <= _ON_FACE * inscribed_radius(half_edge)] = 0.0
+    depth[np.abs(depth) <= _FACE_DISTANCE_RATIO * inscribed_radius(half_edge)] = 0.0
     return Shells(_normals(), depth)
 
 
 def pack_own_shells(scene: Scene, layout: Layout) -> Shells | None:
-    """The same of a scene, whose woven shells may have sizes of their own."""
+    """Return the depths of attachment points of a scene, whose woven shells may differ in size."""
     half_edge = scene.geometry.half_edge
     woven = scene.body_half_edges[:len(scene.weave.position)]
     if (woven == half_edge).all():
@@ -36,15 +34,15 @@ def pack_own_shells(scene: Scene, layout: Layout) -> Shells | None:
     by_slot[layout.slot] = deeper
     return Shells(
         _normals(), _depths(scene.parameters, half_edge), by_slot, deeper,
-        _ON_FACE * inscribed_radius(float(woven.min())))
+        _FACE_DISTANCE_RATIO * inscribed_radius(float(woven.min())))
 
 
 def _depths(parameters: Parameters, half_edge: float) -> np.ndarray:
-    """Depth [m] of each attachment point below each face, (6, 20)."""
+    """Return the depth [m] of each attachment point below each face, (6, 20)."""
     return np.asarray(
         inscribed_radius(half_edge) - attachment_points(parameters, half_edge) @ _normals().T)
 
 
 def _normals() -> np.ndarray:
-    """Outward normals of the faces, (20, 3)."""
+    """Return the outward normals of the faces, (20, 3)."""
     return np.ascontiguousarray(face_geometry(1.0).normals)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots: immutable copies of the state at the time that was asked for."""
+"""Snapshots: immutable copies of the state at one time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -54,7 +54,7 @@ class Snapshot(AsTable):
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take fields; the arrays of copies are not to be written to, either."""
+        """Set the fields, with arrays of the state read-only."""
         vars(self).update(state)
         for name in (*InitialState._fields, 'rest_length'):
             if state[name] is not None:
@@ -62,14 +62,14 @@ class Snapshot(AsTable):
                 view.flags.writeable = False
 
     def __repr__(self) -> str:
-        """Say what it is of, without the numbers."""
+        """Return time, number of bodies and number of connectors."""
         broken = int(np.count_nonzero(~self.intact))
         torn = f', {broken:,} of them broken' if broken else ''
         return (f'<Snapshot at t = {self.time:.9g} s: {counted(len(self.position), "body")}, '
                 f'{counted(self.connector_count, "connector")}{torn}>')
 
     def table(self) -> dict[str, list[float]]:
-        """State of the bodies as plain numbers: a list for each column, named with its unit."""
+        """Return the state of the bodies as a list for each column, named with its unit."""
         columns: dict[str, list[float]] = {'body': list(range(len(self.position)))}
         for names, values in zip(_COLUMNS, (
                 self.position, self.orientation, self.linear_velocity, self.angular_velocity,
@@ -78,7 +78,7 @@ class Snapshot(AsTable):
         return columns
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Return a table for notebooks."""
         energy = self.energy
         return html_of('Snapshot', {
             'time': f'{self.time:.9g} s',
@@ -92,7 +92,7 @@ class Snapshot(AsTable):
 
     @cached_property
     def intact(self) -> np.ndarray:
-        """Which connectors are unbroken, (c,) bool."""
+        """Unbroken connectors, (c,) bool."""
         return np.asarray(np.isnan(self.break_time))
 
     @cached_property
@@ -104,7 +104,7 @@ class Snapshot(AsTable):
 
     @property
     def anchor_intact(self) -> np.ndarray:
-        """Which anchors are unbroken, (a,) bool, in the order of the scene."""
+        """Unbroken anchors, (a,) bool, in the order of the scene."""
         if self.anchors_broken_since is None:
             return np.ones(0 if self.anchors is None else len(self.anchors[0]), bool)
         return np.isnan(self.anchors_broken_since)
@@ -123,10 +123,10 @@ class Snapshot(AsTable):
     @cached_property
     def connector_segments(self) -> Segments:
         """
-        Straight parts of every connector, along its whole way around shells.
+        Straight segments of every connector, along its path over shells.
 
-        One of each, between its ends, but with `connector.obstruction: wrap`: there a connector
-        that lies around a shell bends at each edge it crosses.
+        A connector has one segment between its ends. With `connector.obstruction: wrap`, a
+        connector that is wrapped over a shell bends at each edge that it crosses.
         """
         connectors, wrapping = self.packed.connectors, self.packed.model.wrapping
         if connectors is None or wrapping is None:
@@ -138,9 +138,9 @@ class Snapshot(AsTable):
     @cached_property
     def anchor_ends(self) -> np.ndarray:
         """
-        World positions [m] of the ends of every anchor, (a, 2, 3), that at the body first.
+        World positions [m] of the ends of every anchor, (a, 2, 3), the end at the body first.
 
-        Of broken ones, too.
+        Broken anchors are included.
         """
         if self.anchors is None:
             return np.zeros((0, 2, 3))
@@ -151,7 +151,7 @@ class Snapshot(AsTable):
 
     @cached_property
     def connector_length(self) -> np.ndarray:
-        """Lengths [m] of the connectors, (c,); of those around their shells along the geodesic."""
+        """Lengths [m] of the connectors, (c,), along the geodesic if wrapped over a shell."""
         connectors = self.packed.connectors
         if connectors is None:
             return np.zeros(0)
@@ -166,7 +166,7 @@ class Snapshot(AsTable):
 
     @cached_property
     def spring_energy(self) -> np.ndarray:
-        """Energies [J] of the connectors by their lengths, (c,); moments and anchors apart."""
+        """Energies [J] of the springs of connectors, (c,), without moments and anchors."""
         connectors = self.packed.connectors
         if connectors is None:
             return np.zeros(0)
@@ -184,7 +184,7 @@ class Snapshot(AsTable):
 
     @cached_property
     def maxwell_tension(self) -> np.ndarray:
-        """Pulls [N] of the Maxwell arms of the connectors, (c,); 0 without, and of broken ones."""
+        """Tensions [N] of the Maxwell arms of connectors, (c,); 0 without arm or if broken."""
         arms = self.packed.arms
         if self.rest_length is None or arms is None:
             return np.zeros(self.connector_count)
@@ -193,13 +193,15 @@ class Snapshot(AsTable):
 
     @cached_property
     def angular_velocity_body(self) -> np.ndarray:
-        """Angular velocities in the axes of each body [rad/s], (n, 3): eq 18, inverted."""
+        """Angular velocities [rad/s] in the axes of each body, (n, 3): eq 18, inverted."""
         return np.einsum(
             'bij,bj->bi', cosines_from_quaternions(self.orientation), self.angular_velocity)
 
     @cached_property
     def spin_momentum(self) -> np.ndarray:
-        """Angular momenta I omega of the bodies about their centres [kg m^2/s], (n, 3), world."""
+        """
+        Angular momenta I omega [kg m^2/s] of the bodies about their centres, (n, 3), world frame.
+        """
         moments = self.packed.principal_inertia
         if moments is None:
             return np.asarray(self.packed.masses.inertia[:, None] * self.angular_velocity)
@@ -210,9 +212,9 @@ class Snapshot(AsTable):
     @cached_property
     def without_geodesic(self) -> np.ndarray:
         """
-        Connectors without a geodesic around their first (bit 0) or second (bit 1) body.
+        Connectors without a geodesic over their first (bit 0) or second (bit 1) body.
 
-        (c,) uint8; of `connector.obstruction: wrap`.
+        (c,) uint8, for `connector.obstruction: wrap`.
         """
         found = np.zeros(self.connector_count, np.uint8)
         connectors, wrapping = self.packed.connectors, self.packed.model.wrapping
@@ -237,12 +239,15 @@ class Snapshot(AsTable):
     @cached_property
     def energy(self) -> dict[str, float]:
         """
-        Energies [J]: kinetic, connectors, gravity (zero at the origin), contact, field; their sum.
+        Energies [J] by term, their sum `total`, and the energy balance.
 
-        `field` is that of charges (zero at the origin) and dipoles (zero along it) in the electric
-        field, of charges on each other, and the potential of a body force. Beside them `work_in`
-        by loads, what is `dissipated` and `lost_at_breaks`, and the `balance_error`: the sum, less
-        the work done and with what is dissipated and lost, beside what it was at the start.
+        The terms are `kinetic`, `connectors`, `gravity` (zero at the origin), `contact` and
+        `field`. `field` includes charges (zero at the origin) and dipoles (zero along the field)
+        in the electric field, mutual energies of charges, and the potential of a body force.
+
+        The energy balance has the external work `work_in`, the energies `dissipated` and
+        `lost_at_breaks`, and the `balance_error`. The error is the change of `total` since the
+        start, minus `work_in`, plus `dissipated` and `lost_at_breaks`.
         """
         mass, inertia = self.packed.masses
         energy = {
@@ -303,12 +308,14 @@ class Snapshot(AsTable):
         return energy
 
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places (3, n) and orientations (4, n)."""
+        """Return positions (3, n) and orientations (4, n)."""
         return (
             np.ascontiguousarray(self.position.T), np.ascontiguousarray(self.orientation.T))
 
     def _frozen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places and orientations as the kernels were compiled for: not to be written to."""
+        """
+        Return read-only positions and orientations, the types for which kernels are compiled.
+        """
         views = self.position.view(), self.orientation.view()
         for view in views:
             view.flags.writeable = False
@@ -316,7 +323,7 @@ class Snapshot(AsTable):
 
 
 def _weighed(weight: np.ndarray, values: np.ndarray) -> float:
-    """The sum of `values` (n,) by their weights, (n,), or (1,) for all."""
+    """Return the sum of `values` (n,) times their weights, (n,), or (1,) for all."""
     if len(weight) == 1:
         return float(weight[0]) * float(values.sum())
     return float((weight * values).sum())

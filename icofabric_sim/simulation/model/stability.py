@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The largest frequency of a fabric in a configuration: the step of an explicit method follows it.
+The largest frequency of a fabric in a configuration, which limits the step of explicit methods.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
@@ -25,26 +25,34 @@ from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, without
 import numpy as np
 
-# Relative accuracy of the squared frequency at which the Lanczos iteration stops. A slightly
-# larger one that the start hardly contains may hide within the residual: at 1e-3 the frequency
-# came out up to 0.6 % low in turned fabrics, at 1e-4 at most 0.01 %. The top of the spectrum of a
-# large fabric is dense and takes hundreds of iterations to resolve, where a few give it at most
-# 1.5 % too high.
-ACCURACY = 1e-4
-_LARGE_ACCURACY = 0.03
-_SMALL = 2_000  # bodies
-LARGEST_ITERATION_COUNT = 300
-# Iterations between two tests of convergence: a test costs as much as several iterations
-# of a small fabric, and a large one needs few.
-_ITERATIONS = 8
-_LARGE_ITERATIONS = 2
+
+@dataclass(frozen=True)
+class FrequencySettings:
+    """Tunables of the Lanczos iteration for the largest frequency."""
+
+    # Relative accuracy of the squared frequency at which the iteration stops. A slightly larger
+    # eigenvalue that the start hardly contains may hide within the residual: with 1e-3 the
+    # frequency was up to 0.6 % low in turned fabrics, with 1e-4 at most 0.01 %.
+    accuracy_ratio: float = 1e-4
+    # The spectrum of a large fabric is dense at its top and takes hundreds of iterations to
+    # resolve. A few iterations give the top at most 1.5 % too high.
+    large_accuracy_ratio: float = 0.03
+    small_body_count: int = 2_000  # most bodies of a small fabric
+    max_iterations: int = 300
+    # Iterations between two tests of convergence: a test takes as long as several iterations of
+    # a small fabric, and a large fabric needs few iterations.
+    test_interval: int = 8
+    large_test_interval: int = 2
+
+
+_SETTINGS = FrequencySettings()
 
 
 class Frequency(NamedTuple):
-    """The largest frequency and where it lives."""
+    """The largest frequency and the bodies that vibrate most."""
 
     rate: float  # [rad/s]
-    bodies: tuple[int, ...]  # bodies that take the largest part in it, at most four
+    bodies: tuple[int, ...]  # at most four bodies that vibrate most
     iterations: int
 
 
@@ -52,12 +60,13 @@ def largest_frequency(
     packed: PackedScene, state: State, *, locate: bool = False
 ) -> Frequency:
     """
-    Largest frequency [rad/s] of small motions about a configuration, supports respected.
+    Return the largest frequency [rad/s] of small motions about a configuration with its supports.
 
-    The largest eigenvalue of M^-1/2 H M^-1/2 by the Lanczos iteration (lanczos.py, which modes
-    use too), H the Hessian of the connector energy (kernels/hessian.py), M the masses and
-    inertias. `locate` also finds the bodies. What electric fields, lying around shells and Maxwell
-    arms add is bounded: the largest eigenvalue of a sum is at most the sum of the largest.
+    The Lanczos iteration (lanczos.py) finds the largest eigenvalue of M^-1/2 H M^-1/2. H is the
+    Hessian of the connector energy (kernels/hessian.py), M the masses and inertias. `locate` also
+    finds the bodies that vibrate most. The contributions of electric fields, wrapping over shells
+    and Maxwell arms are bounded: the largest eigenvalue of a sum is at most the sum of the
+    largest.
     """
     model, layout = packed.model, packed.layout
     start = start_vector(layout, model.supports)
@@ -78,7 +87,7 @@ def largest_frequency(
         more += largest_wrapping_bound(model, state, work)
     upper = frequency_bound(springs, poses, work)
     if not math.isfinite(upper + more):
-        # Numbers too large to multiply: nothing is safe.
+        # Products of these numbers overflow: no step is stable.
         return Frequency(math.inf, (), 0)
     run = Lanczos(model, state, work, start, most_steps(count))
     found = converge(run, upper, count)
@@ -91,13 +100,13 @@ def largest_frequency(
 
 
 def has_bounded_terms(model: Model) -> bool:
-    """Whether terms count that `largest_frequency` adds by a bound, and the iteration lacks."""
+    """Return True if `largest_frequency` bounds a term that the iteration leaves out."""
     return any(term is not None for term in (
         model.dipole, model.coulomb, model.maxwell, model.wrapping))
 
 
 def is_springy(model: Model) -> bool:
-    """Whether connectors resist at all."""
+    """Return True if connectors have any stiffness."""
     links = model.links
     return links is not None and (
         links.stiffness > 0.0 or links.tables is not None or model.bending is not None
@@ -105,22 +114,25 @@ def is_springy(model: Model) -> bool:
 
 
 def most_steps(body_count: int) -> int:
-    """Steps of an iteration at most."""
-    return min(LARGEST_ITERATION_COUNT, 6 * body_count)
+    """Return the largest number of steps of an iteration."""
+    return min(_SETTINGS.max_iterations, 6 * body_count)
 
 
 def converge(run: Iteration, upper: float, body_count: int) -> Largest:
-    """The largest eigenvalue, at most `upper`, as accurately as steps need it."""
-    if body_count <= _SMALL:
-        return find_largest(run, upper, ACCURACY, _ITERATIONS)
-    return find_largest(run, upper, _LARGE_ACCURACY, _LARGE_ITERATIONS)
+    """
+    Return the largest eigenvalue, at most `upper`, with the accuracy that step sizes require.
+    """
+    if body_count <= _SETTINGS.small_body_count:
+        return find_largest(run, upper, _SETTINGS.accuracy_ratio, _SETTINGS.test_interval)
+    return find_largest(
+        run, upper, _SETTINGS.large_accuracy_ratio, _SETTINGS.large_test_interval)
 
 
 def _arms_eigenvalue(packed: PackedScene, state: State) -> float:
     """
-    Largest squared frequency [1/s^2] of the springs of all Maxwell arms alone.
+    Return the largest squared frequency [1/s^2] of the springs of all Maxwell arms alone.
 
-    As if all were as stiff as the stiffest, and at rest in the mean.
+    All arms have the stiffness of the stiffest arm and are relaxed on average.
     """
     model = packed.model
     assert model.maxwell is not None and model.links is not None and state.rest is not None
@@ -138,10 +150,10 @@ def with_anchors(
     frequency: Frequency, packed: PackedScene, loads: Loads, state: State, time: float
 ) -> Frequency:
     """
-    Add what anchors can make of it at `time` [s], which is never too low.
+    Add an upper bound of the contribution of anchors at `time` [s] to a frequency.
 
-    Their second derivatives are a block for each body, whose eigenvalues are exact; the largest
-    eigenvalue of a sum is at most the sum of the largest (Weyl).
+    The second derivatives of anchors are one block for each body, whose eigenvalues are exact. The
+    largest eigenvalue of a sum is at most the sum of the largest (Weyl).
     """
     if loads.anchors is None or not frequency.rate < math.inf:
         return frequency
@@ -153,9 +165,10 @@ def hessian_product(
     packed: PackedScene, state: State, shift: np.ndarray, turn: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Second derivative of the connector energy along displacements and rotation vectors (n, 3).
+    Return forces [N] and torques [N m], (n, 3), that displacements cause to first order.
 
-    Returns forces [N] and torques [N m], (n, 3); supports do not count.
+    They are the second derivative of the connector energy along displacements `shift` and rotation
+    vectors `turn`, (n, 3), without supports.
     """
     model, layout = without(packed.model, *BESIDE_CONNECTORS), packed.layout
     work = layout.room(model.links)
@@ -174,11 +187,12 @@ def fastest_motion(
     proximity: float | None, fall: float,
 ) -> float:
     """
-    Rate [rad/s] of the fastest motion that steps must follow, seen from a body that spins.
+    Return the rate [rad/s] of the fastest motion in the frame of a spinning body.
 
-    `spread` [m/s]: how much velocities differ; `frequency` and `spin` [rad/s] are the largest,
-    `load_rate` [rad/s] that of the loads alone; `proximity` [m]: free bodies may not pass each
-    other unseen at this distance, nor what is held, to which they `fall` [m/s^2].
+    `spread` [m/s] is the largest difference of velocities. `frequency` and `spin` [rad/s] are the
+    largest ones, `load_rate` [rad/s] is that of the loads alone. `proximity` [m] is the distance
+    at which free bodies must not pass each other, or a held body, between two health checks;
+    `fall` [m/s^2] is the acceleration towards held bodies.
     """
     rate = frequency + spin + packed.velocity_rate
     model = packed.model

@@ -3,8 +3,8 @@
 """
 Surface forces by a function F(face, xi, eta, t), integrated over the faces of bodies (eq 40).
 
-What `tractions.NAME` cannot say: any dependence on place and time. The coordinates xi, eta are
-lambda2, lambda3 of the face (eq 35), from its first corner along its two sides.
+Unlike `tractions.NAME`, the function may depend on place and time in any form. The coordinates xi,
+eta are lambda2, lambda3 of the face (eq 35), from its first corner along its two sides.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ import numpy as np
 
 Traction = Callable[..., Any]
 AXES: Final = ('face', 'body', 'world')
-_HIGHEST = 20
+_MAX_DEGREE = 20
 
 
 def surface_force(
@@ -65,8 +65,8 @@ def surface_force(
     if checks.text('axes', axes) not in AXES:
         raise ValueError(f'axes must be one of {", ".join(AXES)}, got {axes!r}')
     degree = checks.count('degree', degree, 0)
-    if degree > _HIGHEST:
-        raise ValueError(f'degree must be at most {_HIGHEST}, got {degree}')
+    if degree > _MAX_DEGREE:
+        raise ValueError(f'degree must be at most {_MAX_DEGREE}, got {degree}')
     group, faces = checks.text('group', group), checks.text('faces', faces)
     if group != 'all' and f'groups.{group}' not in parameters:
         known = ', '.join(['all', *parameters.names('groups')])
@@ -81,7 +81,7 @@ def surface_force(
 
 
 class _Surface:
-    """The force on all bodies, as `BodyForce` calls it."""
+    """Force and torque of a traction on all bodies, called by `BodyForce`."""
 
     def __init__(
         self, traction: Traction, bodies: np.ndarray, mask: np.ndarray, half_edge: float,

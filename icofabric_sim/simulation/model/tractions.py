@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Surface forces for the kernels: the wrenches of all faces of a body become one row."""
+"""Surface forces for the kernels: the wrenches on all faces of a body become one row."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from icofabric_sim.scene.tractions import FaceWrench
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
 import numpy as np
 
-# Forces that add up to less than this part of their sizes cancel: what is left is rounding.
-_CANCELLED = 1e-15
-# What is the same for two axes exchanged: xx, xy, xz, yy, yz, zz.
+# Ratio of a sum of forces to the sum of magnitudes below which the sum is round-off.
+_ROUND_OFF_RATIO = 1e-15
+# Entries of a symmetric tensor: xx, xy, xz, yy, yz, zz.
 _PAIRS = np.triu_indices(3)
 
 
 class BodyTraction(NamedTuple):
-    """A surface force summed over the faces of each of its bodies; None where no face is such."""
+    """A surface force summed over the faces of each body; None for a type without faces."""
 
     bodies: np.ndarray  # (m,) int32
     turning: np.ndarray | None  # (m, 6) force [N] and torque [N m], body axes
@@ -31,14 +31,14 @@ class BodyTraction(NamedTuple):
 
 
 class TractionRow(NamedTuple):
-    """A surface force, and what it is multiplied by."""
+    """A surface force, and the profile that scales it."""
 
     sums: BodyTraction
     piece: Piece  # at times of the run
 
 
 class TractionPack(NamedTuple):
-    """What kernels need of all surface forces of a scene."""
+    """All surface forces of a scene for the kernels."""
 
     rows: Sequence[TractionRow]  # those that act
     # All of the scene, also those that act at other times: kernels stay the same.
@@ -46,7 +46,7 @@ class TractionPack(NamedTuple):
 
 
 def sum_faces(wrenches: Sequence[FaceWrench]) -> BodyTraction:
-    """Add up what the faces of each body feel."""
+    """Return the sum of the wrenches on the faces of each body."""
     bodies = np.unique(np.concatenate(
         [np.zeros(0, np.int32), *(part.bodies for part in wrenches)])).astype(np.int32)
     count = len(bodies)
@@ -73,7 +73,7 @@ def sum_faces(wrenches: Sequence[FaceWrench]) -> BodyTraction:
             kinds.add('fixed')
             fixed[rows] += np.concatenate([part.force, np.outer(part.force, part.point).ravel()])
             sizes[rows] += size
-    own = np.where(np.abs(fixed[:, :3]) > _CANCELLED * sizes[:, None], fixed[:, :3], 0.0)
+    own = np.where(np.abs(fixed[:, :3]) > _ROUND_OFF_RATIO * sizes[:, None], fixed[:, :3], 0.0)
     fixed[:, :3] = own
     force = np.linalg.norm(turning[:, :3], axis=1) + np.linalg.norm(own, axis=1) + slid
     # The torque of first moments S is at most sqrt(2) |S|, however the body is turned.
@@ -89,10 +89,10 @@ def pack_tractions(
     lanes: np.ndarray
 ) -> Tractions:
     """
-    Numbers of all surface forces that act, lanes side by side.
+    Pack all surface forces that act, with lanes side by side.
 
-    `first`: the wrench of the first of them; `block`, `wrench`, `lanes` (m,): those of all rows of
-    the loads.
+    `first` is the number of the first surface force among the wrenches; `block`, `wrench` and
+    `lanes` (m,) belong to the rows of the loads.
     """
     mine = np.flatnonzero(wrench >= first)
     place = np.zeros(len(wrench), np.int64)

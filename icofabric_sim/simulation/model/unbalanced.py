@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far connectors and anchors of a fabric as woven are from balancing each other."""
+"""Unbalanced forces of connectors and anchors in a fabric as woven."""
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.scene.scene import Scene
@@ -9,10 +9,10 @@ import numpy as np
 
 def unbalanced_rate(scene: Scene) -> float:
     """
-    Largest acceleration over a, or of spin [1/s^2], that these give a body at the start.
+    Return the largest initial acceleration over a, or of spin, [1/s^2] by connectors and anchors.
 
-    0 where all have their natural lengths. Tables count by their largest slopes; anchors pull to
-    where their points are at first.
+    The result is 0 if all have their natural lengths. Tabulated laws count by their largest
+    slopes; anchors end at the initial positions of their points.
     """
     if not (_are_strained(scene) or scene.anchors):
         return 0.0
@@ -37,7 +37,7 @@ def unbalanced_rate(scene: Scene) -> float:
 
 
 def _are_strained(scene: Scene) -> bool:
-    """Whether connectors have other lengths in the weave than their natural ones."""
+    """Return True if the woven and natural lengths of a connector differ."""
     if not scene.connector_count:
         return False
     natural = scene.connectors.laws.natural_length
@@ -47,7 +47,9 @@ def _are_strained(scene: Scene) -> bool:
 def _add_connectors(
     scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
 ) -> None:
-    """Add what connectors pull, [N] and [N m] (n, 3), with the `axes` (n, 3, 3) of the bodies."""
+    """
+    Add forces [N] and torques [N m] of connectors, (n, 3); `axes` (n, 3, 3) are those of bodies.
+    """
     connectors = scene.connectors
     one, two = connectors.bodies.T
     arms = np.einsum('ceij,cei->cej', axes[connectors.bodies], connectors.points_body)
@@ -67,7 +69,9 @@ def _add_connectors(
 def _add_anchors(
     scene: Scene, axes: np.ndarray, force: np.ndarray, torque: np.ndarray
 ) -> None:
-    """Add what anchors pull, likewise."""
+    """
+    Add forces [N] and torques [N m] of anchors, (n, 3); `axes` (n, 3, 3) are those of bodies.
+    """
     for anchor in scene.anchors.values():
         extension, compression, natural_length = anchor.law
         arm = anchor.arm @ axes[anchor.body]

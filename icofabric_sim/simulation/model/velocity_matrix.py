@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a change of the velocities in an implicit step changes, as a sparse matrix and its factors.
+The sparse matrix of an implicit step, for changes of velocities, and its factors.
 
-A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number
-(x + 3 y + 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with
-vectors that are 1 at all bodies of one number give the whole matrix, of any fabric. What touches
-is added pair by pair.
+A body and its neighbours lie on 13 points of a face-centred cubic lattice, and the number (x + 3 y
++ 4 z) mod 13 of a grid point is different for all of them. So 13 times 6 products with vectors
+that are 1 at all bodies of one number give the whole matrix, of any fabric. Contacts are added
+pair by pair.
 """
 
 from typing import Any, NamedTuple
@@ -20,24 +20,24 @@ from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
 _COLOURS, _STEPS = 13, np.array([1, 3, 4])
-# Patterns that are kept, each of other pairs that touch.
-_KEPT = 4
+# Cached sparsity patterns, each of other pairs in contact.
+_CACHED_PATTERN_COUNT = 4
 
 
 class VelocityMatrix:
     """
-    The matrix 1 + M^-1/2 (g^2 H + g C) M^-1/2 of a fabric, H and C those of its configuration.
+    The matrix 1 + M^-1/2 (g^2 H + g C) M^-1/2 of a fabric in a configuration.
 
-    H is the second derivative of the energy, C what damping and drag make of velocities; rows and
-    columns are the six freedoms of each body, body by body. Held freedoms and driven bodies stay
-    as they are: theirs are those of the unit matrix.
+    H is the second derivative of the energy, C the derivative of damping and drag forces by
+    velocities. Rows and columns are the six degrees of freedom of each body, body by body. Rows of
+    held degrees of freedom and of driven bodies are those of the unit matrix.
     """
 
     def __init__(self, packed: PackedScene, grid: np.ndarray, held: np.ndarray) -> None:
         """
-        Find which bodies are joined; `grid` (g, 3) of the woven bodies.
+        Find the connected bodies, with the `grid` (g, 3) of the woven bodies.
 
-        `held`: freedoms (n, 6) that are, and all of those of driven bodies.
+        `held` (n, 6) are supported degrees of freedom, and all those of driven bodies.
         """
         self._model, self._slot = packed.model, packed.layout.slot
         count = packed.layout.body_count
@@ -76,9 +76,9 @@ class VelocityMatrix:
         self, model: Model, state: State, points: np.ndarray, g: float
     ) -> 'Factors | None':
         """
-        Factor it for a time `g` [s] in a configuration whose attachment `points` are placed.
+        Return the factors for a time `g` [s] in a configuration; None if the matrix is singular.
 
-        None where it is singular.
+        `points` are the attachment points in this configuration.
         """
         from scipy.sparse.linalg import splu
 
@@ -116,7 +116,7 @@ class VelocityMatrix:
             return None
 
     def _touching(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """What touches: two bodies each (m, 2), and second derivatives (m, 12, 12)."""
+        """Return pairs of bodies in contact (m, 2), and second derivatives (m, 12, 12)."""
         forces = self._forces
         if forces is None:
             return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
@@ -127,22 +127,24 @@ class VelocityMatrix:
             axes = np.moveaxis(state.orientation[:, :, self._slot], 2, 0)
         touching, pushed = forces.blocks(
             forces.near(position), forces.near_planes(position), position, axes)
-        # Factors must not depend on how what is near was found.
+        # Factors must not depend on the order of the candidate pairs.
         order = np.lexsort((touching[:, 1], touching[:, 0]))
         return touching[order], pushed[order]
 
     def _pattern(self, touching: np.ndarray) -> '_Pattern':
-        """The matrix without its numbers, where pairs of bodies (m, 2) touch."""
+        """Return the sparsity pattern of the matrix with contacts of pairs of bodies (m, 2)."""
         key = touching.tobytes()
         if key not in self._patterns:
-            if len(self._patterns) >= _KEPT:
+            if len(self._patterns) >= _CACHED_PATTERN_COUNT:
                 del self._patterns[next(iter(self._patterns))]
             self._patterns[key] = _pattern_of(
                 self._rows, self._columns, touching, len(self._slot))
         return self._patterns[key]
 
     def _tangent(self, model: Model, g: float) -> Model:
-        """The model with the springs of a stage, and moments that are as much weaker."""
+        """
+        Return the model with tangent springs of a stage, and moments scaled by the same factor.
+        """
         part, links = g * g, model.links
         if links is not None:
             links = links._replace(
@@ -158,21 +160,21 @@ class VelocityMatrix:
 
 
 class Factors:
-    """Factors of a matrix, in an order of elimination."""
+    """Factors of a matrix, in an elimination order."""
 
     def __init__(self, factors: Any, order: np.ndarray) -> None:
-        """Solve by SciPy's `factors`, whose row k is number order[k] of the matrix."""
+        """Store factors of SciPy, whose row k is row order[k] of the matrix."""
         self._factors, self._order = factors, order
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """Solution (m,) of the system for a vector (m,)."""
+        """Return the solution (m,) of the system for a vector (m,)."""
         result = np.empty_like(right)
         result[self._order] = self._factors.solve(right[self._order])
         return result
 
 
 def freedom_masses(packed: PackedScene) -> np.ndarray:
-    """Mass [kg] or inertia [kg m^2] of the six freedoms of each body, (n, 6)."""
+    """Return the mass [kg] or inertia [kg m^2] of the six degrees of freedom of bodies, (n, 6)."""
     own = np.broadcast_to(
         np.column_stack([packed.masses.mass, packed.masses.inertia]),
         (packed.layout.body_count, 2))
@@ -180,21 +182,23 @@ def freedom_masses(packed: PackedScene) -> np.ndarray:
 
 
 class _Pattern(NamedTuple):
-    """A matrix without its numbers."""
+    """Sparsity pattern of a matrix of blocks."""
 
     rows: np.ndarray  # (p,) bodies of its blocks
     columns: np.ndarray
-    own: np.ndarray  # (n,) numbers of those of each body and itself
-    touching: np.ndarray  # (m, 2, 2) numbers of those of each pair that touches
+    own: np.ndarray  # (n,) indices of the diagonal blocks
+    touching: np.ndarray  # (m, 2, 2) indices of the blocks of each pair in contact
     order: np.ndarray  # (6 n,) of elimination
-    matrix: Any  # in it
+    matrix: Any  # in this order
     places: np.ndarray  # where its entries are among the numbers of the blocks
 
 
 def _pattern_of(
     rows: np.ndarray, columns: np.ndarray, touching: np.ndarray, count: int
 ) -> _Pattern:
-    """Blocks at `rows` and `columns`, and further ones of pairs (m, 2) of `count` bodies."""
+    """
+    Return the pattern of blocks at `rows` and `columns`, and at contacts (m, 2) of `count` bodies.
+    """
     first, second = np.repeat(touching, 2, axis=1), np.tile(touching, 2)
     wanted = (count * first + second).ravel()
     present = count * rows + columns
@@ -212,14 +216,15 @@ def _elimination(
     rows: np.ndarray, columns: np.ndarray, count: int
 ) -> tuple[np.ndarray, tuple[Any, np.ndarray]]:
     """
-    Order of elimination by minimum degree, the matrix in it, and where its entries come from.
+    Return an elimination order by minimum degree, and the matrix in it with its sources.
 
-    For blocks of six freedoms at `rows` and `columns` of bodies: numbers into (p, 6, 6).
+    Blocks of six degrees of freedom are at `rows` and `columns` of bodies. Sources are indices
+    into the blocks (p, 6, 6).
     """
     from scipy import sparse
     from scipy.sparse.linalg import splu
 
-    # By bodies: their freedoms meet the same others, and stay together.
+    # By bodies: the freedoms of a body have the same neighbours and stay together.
     graph = sparse.csc_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     degree = sparse.diags(np.asarray(graph.sum(axis=1)).ravel() + 1.0)
     order = splu(

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Where connectors lie: the straight parts of their ways around shells, for all that draws them.
+Paths of connectors over shells as straight segments, for drawings.
 
-Unfolded into a plane the way over the faces is a straight line from the attachment point (see
-wrapping.py), so it meets each edge of its row where that line does.
+Unfolded into a plane, the path over the faces is a straight line from the attachment point (see
+wrapping.py). The path crosses each edge where this line does.
 """
 
 from typing import NamedTuple
@@ -20,31 +20,31 @@ from icofabric_sim.simulation.model.shells import pack_shells
 from icofabric_sim.simulation.model.wrapping import pack_wrapping, ways_from
 import numpy as np
 
-# Beyond the number of edges that any way crosses.
+# Rank of the second end, beyond the number of edges that a path crosses.
 _SECOND_RANK = 100
 
 
 class Segments(NamedTuple):
-    """Straight parts of connectors, those of each in their order from its first body."""
+    """Straight segments of connectors, in order from the first body of each connector."""
 
     ends: np.ndarray  # (s, 2, 3) [m], world frame
     of: np.ndarray  # (s,) number of the connector
 
     def lengths(self, count: int) -> np.ndarray:
-        """Whole lengths [m] of `count` connectors, (c,)."""
+        """Return the total lengths [m] of `count` connectors, (c,)."""
         parts = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)
         return np.bincount(self.of, parts, count)
 
 
 def straight_segments(ends: np.ndarray) -> Segments:
-    """Straight connectors between `ends` (c, 2, 3) [m]: one part each."""
+    """Return straight connectors between `ends` (c, 2, 3) [m] as one segment each."""
     return Segments(ends, np.arange(len(ends)))
 
 
 def trace_scene(
     scene: Scene, ends: np.ndarray, position: np.ndarray, orientation: np.ndarray
 ) -> Segments:
-    """The same as `trace_paths` of a scene with `connector.obstruction: wrap`."""
+    """Return the segments of a scene, by `trace_paths` if `connector.obstruction` is wrap."""
     half_edge = scene.geometry.half_edge
     wrapping = pack_wrapping(scene.parameters, half_edge)
     if wrapping is None or not len(ends):
@@ -64,26 +64,26 @@ def trace_paths(
     position: np.ndarray, orientation: np.ndarray
 ) -> Segments:
     """
-    Straight parts of all connectors, bent at the edges of shells that they lie around.
+    Return the straight segments of all connectors, bent at the edges of shells under them.
 
     Parameters
     ----------
     wrapping : Wrapping
-        All ways from the attachment points.
+        All paths from the attachment points.
     connectors : Connectors
         Bodies and edges of the connectors.
     ends : ndarray
         (c, 2, 3) attachment points [m], world frame.
     entering : ndarray
-        Numbers of the connectors that would enter a shell, were they straight.
+        Numbers of the connectors that would enter a shell if they were straight.
     position, orientation : ndarray
         (n, 3) [m] and (n, 4) unit quaternions x y z w of the bodies.
 
     Returns
     -------
     Segments
-        One part of each straight connector, several of each one around a shell. Ends that find no
-        way lead straight through the shell.
+        One segment of each straight connector, several of each one wrapped over a shell. Ends
+        without a path lead straight through the shell.
     """
     if not len(entering):
         return straight_segments(ends)
@@ -120,7 +120,7 @@ def trace_paths(
 def _crossings(
     wrapping: Wrapping, code: int, number: int, places: np.ndarray
 ) -> list[np.ndarray]:
-    """Points (w, 3) [m], body axes, at each edge of a way that leaves its last one at `places`."""
+    """Return points (w, 3) [m], body axes, at each edge of a path that leaves at `places`."""
     half_edge = wrapping.height / inscribed_radius(1.0)
     crossed = ways_from(*(wrapping.points[code] / half_edge).tolist()).rows[number].crossed
     last = crossed[-1]

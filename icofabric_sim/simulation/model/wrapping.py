@@ -1,18 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The ways that a connector can take over the faces of the shell it is attached to.
+Paths of connectors over the faces of the shells that they are attached to.
 
-A taut band crosses a row of edges and leaves the shell at the last one. With the faces it passes
-unfolded into a plane, and the free rest turned about the last edge into the same plane, it is one
-straight line (Sharir and Schorr 1986, SIAM J. Comput. 15, 193). So each row of edges is a few
-constants: where the attachment point comes to lie beside the last edge, and between which points
-of that edge the line passes all edges within their ends. See kernels/wrap/path.py.
+A taut connector crosses a row of edges and leaves the shell at the last one. Unfold the faces that
+it passes into a plane, and turn the free remainder about the last edge into the same plane. The
+connector is then one straight line (Sharir and Schorr 1986, SIAM J. Comput. 15, 193). So each row
+of edges is a few constants: the position of the attachment point relative to the last edge, and
+the interval of that edge where the line crosses all other edges between their ends. See
+kernels/wrap/path.py.
 
-An attachment point sees the faces that it lies on or over; its connector comes to the shell's
-other faces over the edges around these. From a point on the shell that leads along a face, from
-one outside along the plane of the point and the edge: together with the unseen faces these planes
-bound the convex hull of shell and point.
+An attachment point sees the faces that it lies on or over. Its connector reaches the other faces
+of the shell over the edges around the seen faces: from a point on the shell along a face, from a
+point outside along the plane of point and edge. These planes and the unseen faces bound the convex
+hull of shell and point.
 """
 
 from functools import lru_cache
@@ -34,42 +35,42 @@ import numpy as np
 # No geodesic to a point outside crosses more edges (tested), from any point on a shell or outside,
 # and from the midpoint of an edge.
 MOST_EDGES, FROM_MIDPOINTS = 6, 5
-# Ways that see less of their last edge, in parts of a, or that less of an angle, see nothing.
-_NARROW = 1e-9
-# A point this close to a face, in parts of the inscribed radius, lies on it.
-_ON_FACE = 1e-9
+# Smallest visible length of the last edge, over a, and smallest visible angle [rad].
+_MIN_VISIBLE_RATIO = 1e-9
+# Largest distance of a point on a face, over the inscribed radius.
+_FACE_DISTANCE_RATIO = 1e-9
 _FACE_COUNT = len(FACES)
-# No point is over a plane as far out as this, in units of a.
-_NEVER = 1e150
+# Height of a plane that no point lies over, in units of a.
+_UNREACHED_HEIGHT = 1e150
 
 _Pair = tuple[int, int]
 _Cone = tuple[np.ndarray, np.ndarray]
 
 
 class Crossing(NamedTuple):
-    """An edge that a way crosses, and where it lies unfolded, the attachment point as origin."""
+    """An edge that a path crosses, unfolded with the attachment point as origin."""
 
     corner: int  # vertex where the edge begins
-    end: int  # and where it ends
-    begin: np.ndarray  # (2,) place of the first one
-    along: np.ndarray  # (2,) unit vector from there to the other one
+    end: int  # vertex where the edge ends
+    begin: np.ndarray  # (2,) position of the first vertex
+    along: np.ndarray  # (2,) unit vector to the other vertex
 
 
 class Way(NamedTuple):
-    """A row of edges, in units of a."""
+    """A path over a row of edges, in units of a."""
 
     corner: int  # vertex where its last edge begins
-    end: int  # and where it ends
-    faces: _Pair  # planes on which it comes to the last edge, and which it would pass next
-    foot: float  # place along the last edge next to the attachment point
-    away: float  # distance of that from it, all unfolded
-    low: float  # between these places along the last edge it crosses all
+    end: int  # vertex where the edge ends
+    faces: _Pair  # planes before and after the last edge
+    foot: float  # coordinate along the last edge closest to the attachment point
+    away: float  # distance of this place from the attachment point, unfolded
+    low: float  # interval of the last edge where the path crosses all edges
     high: float
     crossed: tuple[Crossing, ...]  # the whole row, the last edge at its end
 
 
 class Ways(NamedTuple):
-    """All that a connector can do about a shell from one attachment point, in units of a."""
+    """All paths over a shell from one attachment point, in units of a."""
 
     # (p, 4) outward unit normals and heights over the centre: the faces of the shell, then planes
     # through the point and an edge
@@ -80,9 +81,10 @@ class Ways(NamedTuple):
 
 @lru_cache(maxsize=64)
 def ways_from(x: float, y: float, z: float) -> Ways:
-    """All geodesics from an attachment point, over a, that can be the shortest."""
+    """Return all geodesics from an attachment point, over a, that can be the shortest."""
     point, corners = np.array([x, y, z]), vertices(1.0)
-    is_midpoint = (np.linalg.norm(edge_midpoints(1.0) - point, axis=1) < _ON_FACE).any()
+    distances = np.linalg.norm(edge_midpoints(1.0) - point, axis=1)
+    is_midpoint = (distances < _FACE_DISTANCE_RATIO).any()
     most = min(MOST_EDGES, FROM_MIDPOINTS) if is_midpoint else MOST_EDGES
     planes = np.column_stack([
         face_geometry(1.0).normals, np.full(_FACE_COUNT, inscribed_radius(1.0))])
@@ -96,7 +98,8 @@ def ways_from(x: float, y: float, z: float) -> Ways:
                 continue
             begin, end = corners[edge[0]], corners[edge[1]]
             on = face
-            if planes[face, :3] @ point - planes[face, 3] > _ON_FACE * planes[face, 3]:
+            outside = planes[face, :3] @ point - planes[face, 3]
+            if outside > _FACE_DISTANCE_RATIO * planes[face, 3]:
                 on = len(planes)
                 start.append(on)
                 planes = np.vstack([planes, _plane(point, begin, end)])
@@ -109,14 +112,16 @@ def ways_from(x: float, y: float, z: float) -> Ways:
 
 
 def _seen(point: np.ndarray) -> list[int]:
-    """Faces that a point, in units of a, lies on or over."""
+    """Return the faces that a point, in units of a, lies on or over."""
     height = inscribed_radius(1.0)
     over = face_geometry(1.0).normals @ point - height
-    return [int(face) for face in np.flatnonzero(over >= -_ON_FACE * height)]
+    return [int(face) for face in np.flatnonzero(over >= -_FACE_DISTANCE_RATIO * height)]
 
 
 def _plane(*points: np.ndarray) -> np.ndarray:
-    """Unit normal, away from the centre, and height of the plane through three points, (4,)."""
+    """
+    Return the unit normal, away from the centre, and the height of a plane by three points, (4,).
+    """
     normal = np.cross(points[1] - points[0], points[2] - points[0])
     normal /= np.linalg.norm(normal)
     height = float(normal @ points[1])
@@ -128,12 +133,11 @@ def _go_on(
     more: int, crossed: tuple[Crossing, ...], found: list[Way]
 ) -> None:
     """
-    Leave the plane `on` over an edge with these ends, unfolded, and go on over `more` edges.
+    Add the paths that leave the plane `on` over an edge, and extend them over `more` edges.
 
-    It has `crossed` others before.
-
-    The attachment point is the origin, and `cone` two points that bound what it sees, the first
-    of them to the right.
+    `ends` are the ends of the edge, unfolded, and `crossed` the edges crossed before. The
+    attachment point is the origin. `cone` are two points that bound the visible sector, the right
+    one first.
     """
     begin, end = ends
     # Seen from the origin, which lies to one side of every edge.
@@ -141,11 +145,11 @@ def _go_on(
     right = right if _cross(cone[0], right) > 0.0 else cone[0]
     left = left if _cross(left, cone[1]) > 0.0 else cone[1]
     along = 0.5 * (end - begin)
-    if not _cross(right, left) > _NARROW * np.linalg.norm(right) * np.linalg.norm(left):
+    if not _cross(right, left) > _MIN_VISIBLE_RATIO * np.linalg.norm(right) * np.linalg.norm(left):
         return
     places = sorted(-_cross(point, begin) / _cross(point, along) for point in (right, left))
     low, high = max(places[0], 0.0), min(places[1], 2.0)
-    if high - low < _NARROW:
+    if high - low < _MIN_VISIBLE_RATIO:
         return
     crossed = (*crossed, Crossing(*edge, begin, along))
     found.append(Way(
@@ -163,7 +167,7 @@ def _go_on(
 
 
 def _ordered(begin: np.ndarray, end: np.ndarray) -> _Cone:
-    """Two points seen from the origin, the right one first."""
+    """Return two points as seen from the origin, the right one first."""
     return (begin, end) if _cross(begin, end) > 0.0 else (end, begin)
 
 
@@ -176,23 +180,25 @@ def _third(face: int, edge: _Pair) -> int:
 
 
 def _across(face: int, edge: _Pair) -> int:
-    """The other face at an edge of `face`."""
+    """Return the other face at an edge of `face`."""
     return next(
         number for number, corners in enumerate(FACES.tolist())
         if number != face and set(edge) <= set(corners))
 
 
 def pack_wrapping(parameters: Parameters, half_edge: float) -> Wrapping | None:
-    """All geodesics from all attachment points; None where connectors do not lie around shells."""
+    """
+    Pack all geodesics from all attachment points; None if connectors do not wrap over shells.
+    """
     if parameters['connector.obstruction'] != 'wrap':
         return None
     corners, points = vertices(half_edge), attachment_points(parameters, half_edge)
     table = [ways_from(*point) for point in (points / half_edge).tolist()]
-    # One plane more, which nothing is over.
+    # One more plane, which no point lies over.
     plane_count = 1 + max(len(all_ways.planes) for all_ways in table)
     count = max(len(all_ways.rows) for all_ways in table)
     planes = np.zeros((6, plane_count, 4))
-    planes[:, :, 3] = _NEVER
+    planes[:, :, 3] = _UNREACHED_HEIGHT
     start = np.zeros((6, max(len(all_ways.start) for all_ways in table)), np.int32)
     # Rows that are not used: nothing lies between their ends, nor over their planes.
     ways, faces = np.zeros((6, count, 10)), np.full((6, count, 2), plane_count - 1, np.int32)
