@@ -19,6 +19,7 @@ from typing import NamedTuple
 import icofabric_sim
 from icofabric_sim.kernels.runtime import disk_cache
 from icofabric_sim.kernels.runtime.compiled import _NoCache, compiled
+from icofabric_sim.kernels.runtime.target import host_levels, settings_of, target
 from icofabric_sim.process import wait_notice
 from package_imports import imports_of, MODULES
 import pytest
@@ -278,6 +279,73 @@ def test_each_target_has_its_own_entry(used):
     assert native.value == 12.0 and (native.hits, native.misses) == (0, 1)
     # Beside each other, e.g. in a home folder that several machines share.
     assert used.run().hits == used.run(**GENERIC).hits == 1
+
+
+def test_settings_of_a_level_give_its_entries(used):
+    """`make wheel` compiles for both levels on a processor of the higher one."""
+    if not target().level:
+        pytest.skip('this processor has no level')
+    assert used.run(**settings_of(target().level)).hits == 1
+    for level in host_levels():
+        ran = used.run(**settings_of(level))
+        assert ran.value == 12.0 and ran.hits == (level == target().level)
+
+
+@pytest.fixture
+def wheel(used):
+    """A copy whose compiled kernels lie in the package, as in a wheel."""
+    stamp, = (path for path in used.cache.iterdir() if list(path.glob('kernels/trial_*')))
+    used.shipped = used.kernels / 'compiled' / stamp.name
+    shutil.copytree(stamp, used.shipped, ignore=shutil.ignore_patterns('*.lock'))
+    shutil.rmtree(used.home / '.cache')
+    return used
+
+
+def contents(folder):
+    """Return the files in a folder with their content."""
+    return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}
+
+
+FORBIDDEN = """
+from icofabric_sim.process.compile_notice import compile_notice
+compile_notice.is_forbidden = True
+"""
+INTEGERS = 'trial_caller.make = lambda *_: trial_caller.Pair(1, 10)'
+
+
+@pytest.mark.parametrize('home', ['writable', 'blocked'])
+def test_kernels_of_a_wheel_are_loaded_without_the_compiler(home, wheel):
+    if home == 'blocked':
+        block(wheel.home / '.cache')
+    before = contents(wheel.kernels / 'compiled')
+    ran = wheel.run(FORBIDDEN, NO_COMPILER)
+    assert (ran.value, ran.hits, ran.misses, ran.said) == (12.0, 1, 0, '')
+    # Other arguments, which the wheel has no kernel for.
+    assert 'KernelsMissing' in wheel.start(FORBIDDEN, INTEGERS).stderr
+    for hits in (0, 1):
+        ran = wheel.run(action=INTEGERS)
+        assert (ran.value, ran.misses) == (12.0, 1 if home == 'blocked' else 1 - hits)
+        assert ('every start' in ran.said) == (home == 'blocked')
+    assert contents(wheel.kernels / 'compiled') == before
+    assert bool(wheel.entries()) == (home == 'writable')
+
+
+@pytest.mark.parametrize('change', ['target', 'numba', 'source', 'damage'])
+def test_other_kernels_than_those_of_a_wheel_are_compiled(change, wheel):
+    prelude, changes = '', {}
+    if change == 'target':
+        changes = GENERIC
+    elif change == 'numba':
+        prelude = "import numba; numba.__version__ = '0.0'"
+    elif change == 'source':
+        wheel.write('callee', CALLEE + '\n')
+    else:
+        for path in wheel.shipped.rglob('*.nb?'):
+            path.write_bytes(path.read_bytes()[:100])
+    before = contents(wheel.kernels / 'compiled')
+    ran = wheel.run(prelude, **changes)
+    assert (ran.value, ran.misses) == (12.0, 1)
+    assert contents(wheel.kernels / 'compiled') == before and wheel.entries()
 
 
 def test_where_numba_was_first_its_target_stands_and_this_is_said(used):

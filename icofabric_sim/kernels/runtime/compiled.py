@@ -183,7 +183,7 @@ class _Compilations(event.Listener):
             gc.disable()
         reason = target().why
         compile_notice.begin(
-            kept=isinstance(cache, KernelCache),
+            kept=isinstance(cache, KernelCache) and cache.is_writable,
             remark=f'; for {kernel_target()} alone, because {reason}' if reason else '')
         set_up_compiler()
 

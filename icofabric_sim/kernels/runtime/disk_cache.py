@@ -4,8 +4,9 @@
 Store compiled kernels on disk: cache keys, the cache folder, and recovery from disk errors.
 
 Kernels lie in the user's cache folder, below a stamp of their source; NUMBA_CACHE_DIR names
-another folder. They never lie in the package: pip leaves files that it did not install, and
-such a remnant shadows an editable install. A disk error never ends a run: the kernel is compiled.
+another folder. They are never written into the package: pip leaves files that it did not install,
+and such a remnant shadows an editable install. A wheel may contain compiled kernels, which are
+only read (`make wheel`). A disk error never ends a run: the kernel is compiled.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,6 +35,8 @@ import numba
 
 _LOGGER = logging.getLogger('icofabric_sim')
 _PACKAGE = Path(__file__).resolve().parents[2]
+# Kernels that a wheel contains, in folders by stamp. A clone has no such folder.
+_SHIPPED = _PACKAGE / 'kernels' / 'compiled'
 
 
 # The rooms of the compiled functions and of their constants. They import no other room
@@ -47,10 +50,12 @@ _STAMP_NAME = re.compile('[0-9a-f]{16}')
 
 def _source_files() -> list[tuple[str, int]]:
     """Return the paths of the source of all kernels and the time of last change of each [ns]."""
-    paths = (
-        os.path.join(folder, name) for room in _STAMPED
-        for folder, _, names in os.walk(_PACKAGE / room) for name in names
-        if name.endswith('.py'))
+    paths = []
+    for room in _STAMPED:
+        for folder, subfolders, names in os.walk(_PACKAGE / room):
+            # Neither has source files, and both have many other files.
+            subfolders[:] = {*subfolders} - {'__pycache__', _SHIPPED.name}
+            paths += [os.path.join(folder, name) for name in names if name.endswith('.py')]
     return sorted((path, os.stat(path).st_ctime_ns) for path in paths)
 
 
@@ -104,6 +109,19 @@ def kernel_cache_folder() -> str:
     return os.path.join(user, 'icofabric_sim', 'kernels')
 
 
+def stamp_folder_name() -> str:
+    """Return the name of the folder of kernels of this source and these versions of Numba."""
+    return hashlib.sha256(repr((_STAMP, numba.__version__)).encode()).hexdigest()[:16]
+
+
+@cache
+def _shipped_folder() -> str:
+    """Return the folder of kernels of this source that the wheel contains, '' if none."""
+    # One look at the disk in a clone.
+    folder = os.path.join(_SHIPPED, stamp_folder_name())
+    return folder if os.path.isdir(folder) else ''
+
+
 @cache
 def _prepare_stamp_folder(root: str) -> str:
     """
@@ -111,8 +129,7 @@ def _prepare_stamp_folder(root: str) -> str:
 
     The time of change of a folder is that of its last use.
     """
-    name = hashlib.sha256(repr((_STAMP, numba.__version__)).encode()).hexdigest()[:16]
-    folder = os.path.join(root, name)
+    folder = os.path.join(root, stamp_folder_name())
     is_new = not os.path.isdir(folder)
     os.makedirs(folder, exist_ok=True)
     with suppress(OSError):  # a shared folder that this user may only read
@@ -140,19 +157,26 @@ class _Locator:
         name = (
             str(source.parent.relative_to(_PACKAGE)) if source.is_relative_to(_PACKAGE)
             else hashlib.sha256(str(source).encode()).hexdigest()[:16])
-        self._folder = os.path.join(_prepare_stamp_folder(kernel_cache_folder()), name)
+        shipped = _shipped_folder()
+        self.shipped_path = os.path.join(shipped, name) if shipped else ''
+        self.is_writable = True
+        try:
+            self._folder = os.path.join(_prepare_stamp_folder(kernel_cache_folder()), name)
+            self.ensure_cache_path()
+        except OSError:
+            if not shipped:
+                raise
+            self._folder, self.is_writable = self.shipped_path, False
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], path: str) -> Any:
-        """Return the locator, or None if there is no source file or no folder to write."""
+        """Return the locator, or None if there is no source file or no folder."""
         if not os.path.isfile(path):
             return None
         try:
-            locator = cls(function, path)
-            locator.ensure_cache_path()
+            return cls(function, path)
         except OSError:
             return None
-        return locator
 
     def ensure_cache_path(self) -> None:
         """Create the folder. Raise OSError if nothing can be written there."""
@@ -185,7 +209,22 @@ def _hash_of_file(path: str) -> bytes:
 
 
 class _CacheFile(CacheFile):
-    """The index of a kernel and its entries, safe against other processes and damage."""
+    """
+    The index of a kernel and its entries, safe against other processes and damage.
+
+    Entries of `shipped`, the file of the same kernel in a wheel, are only read.
+    """
+
+    shipped: CacheFile | None = None
+
+    def load(self, key: Any) -> Any:
+        """Return the entry of a key, None if there is none."""
+        entry = super().load(key)
+        return self.shipped.load(key) if entry is None and self.shipped is not None else entry
+
+    def holds(self, key: Any) -> bool:
+        """Return True if the index has the key."""
+        return super().holds(key) or (self.shipped is not None and self.shipped.holds(key))
 
     def read_index(self) -> Any:
         """Return the file name of each entry; empty if the index cannot be read."""
@@ -238,7 +277,7 @@ class KernelCache(DiskCache, locator=_Locator):
 
     def __init__(self, function: Callable[..., Any], *, entrance: bool) -> None:
         """
-        Raise RuntimeError if no folder can be written.
+        Raise RuntimeError if no folder can be written and the wheel has no kernels.
 
         `entrance`: the entries can be called from Python, not from other kernels only.
         """
@@ -247,7 +286,16 @@ class KernelCache(DiskCache, locator=_Locator):
 
     def open_file(self, folder: str, name: str, source_stamp: Any) -> _CacheFile:
         """Return the index and the entries of this kernel, which are valid for one source."""
-        return _CacheFile(folder, name, (_STAMP, source_stamp))
+        stamp = (_STAMP, source_stamp)
+        file = _CacheFile(folder, name, stamp)
+        if self.locator.shipped_path and self.is_writable:
+            file.shipped = _CacheFile(self.locator.shipped_path, name, stamp)
+        return file
+
+    @property
+    def is_writable(self) -> bool:
+        """True if kernels that are compiled now are written to disk."""
+        return bool(self.locator.is_writable)
 
     def key_parts(self) -> tuple[Any, ...]:
         """
@@ -266,7 +314,7 @@ class KernelCache(DiskCache, locator=_Locator):
         logged once.
         """
         try:
-            if not _is_as_stamped():
+            if not self.is_writable or not _is_as_stamped():
                 return
             with _one_writer(self.cache_path):
                 super().save_overload(sig, data)

@@ -166,6 +166,10 @@ class CacheFile(IndexDataCacheFile):
         super().__init__(folder, name, stamp)
         self.folder, self.name = folder, name
 
+    def holds(self, key: Any) -> bool:
+        """Return True if the index has the key."""
+        return key in self.read_index()
+
     def read_index(self) -> Any:
         """Return the file name of each entry by its key; empty if the stamp differs."""
         return super()._load_index()
@@ -224,8 +228,13 @@ class DiskCache(FunctionCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         """Raise RuntimeError if the class of locators returns None for the function."""
         super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = self.open_file(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file: CacheFile = self.open_file(
+            self._cache_path, self._impl.filename_base, self.locator.get_source_stamp())
+
+    @property
+    def locator(self) -> Any:
+        """The locator of this function."""
+        return self._impl.locator
 
     def open_file(self, folder: str, name: str, source_stamp: Any) -> CacheFile:
         """Return the index and the entries of this function."""
@@ -251,7 +260,7 @@ class DiskCache(FunctionCache):
 
     def holds(self, types: tuple[Any, ...], target_context: Any) -> bool:
         """Return True if there is an entry for arguments of such types."""
-        return self._index_key(types, target_context.codegen()) in self._cache_file._load_index()
+        return self._cache_file.holds(self._index_key(types, target_context.codegen()))
 
 
 @cache

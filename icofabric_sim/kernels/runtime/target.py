@@ -54,6 +54,18 @@ def choose(
     return Target('', '', 'this processor has no level of x86-64 from 3 on')
 
 
+def settings_of(level: str) -> dict[str, str]:
+    """Return the environment in which a process compiles for a level, also on a higher one."""
+    chosen = choose(dict.fromkeys(LEVELS[level], True), {}, numba_was_first=False)
+    return {'NUMBA_CPU_NAME': level, 'NUMBA_CPU_FEATURES': chosen.features}
+
+
+def host_levels() -> list[str]:
+    """Return the levels whose kernels the processor at hand can run, the highest first."""
+    has = host_features()
+    return [level for level, names in LEVELS.items() if all(has.get(name) for name in names)]
+
+
 @cache
 def target() -> Target:
     """Return the target of this process."""
