@@ -4,5 +4,5 @@
 Compiled loops over bodies and connectors; each also runs as plain Python with NUMBA_DISABLE_JIT=1.
 """
 
-# Looks whether Numba is there already, so before anything of the kernels imports it.
+# Checks whether Numba is imported already, and so comes before all other imports of kernels.
 from icofabric_sim.kernels.runtime import target  # noqa: F401

@@ -3,21 +3,21 @@
 """
 Overlaps with one apex: a vertex in a face, an edge across an edge, a vertex in a plane.
 
-There the surface between the bodies (surface.py) consists of triangles that have one corner in
-common, the point q where they would touch if they shrank about their centres, of depth P; the
-others have depth 0. Then M_1 / M_0 = P / 4, so delta = P. P is the largest p such that a point is
-p below all faces that take part: a linear program, so its derivatives are those of a force along
-the normal n of the facet (axis.py) through q:
+Their surface between the bodies (surface.py) consists of triangles with one corner in common, the
+point q where the bodies would touch if they shrank about their centres, of depth P; the other
+corners have depth 0. Then M_1 / M_0 = P / 4, so delta = P. P is the largest p such that a point is
+p below all faces that take part. P is a linear program, so its derivatives are those of a force
+along the normal n of the facet (axis.py) through q:
 
-    delta = P = -rho gap / h,    grad delta by the place of B = -(rho / h) n
+    delta = P = -rho gap / h,    grad delta by the position of B = -(rho / h) n
 
-with the gap along n, less than 0, and h where it would be 0: the extent of both bodies along n.
-So all that is left of the integrals is the contact point and the area.
+with the gap along n, less than 0, and h the extent of both bodies along n, at which the gap would
+be 0. The only integrals that remain are the contact point and the area.
 
-Pairs of bodies are computed side by side, one in each lane, those of two edges and those of a
-vertex and a face apart, in frames of the features (shape.py), in which all edges, all vertices
-and all faces look alike. What a pair gets depends on its own lane alone, so the bits are the same
-in whatever company it is.
+Pairs of bodies are computed in lanes, one in each lane. Pairs of two edges and pairs of a vertex
+and a face are computed separately, in frames of the features (shape.py), in which all edges, all
+vertices and all faces look alike. The result of a pair depends on its own lane alone, so the bits
+do not depend on the pairs in the other lanes.
 
 Frame: axes of a feature of the first body, its centre at the origin, lengths over a.
 """
@@ -71,17 +71,17 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-# In the room of a pair: of the triangles between spokes their areas, these times the sums of two
-# corners, and areas as seen along an axis, SPOKE_ROOM each.
+# Offset in the scratch array of a pair of the triangles between spokes: their areas, areas times
+# the sums of two corners, and areas projected along an axis, SPOKE_ROOM each.
 _FAN = 256
-# Of pairs that are computed side by side: rows of LANES numbers. The way from the first centre to
-# the second, matrices from body to world axes of both, frames of their features; then instead the
-# first 19 numbers of `out` of a pair (pair.py), the overlap along the line of centres, whether
-# there is one apex, and whether a search would find no other facet, 1 or 0.
+# Offsets of pairs in lanes: rows of LANES numbers. Input: the vector from the first centre to the
+# second, matrices from body to world axes of both, frames of their features. Output: the first 19
+# numbers of `out` of a pair (pair.py), the overlap along the line of centres, 1 if there is one
+# apex, and 1 if a search would find no other facet.
 WAY, OWN_AXES, OTHER_AXES, OWN_FRAME, OTHER_FRAME, ROWS = 0, 3, 12, 21, 30, 39
 ALONG_CENTRES, FOUND, SURE = 19, 20, 21
-# Numbers of facets (axis.py) with one apex are so many more; those of a face so many more for each
-# number of the vertex in it.
+# Added to numbers of facets (axis.py) with one apex; for those of a face once more for each number
+# of the vertex in the face.
 APEX_UNIT = 4096
 
 Found = tuple[bool, float, float, float, float]
@@ -96,10 +96,10 @@ def put_features(
     second: Axes, number: int
 ) -> bool:
     """
-    Write a pair into a lane; the way (3) from the first to the second has no negative first part.
+    Write a pair into a lane; the first component of d, from the first body to the second, is >= 0.
 
-    `number`: of the facet, with APEX_UNIT. Whether the bodies are exchanged: that with the vertex
-    comes first there.
+    `number`: of the facet, with APEX_UNIT. Return True if the bodies are exchanged, so that the
+    body with the vertex comes first.
     """
     facet = number % APEX_UNIT
     if facet < FACE_OF_FIRST:
@@ -112,7 +112,7 @@ def put_features(
         put_lane(room, at, lane, -dx, -dy, -dz, second, first)
     else:
         put_lane(room, at, lane, dx, dy, dz, first, second)
-        # The facet is that of the sum: the face itself looks the other way.
+        # The facet is that of the sum: the face itself has the opposite normal.
         face = OPPOSITE[face]
     put_frame(room, at + LANES * OWN_FRAME, lane, VERTEX_FRAMES, number // APEX_UNIT - 1)
     put_frame(room, at + LANES * OTHER_FRAME, lane, FACE_FRAMES, face)
@@ -123,7 +123,7 @@ def put_features(
 def put_lane(
     room: np.ndarray, at: int, lane: int, dx: float, dy: float, dz: float, own: Axes, other: Axes
 ) -> None:
-    """Write the way and the matrices of a pair."""
+    """Write the vector between the centres and the matrices of a pair."""
     to = at + lane
     room[to], room[to + LANES], room[to + 2 * LANES] = dx, dy, dz
     for row in range(3):
@@ -157,20 +157,20 @@ def nine_rows(room: np.ndarray, at: int) -> Nine:
 
 @compiled
 def dot(one: Three, two: Three) -> Vector:
-    """Scalar products."""
+    """Return scalar products."""
     return fma(one[0], two[0], fma(one[1], two[1], one[2] * two[2]))
 
 
 @compiled
 def cross(one: Three, two: Three) -> Three:
-    """Cross products."""
+    """Return cross products."""
     return (one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2],
             one[0] * two[1] - one[1] * two[0])
 
 
 @compiled
 def turned(matrix: Nine, x: Three) -> Three:
-    """Matrices times vectors."""
+    """Return matrices times vectors."""
     return (
         fma(matrix[0], x[0], fma(matrix[1], x[1], matrix[2] * x[2])),
         fma(matrix[3], x[0], fma(matrix[4], x[1], matrix[5] * x[2])),
@@ -179,7 +179,7 @@ def turned(matrix: Nine, x: Three) -> Three:
 
 @compiled
 def turned_back(matrix: Nine, x: Three) -> Three:
-    """Their transposes times vectors."""
+    """Return transposed matrices times vectors."""
     return (
         fma(matrix[0], x[0], fma(matrix[3], x[1], matrix[6] * x[2])),
         fma(matrix[1], x[0], fma(matrix[4], x[1], matrix[7] * x[2])),
@@ -188,7 +188,7 @@ def turned_back(matrix: Nine, x: Three) -> Three:
 
 @compiled
 def product(one: Nine, two: Nine) -> Nine:
-    """Products of matrices."""
+    """Return products of matrices."""
     x = turned(one, (two[0], two[3], two[6]))
     y = turned(one, (two[1], two[4], two[7]))
     z = turned(one, (two[2], two[5], two[8]))
@@ -197,7 +197,7 @@ def product(one: Nine, two: Nine) -> Nine:
 
 @compiled
 def transposed_product(one: Nine, two: Nine) -> Nine:
-    """The transpose of one times the other."""
+    """Return the transpose of one matrix times the other."""
     return product(
         (one[0], one[3], one[6], one[1], one[4], one[7], one[2], one[5], one[8]), two)
 
@@ -216,7 +216,7 @@ def put_results(
     n: Three, between: Vector, gap: Vector, apex: Three, point: Three, square: Vector
 ) -> None:
     """
-    Write what pairs of one apex do: the first 19 numbers of `out`, and the overlap at the centres.
+    Write results of pairs with one apex: 19 numbers of `out`, and the overlap along the centres.
 
     `frame`: from the features' axes to the world's; normal n, apex and contact point (3) in the
     former, lengths over a; `between`: along n from centre to centre. `way` [m] in the world.
@@ -232,7 +232,7 @@ def put_results(
     back = cross(way, force)
     store_three(room, at, force)
     store_three(room, at + 3 * LANES, torque)
-    # Angular momentum is kept.
+    # Angular momentum is conserved.
     store_three(room, at + 6 * LANES, (
         back[0] - torque[0], back[1] - torque[1], back[2] - torque[2]))
     store_at(room, at + 9 * LANES, half * (delta * delta))
@@ -253,10 +253,10 @@ def put_results(
 @compiled
 def edges_across(room: np.ndarray, at: int, half_edge: float) -> None:
     """
-    Pairs of an edge across an edge, side by side: the overlap is a tetrahedron.
+    Compute pairs of an edge across an edge, in lanes: the overlap is a tetrahedron.
 
-    Its corners are where either edge goes through the two faces at the other, which is so if each
-    is on the edge and in the face. See `put_features` for what is in the room, before and after.
+    Its corners are the points where either edge crosses the two faces at the other, provided that
+    each point is on the edge and in the face. See `put_features` for the input in `room`.
     """
     one, zero, middle = splat(1.0), splat(0.0), splat(MIDDLE)
     own, other = nine_rows(room, at + LANES * OWN_AXES), nine_rows(room, at + LANES * OTHER_AXES)
@@ -334,10 +334,11 @@ def through(
     start: Three, ways: Three, across: Vector, side: Vector, found: Vector
 ) -> tuple[Vector, Vector]:
     """
-    Where lines go through the plane of a face at an edge, in its frame: how far along from start.
+    Return the distances from `start` at which lines cross the plane of a face at an edge.
 
-    And `found`, where that is within 1 and in the face; 0 elsewhere. `across`, `side`: of its
-    normal and of its other sides, positive for one of the two faces.
+    In the frame of the edge. The second result is `found` if the distance is within 1 and the
+    point in the face, else 0. `across`, `side`: components of its normal and of its other sides,
+    positive for one of two faces.
     """
     one, zero, out = splat(1.0), splat(0.0), splat(FACE_OUT)
     s = (splat(INNER) - fma(out, start[1], across * start[2])) / (
@@ -351,17 +352,17 @@ def through(
 
 @compiled
 def extent(vector: Three) -> Vector:
-    """Length of a vector."""
+    """Return the length of a vector."""
     return sqrt(dot(vector, vector))
 
 
 @compiled
 def vertices_in_faces(room: np.ndarray, at: int, half_edge: float) -> None:
     """
-    Pairs of a vertex of the first body in a face of the second, side by side.
+    Compute pairs of a vertex of the first body in a face of the second, in lanes.
 
-    The overlap is a pyramid whose sides are the faces at the vertex. See `put_features` for what
-    is in the room, before and after.
+    The overlap is a pyramid whose sides are the faces at the vertex. See `put_features` for the
+    input in `room`.
     """
     one, zero, high = splat(1.0), splat(0.0), splat(OUTER)
     own, other = nine_rows(room, at + LANES * OWN_AXES), nine_rows(room, at + LANES * OTHER_AXES)
@@ -427,7 +428,7 @@ def vertices_in_faces(room: np.ndarray, at: int, half_edge: float) -> None:
 def take_lane(
     room: np.ndarray, at: int, lane: int, exchanged: bool, number: int, out: np.ndarray
 ) -> None:
-    """Write `out` of a pair from its lane; of bodies that are exchanged the other way round."""
+    """Write `out` of a pair from its lane; swap the results if the bodies are exchanged."""
     for k in range(19):
         out[k] = room[at + LANES * k + lane]
     out[19] = number
@@ -442,10 +443,10 @@ def cone(
     room: np.ndarray, vertex: int, nx: float, ny: float, nz: float, height: float, out: float
 ) -> Found:
     """
-    Whether the overlap of a shell and a plane has one apex; contact point (3), area squared.
+    Check that the overlap of a shell and a plane has one apex; contact point (3), squared area.
 
-    For a vertex that is by `height` beyond a plane with the unit normal n. In the axes of its
-    body; `out` times the vertex is the apex.
+    For a vertex that is `height` beyond a plane with the unit normal n. In the axes of its body;
+    `out` times the vertex is the apex.
     """
     vx, vy, vz = VERTICES[vertex, 0], VERTICES[vertex, 1], VERTICES[vertex, 2]
     qx, qy, qz = out * vx, out * vy, out * vz

@@ -3,13 +3,13 @@
 """
 Axes on which two icosahedra are apart, or overlap.
 
-Both are symmetric about their centres, so the places of the second centre where the bodies touch
-form the sum of both bodies about the first centre (the Minkowski sum of one and the other
+Both are symmetric about their centres, so the positions of the second centre at which the bodies
+touch form the sum of both bodies about the first centre (the Minkowski sum of one and the other
 reflected). The line of centres leaves that sum through one of its facets, whose normal is the
-axis: the bodies are apart where the second centre lies beyond it. The facet belongs to a face of
-one body and a vertex of the other, or to an edge of each; where several coincide it is found by
-portal refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of points of
-the sum's surface round the line is moved outwards until it lies in a facet.
+axis. The bodies are apart if the second centre lies beyond the facet. The facet belongs to a face
+of one body and a vertex of the other, or to an edge of each. If several coincide, the facet is
+found by portal refinement (G. Snethen, XenoCollide, Game Programming Gems 7, 2008): a triangle of
+points of the sum's surface round the line is moved outwards until it lies in a facet.
 
 Frame: axes of the first body, lengths over its a; q is the matrix from the second body's axes, and
 `ratio` the second's a over the first's.
@@ -49,31 +49,31 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 import numpy as np
 
-# What rounding may do to a scalar product of numbers near 1, generously.
+# Bound of the rounding error of a scalar product of numbers near 1, with a margin.
 ROUNDING = 1e-14
-# Four or five rounds are the rule; each looks at another vertex of the sum, which has some 200.
+# Four or five rounds are typical; each tests another vertex of the sum, which has some 200.
 _ROUNDS = 64
 APART, OVERLAP, UNSURE = 0, 1, 2
-# Numbers of lanes.
+# Indices of lanes.
 NUMBERS = np.arange(float(LANES))
 # Edges at a smaller angle [rad] are left to refinement.
 SLANT = 1e-5
-# Both ends of an edge of a facet are so far out alike.
+# Largest difference of the distances of both ends of an edge of a facet.
 _LEVEL = 1e-9
-# The line of centres may miss a facet by this.
+# Largest distance by which the line of centres may miss a facet.
 _BESIDE = 1e-9
-# A facet that was kept counts if the line passes this far within it (edges are 2 long), if it is
-# this far from being parallel to another, and at an overlap of more than that: then a search finds
-# just this one, whatever rounding does.
+# A stored facet is certain if the line passes at least WITHIN inside it (edges are 2 long), if it
+# is at least SLOPING from parallel to another, and if the overlap is above OVERLAPPING. A search
+# then finds the same facet for any rounding.
 WITHIN, SLOPING, OVERLAPPING = 1e-3, 1e-6, 1e-12
 # Numbers of facets: 1 + 32 times an edge of the first body + one of the second (numbers of
 # EDGE_MIDDLES); these plus a face of the first, or of the second. 0: none of these.
 FACE_OF_FIRST, FACE_OF_SECOND = 1024, 2048
-# Places in the room of a pair (surface.py): the matrix q, and four rows of a point of the
-# sum and the first body's part of it; the number of the facet that was found; numbers of the edge
-# directions that matter, of either body.
+# Offsets in the scratch array of a pair (surface.py): the matrix q, and four rows of a point of
+# the sum and the first body's share; the number of the facet that was found; numbers of the
+# relevant edge directions of either body.
 MATRIX, PORTAL, FACET, OWN_NUMBERS, OTHER_NUMBERS = 0, 9, 488, 512, 528
-# And the ratio of both sizes.
+# The ratio of both sizes.
 RATIO = 489
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
 OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
@@ -83,7 +83,7 @@ Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 @compiled
 def turn_back(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """The transpose of a matrix (3, 3) times a vector."""
+    """Return the transpose of a matrix (3, 3) times a vector."""
     return (q[0, 0] * x + q[1, 0] * y + q[2, 0] * z,
             q[0, 1] * x + q[1, 1] * y + q[2, 1] * z,
             q[0, 2] * x + q[1, 2] * y + q[2, 2] * z)
@@ -91,7 +91,7 @@ def turn_back(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float
 
 @compiled
 def turn(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A matrix (3, 3) times a vector."""
+    """Return a matrix (3, 3) times a vector."""
     return (q[0, 0] * x + q[0, 1] * y + q[0, 2] * z,
             q[1, 0] * x + q[1, 1] * y + q[1, 2] * z,
             q[2, 0] * x + q[2, 1] * y + q[2, 2] * z)
@@ -103,10 +103,10 @@ def separation_on(
     rb: np.ndarray, ux: float, uy: float, uz: float
 ) -> float:
     """
-    Gap [m] along a unit vector of the world that leads from body A to B; negative: overlap.
+    Return the gap [m] along a unit vector from body A to B, world frame; negative: overlap.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3). The bodies are at least so far
-    apart; their distance is the largest gap of all axes.
+    Centres [m] (3,), matrices from body to world axes (3, 3). The gap is a lower bound of the
+    distance, which is the largest gap of all axes.
     """
     ax, ay, az = turn_back(ra, ux, uy, uz)
     bx, by, bz = turn_back(rb, ux, uy, uz)
@@ -117,7 +117,7 @@ def separation_on(
 
 @compiled
 def turn_to(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the second body's axes in those of the first."""
+    """Return a vector on the second body's axes in those of the first."""
     return (room[0] * x + room[1] * y + room[2] * z,
             room[3] * x + room[4] * y + room[5] * z,
             room[6] * x + room[7] * y + room[8] * z)
@@ -125,7 +125,7 @@ def turn_to(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, floa
 
 @compiled
 def turn_from(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the first body's axes in those of the second."""
+    """Return a vector on the first body's axes in those of the second."""
     return (room[0] * x + room[3] * y + room[6] * z,
             room[1] * x + room[4] * y + room[7] * z,
             room[2] * x + room[5] * y + room[8] * z)
@@ -134,9 +134,9 @@ def turn_from(room: np.ndarray, x: float, y: float, z: float) -> tuple[float, fl
 @compiled
 def put_farthest(room: np.ndarray, ux: float, uy: float, uz: float, row: int) -> float:
     """
-    Write the sum's farthest point along u, and the first body's part of it, into a row of PORTAL.
+    Write the sum's farthest point along u, and the first body's share, into a row of PORTAL.
 
-    Returns its scalar product with u.
+    Return its scalar product with u.
     """
     ax, ay, az = farthest(ux, uy, uz)
     bx, by, bz = turn_from(room, ux, uy, uz)
@@ -156,7 +156,7 @@ def put_farthest(room: np.ndarray, ux: float, uy: float, uz: float, row: int) ->
 
 @compiled
 def corner(room: np.ndarray, row: int) -> tuple[float, float, float]:
-    """Point of a row of PORTAL."""
+    """Return the point of a row of PORTAL."""
     k = PORTAL + 6 * row
     return room[k], room[k + 1], room[k + 2]
 
@@ -165,20 +165,20 @@ def corner(room: np.ndarray, row: int) -> tuple[float, float, float]:
 def cross(
     one: tuple[float, float, float], two: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Cross product."""
+    """Return the cross product."""
     return (one[1] * two[2] - one[2] * two[1], one[2] * two[0] - one[0] * two[2],
             one[0] * two[1] - one[1] * two[0])
 
 
 @compiled
 def dot(one: tuple[float, float, float], two: tuple[float, float, float]) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     return one[0] * two[0] + one[1] * two[1] + one[2] * two[2]
 
 
 @compiled
 def across(c: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A vector at right angles to another that is not zero."""
+    """Return a vector perpendicular to a vector that is not zero."""
     x, y, z = c
     if abs(x) <= abs(y) and abs(x) <= abs(z):
         return 0.0, -z, y
@@ -190,10 +190,10 @@ def across(c: tuple[float, float, float]) -> tuple[float, float, float]:
 @compiled
 def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int, float]:
     """
-    The face normal on which c is farthest out, relative to the sum of both bodies.
+    Return the face normal on which c is farthest out, relative to the sum of both bodies.
 
-    Returns a number in AXES, AXIS_COUNT more for a normal of the second body; and how far out,
-    1 on the surface of the sum.
+    The first result is a number in AXES, AXIS_COUNT more for a normal of the second body; the
+    second is the ratio, 1 on the surface of the sum.
     """
     q0, q1, q2 = splat(room[0]), splat(room[1]), splat(room[2])
     q3, q4, q5 = splat(room[3]), splat(room[4]), splat(room[5])
@@ -204,7 +204,7 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
                   fma(q2, x, fma(q5, y, q8 * z)))
     own, ratio = splat(INNER), splat(room[RATIO])
     other = ratio * own
-    # As products, because a division takes as long as all of the rest.
+    # Ratios are compared as products, because a division takes as long as the rest of the loop.
     most, over, which = splat(0.0), splat(1.0), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
         nx = load_at(AXES, k)
@@ -233,7 +233,7 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
 
 @compiled
 def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> int:
-    """The lane where `most` over `over` is largest; writes all three."""
+    """Return the lane with the largest `most` over `over`; write all three vectors."""
     store_at(room, MOST, most)
     store_at(room, OVER, over)
     store_at(room, WHICH, which)
@@ -246,7 +246,7 @@ def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> in
 
 @compiled
 def within(face: int, x: float, y: float, z: float, margin: float) -> bool:
-    """Whether a point in body axes is within the pyramid of a face, by a margin."""
+    """Check that a point in body axes is within the pyramid of a face, by a margin."""
     outside = False
     for k in range(3):
         outside |= (RIDGES[face, k, 0] * x + RIDGES[face, k, 1] * y
@@ -259,13 +259,13 @@ def find_facet(
     room: np.ndarray, cx: float, cy: float, cz: float
 ) -> tuple[int, float, float, float, float, float, float, float]:
     """
-    Say whether two bodies are APART, OVERLAP, or neither was found out (UNSURE).
+    Return APART or OVERLAP for two bodies, or UNSURE if neither was found.
 
     Then the unit axis (3) from the first body to the second, the gap along it (negative: overlap;
-    no other axis is looked at), and of overlapping bodies the deepest point of both: where they
-    would touch if they shrank about their centres. c is the second centre, not at the first;
-    room[MATRIX:] holds q, row by row. An axis with a gap ends the search. The number of the facet
-    goes to room[FACET].
+    no other axis is examined), and of overlapping bodies the deepest point of both: the point
+    where they would touch if they shrank about their centres. c is the second centre, not at the
+    first; room[MATRIX:] holds q, row by row. An axis with a gap ends the search. The number of the
+    facet goes to room[FACET].
     """
     room[FACET] = 0.0
     square = cx * cx + cy * cy + cz * cz
@@ -305,11 +305,11 @@ def facet_of_face(
     room: np.ndarray, number: int, cx: float, cy: float, cz: float, margin: float
 ) -> tuple[bool, float, float, float, float, float, float, float]:
     """
-    Whether the line of centres leaves through the facet of a face, by a margin.
+    Check that the line of centres leaves through the facet of a face, by a margin.
 
     Then the facet's unit normal (3), the gap along it, and the deepest point of both bodies, as
-    `find_facet` says them. The facet has the other body's farthest vertex; with a margin, which is
-    for facets that were kept, that must be farther than any other.
+    `find_facet` returns them. The facet has the other body's farthest vertex. A margin is for
+    facets of an earlier evaluation; this vertex must then be farther than any other.
     """
     face, second = number & 31, number >= FACE_OF_SECOND
     nx, ny, nz = NORMALS[face, 0], NORMALS[face, 1], NORMALS[face, 2]
@@ -344,9 +344,10 @@ def facet_of_edges(
     room: np.ndarray, number: int, cx: float, cy: float, cz: float, margin: float
 ) -> tuple[bool, float, float, float, float, float, float, float]:
     """
-    The same for the facet of an edge of each body, which must be the farthest along its normal.
+    Check that the line of centres leaves through the facet of an edge of each body, by a margin.
 
-    Only with a margin that is looked at.
+    Results as `facet_of_face`. Both edges must be the farthest along its normal, which is checked
+    only with a margin.
     """
     own, other = (number - 1) >> 5, (number - 1) & 31
     e = EDGE_WAYS[own >> 1, 0], EDGE_WAYS[own >> 1, 1], EDGE_WAYS[own >> 1, 2]
@@ -394,9 +395,9 @@ def find_facet_again(
     room: np.ndarray, number: int, cx: float, cy: float, cz: float
 ) -> tuple[int, float, float, float, float, float, float, float]:
     """
-    As `find_facet`, which need not search where the facet of that `number` is beyond doubt.
+    Return the results of `find_facet`, without a search if facet `number` is certain to hold.
 
-    So the result does not depend on the number, to the last bit.
+    The result therefore does not depend on the number, to the last bit.
     """
     if number > 0:
         if number < FACE_OF_FIRST:
@@ -417,7 +418,7 @@ def put_ways(
     Write the edge directions whose product with (x, y, z) has a square below a limit.
 
     x, y and z in the body's own axes, then times the matrix m, AXIS_COUNT numbers each, 0 after
-    the last; and their numbers. Returns how many.
+    the last; and their numbers. Return how many there are.
     """
     cx, cy, cz, zero = splat(x), splat(y), splat(z), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
@@ -450,15 +451,15 @@ def beyond_edges(
     room: np.ndarray, own: int, other: int, cx: float, cy: float, cz: float, out: float
 ) -> int:
     """
-    The pair of edge directions across both of which c is farthest out, more than `out`; or -1.
+    Return the pair of edge directions across which c is farthest out, more than `out`; or -1.
 
-    Of the first `own` and `other` that were written; returns AXIS_COUNT times the number of the
-    first body's plus that of the second's.
+    Of the first `own` and `other` directions that were written. The result is AXIS_COUNT times the
+    number of the first body's direction plus that of the second's.
     """
     x, y, z = splat(cx), splat(cy), splat(cz)
-    # As products, because a division takes as long as all of the rest.
+    # Ratios are compared as products, because a division takes as long as the rest of the loop.
     most, over, which = splat(out), splat(1.0), splat(-1.0)
-    # Of edges that are nearly parallel the product is rounding only.
+    # The product of nearly parallel edges is rounding only.
     ratio, zero = splat(room[RATIO]), splat(0.0)
     least = splat((1.0 + room[RATIO]) * INNER * SLANT)
     for k in range(0, other, LANES):
@@ -493,11 +494,11 @@ def across_edges(
     room: np.ndarray, cx: float, cy: float, cz: float, out: float
 ) -> tuple[int, float, float, float, float, float, float, float]:
     """
-    The same where no face decides: by the edges of both, or by refinement where they do not.
+    Return the results of `find_facet` if no face decides: by edges, or else by refinement.
 
     On the normals of faces c is `out` times as far out as the sum of both bodies. A normal n
-    across an edge e has n . c <= |c - (c . e) e|, and the sum reaches both rho along it at least:
-    most edges need no look.
+    across an edge e has n . c <= |c - (c . e) e|, and the sum extends by both rho along n at
+    least. Most edges need no test therefore.
     """
     least = (1.0 + room[RATIO]) * INNER * out * (1.0 - ROUNDING)
     limit = cx * cx + cy * cy + cz * cz - least * least
@@ -519,7 +520,7 @@ def across_edges(
     length = math.sqrt(dot(n, n))
     if not length > SLANT:
         return refine(room, cx, cy, cz)
-    # Others may have the same normal: the edges that are farthest along it.
+    # Other edges may have the same normal: take the edges that are farthest along it.
     nx, ny, nz = n[0] / length, n[1] / length, n[2] / length
     own, own_back = farthest_edge(nx, ny, nz)
     bx, by, bz = turn_from(room, -nx, -ny, -nz)
@@ -546,12 +547,12 @@ def across_edges(
 def refine(
     room: np.ndarray, cx: float, cy: float, cz: float
 ) -> tuple[int, float, float, float, float, float, float, float]:
-    """The same by portal refinement."""
+    """Return the results of `find_facet` by portal refinement."""
     c = cx, cy, cz
     put_farthest(room, cx, cy, cz, 0)
     n = cross(corner(room, 0), c)
     if not dot(n, n) > 0.0:
-        # The line goes through the first point: any direction across it will do.
+        # The line goes through the first point: any perpendicular direction is valid.
         n = across(c)
     put_farthest(room, n[0], n[1], n[2], 1)
     # The sides from one to two, two to three and three to one have the line on their left.
@@ -601,7 +602,7 @@ def refine(
             second = dot(cross(p3, p1), c) / whole
             third = dot(cross(p1, p2), c) / whole
             if not min(first, min(second, third)) > -_BESIDE:
-                # Rounding has led it past the line.
+                # By rounding the line is outside the triangle.
                 break
             i, j, k = PORTAL + 6 * one + 3, PORTAL + 6 * two + 3, PORTAL + 6 * three + 3
             return (

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether nothing can touch in a step, however long it is.
+Check that no contact can occur within a step of any length.
 
 A contact that begins and ends between two evaluations of the forces leaves no trace, so steps are
-limited where one may. Let no point of a shell be faster than v, and half of the smallest gap of
-any two be g, or the smallest gap to a plane: nothing touches in a step shorter than g / v, as no
-point goes farther than that.
+limited if a contact is possible. Let no point of a shell be faster than v, and half of the
+smallest gap of any two be g, or the smallest gap to a plane. No contact occurs in a step shorter
+than g / v, as no point moves farther than that.
 
-The answer depends on the step alone, not on when and how far contacts were looked for: where the
-last search found nothing within reach, and that is enough, it spares the search for g, and never
-changes what is found.
+The answer depends on the step alone, not on the times and reach of neighbour searches. If the
+last search found enough clearance, the search for g is skipped, which never changes the result.
 """
 
 import math
@@ -34,7 +33,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.runtime.team import tell_all, wait_for_all
 import numpy as np
 
-# What is found: something may touch, nothing can, and that there is no room for the list.
+# Results: a contact is possible, none is possible, and the list of pairs is too short.
 NEAR, CLEAR, NO_ROOM = 0, 1, 2
 # Speeds are known at the stages of a step only; between two of them, up to 0.27 of it apart, they
 # may be higher: by 1 / cos(0.135 x 4) = 1.17 at the middle, for a vibration that turns by 4 rad.
@@ -47,9 +46,9 @@ def find_clear(
     time: float, h: float, first: int, last: int
 ) -> int:
     """
-    NEAR, CLEAR or NO_ROOM, of a step of length `h` [s] from `state` at `time` [s].
+    Return NEAR, CLEAR or NO_ROOM for a step of length `h` [s] from `state` at `time` [s].
 
-    Its slopes are those of the first `stages`. The same in all threads.
+    Its slopes are those of the first `stages`. The result is equal in all threads.
     """
     if watch is None:
         return CLEAR
@@ -74,10 +73,10 @@ def fastest_points(
     mean: tuple[float, float, float], time: float, first: int, last: int
 ) -> tuple[float, float]:
     """
-    Largest speed [m/s] of a point of bodies in blocks first to last at the stages of a step.
+    Return the largest speed [m/s] of a point of bodies in blocks first to last in a step's stages.
 
-    Beside the `mean` [m/s] of all. And the largest square of a way [m^2] since the last search, at
-    the `time` [s] when the step begins.
+    The speed is relative to the `mean` [m/s] of all. The second result is the largest square of a
+    displacement [m^2] since the last search, at the start of the step at `time` [s].
     """
     shift = shift_at(watch, time)
     zero = splat(0.0)
@@ -98,7 +97,7 @@ def fastest_points(
                 u = load(trail.slopes[j], k, s)
                 square = fma(u, u, square)
             spin = maximum(square, spin)
-        # Of each body by itself: the largest must not depend on which of them a thread has.
+        # Computed for each body alone, so that the largest does not depend on a thread's bodies.
         own = fma(splat(watch.radius), sqrt(spins * spin), sqrt(fastest))
         quickest = maximum(where(bits(blocks.alive[block]), own, zero), quickest)
         way = add_ways(watch, state, blocks.alive[block], shift, s, way)
@@ -111,18 +110,20 @@ def fastest_points(
 
 @compiled
 def way_between(h: float, speed: float) -> float:
-    """Way [m] of a point in a step of `h` [s] at whose stages it is no faster than `speed`."""
+    """
+    Return the path length [m] of a point in a step of `h` [s] with a largest stage speed `speed`.
+    """
     return _BETWEEN * h * speed
 
 
 @compiled
 def judge_clear(watch: Watch, state: State, needed: float, moved: float) -> int:
     """
-    NEAR, CLEAR or NO_ROOM, where points may go as far as `needed` [m] in a step from `state`.
+    Return NEAR, CLEAR or NO_ROOM if points may move by `needed` [m] in a step from `state`.
 
-    `moved`: square of the longest way [m^2] since the last search.
+    `moved`: square of the largest displacement [m^2] since the last search.
     """
-    # As far as every search reaches.
+    # Every search covers this distance.
     if not needed <= 0.5 * watch.limits[MOST]:
         return NEAR
     if watch.limits[FREE] - math.sqrt(moved) > needed:
@@ -132,7 +133,11 @@ def judge_clear(watch: Watch, state: State, needed: float, moved: float) -> int:
 
 @compiled
 def search_clear(watch: Watch, state: State, needed: float) -> int:
-    """Whether all bodies can move by `needed` [m] from a `state` before anything touches."""
+    """
+    Return CLEAR if all bodies can move by `needed` [m] from a `state` without contact, else NEAR.
+
+    NO_ROOM if the list of pairs is too short.
+    """
     nearby, limits = watch.nearby, watch.limits
     _, way = survey(nearby, state)
     most, skin = limits[MOST], limits[SKIN]
@@ -144,7 +149,7 @@ def search_clear(watch: Watch, state: State, needed: float) -> int:
 
 @compiled
 def mean_velocity(state: State, slots: np.ndarray) -> tuple[float, float, float]:
-    """Mean velocity [m/s] of all bodies."""
+    """Return the mean velocity [m/s] of all bodies."""
     x, y, z = 0.0, 0.0, 0.0
     for b in range(slots.shape[0]):
         x += state.linear_velocity[0, slots[b]]

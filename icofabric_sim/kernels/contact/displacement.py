@@ -1,22 +1,22 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How far bodies have moved since a look: what was apart by more than two ways is still apart.
+Displacements of bodies since a search: pairs with a gap above both displacements stay apart.
 
 Let two shells have a gap g along a unit vector n: n . x_B - n . x_A = h_A(n) + h_B(n) + g, with
 the supports h. When a body moves by dx and turns by an angle theta, no point of its shell is
-displaced by more than w = |dx| + 2 R sin(theta / 2), R the radius of the sphere around it, so the
+displaced by more than w = |dx| + 2 R sin(theta / 2), R the radius of the sphere around it. The
 interval that it covers along n moves by at most w at either end, and the gap along n stays at
-least g - w_A - w_B. It is not lost before w_A + w_B = g, and so not while every way is at most
-g / 2. The same holds for a plane and w_A alone.
+least g - w_A - w_B. The gap is not lost before w_A + w_B = g, and so not while every displacement
+is at most g / 2. The same holds for a plane and w_A alone.
 
 A displacement that all bodies have in common brings no two closer. It may be any function of time
-alone; taken is that of the mean velocity at the look and of gravity, where nothing is held.
+alone. If no body is held, the mean velocity at the search and gravity define it.
 
-For quaternions |q - q0| = 2 sin(theta / 4) >= sin(theta / 2) (of q and -q either will do: the
+For quaternions |q - q0| = 2 sin(theta / 4) >= sin(theta / 2) (either sign of q is valid: the
 other is farther), for direction cosines the squares of all differences add up to
-8 sin(theta / 2)^2. With (x + y)^2 <= 2 x^2 + 2 y^2 the square of a way is at most
-2 |dx|^2 + 8 R^2 |q - q0|^2, or 2 |dx|^2 + R^2 |C - C0|^2: no root is drawn for any body.
+8 sin(theta / 2)^2. With (x + y)^2 <= 2 x^2 + 2 y^2 the square of a displacement is at most
+2 |dx|^2 + 8 R^2 |q - q0|^2, or 2 |dx|^2 + R^2 |C - C0|^2, so no roots are needed for bodies.
 """
 
 import math
@@ -37,27 +37,27 @@ from icofabric_sim.kernels.runtime.lanes import (
 import numpy as np
 
 Shift = tuple[float, float, float]
-# Places among the limits of a watch. The squares of the displacements [m^2] that ask for a new
-# search, and up to which nothing was missed; steps of one length after which they are checked.
+# Indices in the limits of a watch. The squares of the displacements [m^2] that require a new
+# search, and up to which no contact is missed; steps of one length between two checks.
 SOON, LATE, STRIDE = 0, 1, 2
-# Largest speed of a point of a body at the last look [m/s]; time [s] that a reach should last
-# where something is near; the reach is at least and at most [m]; how far beyond spheres bodies of
-# a list are apart [m].
+# Largest speed of a point of a body at the last search [m/s]; time [s] that a reach should last
+# if pairs are near; least and largest reach [m]; largest distance [m] of the spheres of listed
+# pairs.
 SPEED, HORIZON, LEAST, MOST, SKIN = 3, 4, 5, 6, 7
-# Most steps between two questions; 1 where kernels may look on their own, else 0.
+# Most steps between two checks; 1 if kernels may search without a return, else 0.
 MOST_STRIDE, OWN = 8, 9
-# The displacement [m] up to which nothing can touch, also nothing that is listed.
+# The displacement [m] up to which no contact is possible, not even of listed pairs.
 FREE = 10
 LIMIT_COUNT = 11
-# Steps between two looks at the ways, times this, must not lead beyond the reach.
+# The displacement between two checks, times this factor, must not exceed the reach.
 ROOM = 3.0
-# Part of the reach that asks for a new search.
+# Fraction of the reach that requires a new search.
 _SOON = 0.6
 
 
 @compiled
 def shift_at(watch: Watch | None, time: float) -> Shift:
-    """What all bodies have moved by in common at `time` [s], in [m]."""
+    """Return the common displacement [m] of all bodies at `time` [s]."""
     if watch is None:
         return 0.0, 0.0, 0.0
     else:
@@ -72,7 +72,7 @@ def shift_at(watch: Watch | None, time: float) -> Shift:
 def add_ways(
     watch: Watch | None, state: State, alive: int, shift: Shift, s: int, most: Vector
 ) -> Vector:
-    """The larger of `most` and the squares of the ways [m^2] of the bodies of a block."""
+    """Return the larger of `most` and the squared displacements [m^2] of the bodies of a block."""
     if watch is None:
         return most
     else:
@@ -94,13 +94,13 @@ def add_ways(
                     turn = fma(u, u, turn)
             turn = splat(watch.radius * watch.radius) * turn
         square = where(bits(alive), fma(splat(2.0), way, turn), zero)
-        # What is not a number is found by the looks at the state.
+        # NaN is found by the health checks.
         return maximum(square, most)
 
 
 @compiled
 def note_ways(watch: Watch | None, member: int, most: Vector) -> None:
-    """Keep the largest square that a thread has seen."""
+    """Store the largest squared displacement of a thread."""
     if watch is not None:
         far = watch.far
         for i in range(LANES):
@@ -112,7 +112,7 @@ def ways_of(
     watch: Watch | None, blocks: Blocks, state: State, time: float, member: int, first: int,
     last: int
 ) -> None:
-    """Note the ways of blocks first to last at `time` [s]."""
+    """Store the displacements of blocks first to last at `time` [s]."""
     if watch is None:
         return
     shift = shift_at(watch, time)
@@ -124,7 +124,7 @@ def ways_of(
 
 @compiled
 def farthest(watch: Watch | None, size: int) -> float:
-    """The largest square [m^2] that any of `size` threads has noted; forgets it."""
+    """Return the largest squared displacement [m^2] of `size` threads, and reset it."""
     if watch is None:
         return 0.0
     most = 0.0
@@ -136,21 +136,21 @@ def farthest(watch: Watch | None, size: int) -> float:
 
 @compiled
 def forget_ways(watch: Watch | None, member: int) -> None:
-    """A thread begins anew."""
+    """Reset the largest squared displacement of a thread."""
     if watch is not None:
         watch.far[8 * member] = 0.0
 
 
 @compiled
 def set_reach(limits: np.ndarray, reach: float, listed: bool) -> None:
-    """How far bodies may move [m] from now on; `listed`: something may touch before."""
+    """Set the distance [m] that bodies may move; `listed`: contacts are possible before."""
     limits[SOON], limits[LATE] = (_SOON * reach) ** 2, reach * reach
     limits[FREE] = 0.0 if listed else reach
 
 
 @compiled
 def longest_step(limits: np.ndarray) -> float:
-    """Longest step [s] in which no body moves too far."""
+    """Return the longest step [s] in which no body moves too far."""
     if not limits[SPEED] > 0.0:
         return math.inf
     return math.sqrt(limits[LATE]) / (ROOM * limits[SPEED])
@@ -158,7 +158,7 @@ def longest_step(limits: np.ndarray) -> float:
 
 @compiled
 def pace(limits: np.ndarray, step: float) -> None:
-    """Set for a `step` [s] after how many of them the ways are asked for."""
+    """Set the number of steps between two checks of displacements, for a `step` [s]."""
     steps = limits[MOST_STRIDE]
     longest = longest_step(limits)
     if longest < math.inf and step > 0.0:
@@ -168,7 +168,7 @@ def pace(limits: np.ndarray, step: float) -> None:
 
 @compiled
 def has_missed(watch: Watch | None, member: int) -> bool:
-    """Whether a body of a thread was where contacts are not known."""
+    """Check that a body of a thread was outside the region in which contacts are known."""
     if watch is None:
         return False
     return watch.far[8 * member] > watch.limits[LATE]

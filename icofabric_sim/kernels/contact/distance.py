@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How far two icosahedra are apart, or in each other: exactly, by looking at all of their features.
+Exact distance or overlap of two icosahedra, by testing all of their features.
 
-For users and checks; a simulation needs neither. Of convex bodies that overlap the shortest way
-out is along the normal of a face of either or across an edge of both (the facets of their
-Minkowski sum); of bodies apart the nearest points are those of a vertex and a face or of two
-edges. Axes of the first body, lengths over its a; `ratio` is the second's a over that.
+For users and tests; a simulation needs neither. The least displacement that separates overlapping
+convex bodies is along the normal of a face of either or across an edge of both (the facets of
+their Minkowski sum). The nearest points of separate bodies are those of a vertex and a face or of
+two edges. Axes of the first body, lengths over its a; `ratio` is the second's a over that.
 """
 
 import math
@@ -29,7 +29,7 @@ VERTICES = vertices(1.0)
 # Inward normals of the sides of a face within its plane: from the corners k to k + 1.
 SIDES = np.array([[np.cross(NORMALS[f], CORNERS[f, (k + 1) % 3] - CORNERS[f, k])
                    for k in range(3)] for f in range(len(FACES))])
-# Edges at a smaller angle than this are parallel, and faces see what they would.
+# Edges at a smaller angle than this are parallel; faces have the same normals then.
 _PARALLEL = 1e-12
 
 
@@ -37,7 +37,9 @@ _PARALLEL = 1e-12
 def gap_on(
     q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, ux: float, uy: float, uz: float
 ) -> float:
-    """Gap along a unit vector or its opposite, whichever leads to the second body at c."""
+    """
+    Return the gap along a unit vector or its opposite, whichever leads to the second body at c.
+    """
     bx, by, bz = turn_back(q, ux, uy, uz)
     return abs(ux * cx + uy * cy + uz * cz) - reach(ux, uy, uz) - (
         ratio * reach(bx, by, bz))
@@ -48,9 +50,9 @@ def widest_gap(
     q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, axis: np.ndarray
 ) -> float:
     """
-    Largest gap of all normals of the Minkowski sum: minus the depth of bodies that overlap.
+    Return the largest gap of all normals of the Minkowski sum: minus the depth of an overlap.
 
-    Writes the unit axis (3,), towards the second body; q (3, 3) leads from its axes.
+    Write the unit axis (3,), towards the second body; q (3, 3) leads from its axes.
     """
     most, x, y, z = -math.inf, 0.0, 0.0, 0.0
     for face in range(20):
@@ -86,10 +88,10 @@ def nearest_of_vertices(
     axis: np.ndarray
 ) -> float:
     """
-    The least distance of a vertex of the second body from a face of the first, or `best` if less.
+    Return the least distance of a second body's vertex from a first body's face, at most `best`.
 
-    Only of vertices that are above the face; then also writes the axis (3,). Half edges are `own`
-    and `other`.
+    Only vertices above the face count; then also write the axis (3,). Half edges are `own` and
+    `other`.
     """
     for vertex in range(12):
         x, y, z = turn(q, VERTICES[vertex, 0], VERTICES[vertex, 1], VERTICES[vertex, 2])
@@ -114,7 +116,7 @@ def nearest_of_vertices(
 def nearest_of_edges(
     q: np.ndarray, ratio: float, cx: float, cy: float, cz: float, best: float, axis: np.ndarray
 ) -> float:
-    """The least distance of an edge of one body from one of the other, or `best` if less."""
+    """Return the least distance of an edge of one body from one of the other, at most `best`."""
     whole = 4.0 * ratio * ratio
     for other in range(30):
         start, end = EDGE_ENDS[other, 0], EDGE_ENDS[other, 1]
@@ -127,7 +129,7 @@ def nearest_of_edges(
             ex, ey, ez = (EDGE_ENDS[own, 1, 0] - ax, EDGE_ENDS[own, 1, 1] - ay,
                           EDGE_ENDS[own, 1, 2] - az)
             dx, dy, dz = bx - ax, by - ay, bz - az
-            # Places s and t on the edges, from 0 to 1; the first is 2 long.
+            # Coordinates s and t on the edges, from 0 to 1; the first edge is 2 long.
             along = ex * fx + ey * fy + ez * fz
             own_part = ex * dx + ey * dy + ez * dz
             other_part = fx * dx + fy * dy + fz * dz
@@ -152,11 +154,11 @@ def signed_distance(
     rb: np.ndarray, q: np.ndarray, axis: np.ndarray
 ) -> float:
     """
-    Distance [m] of two shells of these half edges [m]; minus the depth where they overlap.
+    Return the distance [m] of two shells of these half edges [m]; minus the depth of an overlap.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3); q (3, 3) is room. Writes the unit
-    axis (3,) of the world from the first body to the second: along it they are so far apart, or
-    part soonest.
+    Centres [m] (3,), matrices from body to world axes (3, 3); q (3, 3) is overwritten. Write the
+    unit axis (3,) from the first body to the second, world frame: along it the bodies have this
+    distance, or separate after the shortest displacement.
     """
     ratio = other_edge / half_edge
     for r in range(3):
@@ -165,7 +167,7 @@ def signed_distance(
     cx, cy, cz = turn_back(ra, (xb[0] - xa[0]) / half_edge, (xb[1] - xa[1]) / half_edge,
                            (xb[2] - xa[2]) / half_edge)
     answer = widest_gap(q, ratio, cx, cy, cz, axis)
-    # At less than what rounding does to a vertex above a face the gap is the distance.
+    # Below the rounding error of a vertex above a face the gap is the distance.
     if answer > ROUNDING:
         answer = nearest_of_edges(q, ratio, cx, cy, cz, math.inf, axis)
         answer = nearest_of_vertices(q, 1.0, ratio, cx, cy, cz, answer, axis)

@@ -1,12 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forces between the shells that touch, and between shells and planes.
+Forces between shells in contact, and between shells and planes.
 
-Every pair that may touch is evaluated once, by one thread (kernels/contact/pair.py), after all
-bodies have drifted; then the bodies add up what acts on them, in the order of the pairs. So the
-result does not depend on the number of threads, and what one body of a pair gets the other gets
-with the opposite sign, to the last bit.
+Every candidate pair is evaluated once, by one thread (kernels/contact/pair.py), after all bodies
+have drifted. Then forces are summed at the bodies, in the order of the pairs. The result does not
+depend on the number of threads, and forces on the two bodies of a pair are exactly opposite.
 """
 
 import math
@@ -35,9 +34,9 @@ from icofabric_sim.kernels.runtime.outlined import call_int
 from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, take_part, wait_for_all
 import numpy as np
 
-# A gap of more than this part of a proves that two shells are apart, whatever the rounding.
+# A gap of more than this fraction of a proves that two shells are apart for any rounding.
 _APART = 1e-9
-# Parts of the pairs in the run of each of several threads, and pairs of a part at least.
+# Batches of pairs in the run of each of several threads, and least number of pairs in a batch.
 _PARTS, LEAST_PART = 64, 16
 
 
@@ -46,9 +45,9 @@ def touch_all(
     contacts: Contacts | None, position: np.ndarray, orientation: np.ndarray, team: Team
 ) -> None:
     """
-    Forces and torques of all contacts into contacts.rows; every thread has those of its blocks.
+    Write forces and torques of all contacts into contacts.rows; each thread writes its blocks.
 
-    The bodies stand where they do: the caller has waited for all. Also a barrier.
+    The caller has waited until all bodies are in place. Also a barrier.
     """
     if contacts is None:
         return
@@ -62,7 +61,7 @@ def touch_all(
 def touch_awake(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, team: Team
 ) -> None:
-    """Evaluate the pairs that do not sleep, those that this thread takes."""
+    """Evaluate those awake pairs that this thread takes."""
     path = go_on(contacts.sleep, position, orientation, team)
     contacts.deepest[8 * team.member] = 0.0
     touch_listed(
@@ -73,9 +72,9 @@ def touch_awake(
 @compiled
 def part_of(count: int, size: int) -> int:
     """
-    Pairs of a part of `count`, of which `size` threads take one after the other.
+    Return the number of pairs in a batch of `count` pairs, which `size` threads take in turn.
 
-    Pairs that lie next to each other are alike, and some kinds take ten times as long as others.
+    Adjacent pairs are similar, and some kinds of contact take ten times as long as others.
     """
     if size == 1:
         return max(count, 1)
@@ -87,7 +86,7 @@ def touch_listed(
     contacts: Contacts, position: np.ndarray, orientation: np.ndarray, scratch: Scratch,
     result: np.ndarray, until: np.ndarray, path: float, flags: np.ndarray, member: int, size: int
 ) -> int:
-    """`touch_some`, which is the same code for all kinds of scenes."""
+    """Call `touch_some` by its address, one compiled function for all kernel variants."""
     return call_int(contacts.touch_address, (
         contacts, position, orientation, scratch, result, until, path, flags, member, size))
 
@@ -98,12 +97,12 @@ def touch_some(
     result: np.ndarray, until: np.ndarray, path: float, flags: np.ndarray, member: int, size: int
 ) -> int:
     """
-    Evaluate the pairs that do not sleep at a `path` [m] (sleeping.py); returns how many.
+    Evaluate the awake pairs at a `path` [m] (sleeping.py); return their number.
 
-    Those of the parts that this one of `size` threads takes (runtime/team.py). It notes them in a
-    chain of its own: who took the others may not have said so yet. The numbers of the evaluated
-    pairs of a part go into `awake`, from its first place on. Those that had one apex when they
-    were evaluated last wait until there are enough to fill the lanes of a vector; all others are
+    This thread of `size` threads takes batches of pairs (runtime/team.py). It links its batches in
+    a separate chain, because other threads may not yet have stored theirs. The numbers of the
+    evaluated pairs of a batch go into `awake`, from its first index on. Pairs that had one apex at
+    the last evaluation wait until there are enough to fill the lanes of a vector; all others are
     evaluated one by one.
     """
     deepest, edges, points, total = 0.0, 0, 0, 0
@@ -129,7 +128,7 @@ def touch_some(
                 continue
             s, t = pairs[p, 0], pairs[p, 1]
             if until[p] > APART and t >= 0:
-                # It has slept: its row holds zeros, and need not come from memory.
+                # The pair has slept: its row holds zeros, and need not come from memory.
                 left = room_along(
                     edge_of(half_edge, half_edges, s), ratio_of(half_edges, s, t), position,
                     orientation, s, t, axis[p])
@@ -145,7 +144,7 @@ def touch_some(
                 gap = plane_gap(
                     plane, edge, position[0, s], position[1, s], position[2, s], axes)
                 if gap > _APART * edge and until[p] >= APART:
-                    # What is known of it is zero already.
+                    # Its results are zero already.
                     until[p] = path + (gap - _APART * edge)
                     tested -= 1
                     continue
@@ -209,9 +208,9 @@ def touch_alone(
     orientation: np.ndarray, s: int, t: int, own: np.ndarray, other: np.ndarray, scratch: Scratch,
     out: np.ndarray, until: np.ndarray, axis: np.ndarray, path: float, p: int
 ) -> float:
-    """Evaluate pair `p`, of shells; returns their overlap [m]."""
+    """Evaluate pair `p`, of shells; return their overlap [m]."""
     edge, ratio = edge_of(half_edge, half_edges, s), ratio_of(half_edges, s, t)
-    # The axis that kept them apart last.
+    # The axis that last separated them.
     for k in range(3):
         axis[p, k] = out[12 + k]
     room = room_along(edge, ratio, position, orientation, s, t, axis[p])
@@ -230,7 +229,7 @@ def touch_alone(
         out)
     until[p] = AWAKE if touches else APART
     if half_edges is not None and out[19] >= APEX_UNIT and edge != half_edge:
-        # Pairs side by side are of the size of all.
+        # Pairs in lanes must have the common size.
         out[19] = 0.0
     if touches:
         # No axis shows less than the depth.
@@ -243,7 +242,9 @@ def put_pair(
     room: np.ndarray, at: int, lane: int, position: np.ndarray, orientation: np.ndarray, s: int,
     t: int, p: int, number: int
 ) -> int:
-    """Write pair `p` of slots `s` and `t` into a lane; its number, and whether it is exchanged."""
+    """
+    Write pair `p` of slots `s` and `t` into a lane; return 2 p, plus 1 if the pair is exchanged.
+    """
     first, second = axes_of(orientation, s), axes_of(orientation, t)
     dx, dy = position[0, t] - position[0, s], position[1, t] - position[1, s]
     dz = position[2, t] - position[2, s]
@@ -263,7 +264,7 @@ def take_lanes(
     result: np.ndarray, until: np.ndarray, path: float, at: int, waiting: int, count: int
 ) -> float:
     """
-    Take what pairs do from their lanes; returns the deepest overlap [m].
+    Copy the results of pairs from their lanes; return the deepest overlap [m].
 
     A pair whose overlap no longer has one apex, or whose facet may have changed, is evaluated
     alone.
@@ -294,20 +295,24 @@ def room_along(
     axis: np.ndarray
 ) -> float:
     """
-    Way [m] that two bodies may go each before they touch, by an axis; not above 0: they may touch.
+    Return the distance [m] that two bodies may each move before contact, by an axis.
+
+    If the distance is not positive, they may touch.
     """
     axes, others = axes_of(orientation, s), axes_of(orientation, t)
     nx, ny, nz = axis[0], axis[1], axis[2]
     gap = nx * (position[0, t] - position[0, s]) + ny * (position[1, t] - position[1, s])
     gap += nz * (position[2, t] - position[2, s])
     gap -= half_edge * (support(axes, nx, ny, nz) + ratio * support(others, nx, ny, nz) + _APART)
-    # As long as the axis was, by an orientation that was none.
+    # The axis is longer than 1 if an orientation was not normalised.
     return 0.5 * gap / max(math.sqrt(nx * nx + ny * ny + nz * nz), 1.0)
 
 
 @compiled
 def set_place(position: np.ndarray, axes: Axes, s: int, place: np.ndarray) -> None:
-    """Position of slot `s`, and its axes as a rotation matrix (body to world), (4, 3)."""
+    """
+    Write the position of slot `s`, and its axes as a rotation matrix (body to world), (4, 3).
+    """
     for k in range(3):
         place[0, k] = position[k, s]
     place[1, 0], place[2, 0], place[3, 0] = axes[0], axes[1], axes[2]
@@ -318,11 +323,11 @@ def set_place(position: np.ndarray, axes: Axes, s: int, place: np.ndarray) -> No
 @compiled
 def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team) -> None:
     """
-    Rows, (6, s) [N], [N m], of the bodies of this thread from the pushes of their pairs.
+    Sum rows, (6, s) [N], [N m], of the bodies of this thread from the forces of their pairs.
 
-    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`, of pairs
-    that touch there. What touches, or has just parted, is awake and does not sleep from now on;
-    all other rows are zero already.
+    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`, of pairs in
+    contact there. Pairs in contact, or that have just separated, are awake; all other rows are
+    zero already.
     """
     count = contacts.pairs.shape[0]
     part = part_of(count, team.size)
@@ -370,7 +375,7 @@ def add_contact(contacts: Contacts | None, s: int, force: Six) -> Six:
 
 @compiled
 def deepest_overlap(contacts: Contacts | None, size: int) -> float:
-    """Deepest overlap [m] in the last evaluation by `size` threads."""
+    """Return the deepest overlap [m] in the last evaluation by `size` threads."""
     most = 0.0
     if contacts is None:
         return most
@@ -384,9 +389,9 @@ def note_touch(
     drives: Drives | None, contacts: Contacts | None, begins: bool, member: int
 ) -> None:
     """
-    Note the deepest overlap in all stages of a step, of which the first `begins` it.
+    Store the deepest overlap in all stages of a step; `begins` marks its first stage.
 
-    Only where drives have work to measure.
+    Only with drives, whose work is to be measured.
     """
     if drives is None:
         return
@@ -399,7 +404,7 @@ def note_touch(
 
 @compiled
 def has_touched(drives: Drives | None, contacts: Contacts | None, size: int) -> bool:
-    """Whether something touched in a stage of the step, by what `size` threads have noted."""
+    """Check that a contact occurred in a stage of the step, in any of `size` threads."""
     touched = False
     if drives is None:
         return touched
@@ -412,7 +417,7 @@ def has_touched(drives: Drives | None, contacts: Contacts | None, size: int) -> 
 
 @compiled
 def tests_of(contacts: Contacts | None, member: int) -> int:
-    """Return the pairs that one thread has looked at so far."""
+    """Return the number of pairs that one thread has tested so far."""
     if contacts is None:
         return 0
     return int(contacts.tests[8 * member])
@@ -420,7 +425,7 @@ def tests_of(contacts: Contacts | None, member: int) -> int:
 
 @compiled
 def set_tests(contacts: Contacts | None, member: int, tests: int) -> None:
-    """Count from there: what came since was a repetition."""
+    """Set the number of tested pairs; later tests were a repetition."""
     if contacts is None:
         return
     contacts.tests[8 * member] = tests
@@ -428,7 +433,7 @@ def set_tests(contacts: Contacts | None, member: int, tests: int) -> None:
 
 @compiled
 def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float, int]:
-    """Energy [J], deepest overlap [m] and number of the contacts in a state."""
+    """Return energy [J], deepest overlap [m] and number of the contacts in a state."""
     energy, deepest, count = 0.0, 0.0, 0
     if contacts is None:
         return energy, deepest, count
@@ -436,7 +441,7 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
     if contacts.pairs.shape[0] == 0:
         return energy, deepest, count
     sleep, aside = contacts.sleep, contacts.aside
-    # What sleeps where bodies are now is apart, and all else is tested.
+    # Pairs that sleep at the present positions are apart; all others are tested.
     path = path_to(sleep, state.position, state.orientation)
     for p in range(contacts.pairs.shape[0]):
         sleep.looked[p] = AWAKE

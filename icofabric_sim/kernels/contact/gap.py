@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How far two shells, or a shell and a plane, are apart along an axis, and which axis shows it.
+Gaps of two shells, or of a shell and a plane, along an axis, and the axis with the widest gap.
 
-Along a unit vector n the shell of a body at x covers n . x - h to n . x + h, h its support. Where
-two of these intervals have a gap, so have the shells: they are at least that far apart. Axes are
+Along a unit vector n the shell of a body at x covers n . x - h to n . x + h, h its support. If
+two of these intervals have a gap, the shells are at least that far apart. Axes are
 numbered: the line of centres, the face normals of either body (10 and 10, up to their sign) and
-the products of their edges (15 times 15). If two shells do not overlap one of these proves it
-(separating axis theorem, S. Gottschalk, M. C. Lin and D. Manocha 1996, OBBTree).
+the products of their edges (15 times 15). If two shells do not overlap, one of these axes shows a
+gap (separating axis theorem, S. Gottschalk, M. C. Lin and D. Manocha 1996, OBBTree).
 """
 
 import math
@@ -30,7 +30,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 import numpy as np
 
 _CORNERS = vertices(1.0)
-# Of each pair of opposite faces and of parallel edges the one that comes first.
+# The first of each pair of opposite faces and of parallel edges.
 _ALL_NORMALS = _CORNERS[FACES].sum(axis=1)
 _ALL_NORMALS /= np.sqrt((_ALL_NORMALS**2).sum(axis=1))[:, None]
 _ALL_WAYS = 0.5 * (_CORNERS[EDGES[:, 1]] - _CORNERS[EDGES[:, 0]])
@@ -48,7 +48,7 @@ _NORMALS, _WAYS = _halved(_ALL_NORMALS), _halved(_ALL_WAYS)
 _RHO = inscribed_radius(1.0)
 _FIRST_EDGE = 1 + 2 * len(_NORMALS)
 AXIS_COUNT = _FIRST_EDGE + len(_WAYS) ** 2
-# x, y, z and number of these, filled up to whole vectors: with the first, and with nothing.
+# x, y, z and number of normals and edges, padded to whole vectors with the first, and with zeros.
 _ROOM = 16
 _NORMAL_ROWS = np.concatenate([
     np.concatenate([row, np.full(_ROOM - len(row), row[0])])
@@ -66,7 +66,7 @@ Axes = tuple[float, float, float, float, float, float, float, float, float]
 
 @compiled
 def axes_of(orientation: np.ndarray, s: int) -> Axes:
-    """World components of the body axes (eqs 16 and 26) of slot `s`."""
+    """Return world components of the body axes (eqs 16 and 26) of slot `s`."""
     if orientation.ndim == 2:
         x, y, z, w = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
         return (
@@ -82,7 +82,7 @@ def axes_of(orientation: np.ndarray, s: int) -> Axes:
 
 @compiled
 def edge_of(half_edge: float, half_edges: np.ndarray | None, s: int) -> float:
-    """Half edge [m] of a body or slot: that of all, or its own."""
+    """Return the half edge [m] of a body or slot, common or individual."""
     if half_edges is None:
         return half_edge
     else:
@@ -91,7 +91,7 @@ def edge_of(half_edge: float, half_edges: np.ndarray | None, s: int) -> float:
 
 @compiled
 def ratio_of(half_edges: np.ndarray | None, s: int, t: int) -> float:
-    """Half edge of the second over that of the first."""
+    """Return the half edge of the second body over that of the first."""
     if half_edges is None:
         return 1.0
     else:
@@ -101,7 +101,7 @@ def ratio_of(half_edges: np.ndarray | None, s: int, t: int) -> float:
 @compiled
 def support(axes: Axes, nx: float, ny: float, nz: float) -> float:
     """
-    Half the width of a shell of half edge 1 along a unit vector: the largest n . v of a vertex.
+    Return half the width of a shell of half edge 1 along a unit vector, max n . v over vertices.
     """
     return reach(
         axes[0] * nx + axes[1] * ny + axes[2] * nz, axes[3] * nx + axes[4] * ny + axes[5] * nz,
@@ -114,10 +114,10 @@ def gap_along(
     second: Axes
 ) -> float:
     """
-    Gap [m] of two shells along an axis, less than 0 where they overlap along it.
+    Return the gap [m] of two shells along an axis, negative if they overlap along it.
 
     (dx, dy, dz) [m] leads from the first centre to the second. `half_edge` [m] of the first, and
-    that of the second over it.
+    `ratio` of the second half edge over it.
     """
     if code == 0:
         size = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -166,9 +166,9 @@ def widest_gap(
     second: Axes
 ) -> tuple[float, int]:
     """
-    Largest gap [m] of two shells along any of the axes, and its number.
+    Return the largest gap [m] of two shells along any of the axes, and the number of its axis.
 
-    The search ends early where a gap is at least `wanted` [m]. Axes are tried side by side.
+    The search ends early if a gap is at least `wanted` [m]. Several axes are tested in lanes.
     """
     gap = gap_along(0, half_edge, ratio, dx, dy, dz, first, second)
     if gap >= wanted:
@@ -177,7 +177,7 @@ def widest_gap(
     a, rho, enough = splat(half_edge), splat(_RHO), splat(wanted)
     size = splat(ratio)
     other_rho = size * rho
-    # The way between the centres in the axes of both; the second's axes in those of the first.
+    # The vector between the centres on the axes of both; the second's axes on those of the first.
     ax, ay, az = (
         splat(first[0] * dx + first[1] * dy + first[2] * dz),
         splat(first[3] * dx + first[4] * dy + first[5] * dz),
@@ -240,19 +240,21 @@ def widest_gap(
     for k in range(1, LANES):
         most = k if lane(best, k) > lane(best, most) else most
     code = int(lane(which, most))
-    # As whoever kept that axis computes it.
+    # Recomputed as for a stored axis, so that both results are bit-identical.
     return max(gap, gap_along(code, half_edge, ratio, dx, dy, dz, first, second)), code
 
 
 @compiled
 def scalar(one: Axes, i: int, two: Axes, j: int) -> float:
-    """Scalar product of two body axes that begin at these places."""
+    """Return the scalar product of two body axes that begin at these indices."""
     return one[i] * two[j] + one[i + 1] * two[j + 1] + one[i + 2] * two[j + 2]
 
 
 @compiled
 def plane_gap(plane: np.ndarray, half_edge: float, x: float, y: float, z: float, axes: Axes
               ) -> float:
-    """Distance [m] of a shell at (x, y, z) from a plane (normal and offset), below 0 within it."""
+    """
+    Return the distance [m] of a shell at (x, y, z) from a plane (normal, offset), below 0 within.
+    """
     nx, ny, nz = plane[0], plane[1], plane[2]
     return nx * x + ny * y + nz * z - plane[3] - half_edge * support(axes, nx, ny, nz)

@@ -1,20 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-When a contact begins or ends, foreseen from where a step starts.
+Prediction of the time when a contact begins or ends, from the start of a step.
 
-Forces have a kink there, which no step of a high order passes without an error of order 2: the
-step control would shorten steps again and again until one with the kink in it hardly matters, and
-then lengthen them again. A step that ends just there errs as where there is no contact, and so
-does the one that starts there.
+Forces have a kink at that time, and a step of high order across the kink has an error of order 2.
+The step control would shorten steps again and again until the step with the kink hardly matters,
+and then lengthen them again. A step that ends at the kink is as accurate as one without contact,
+and so is the step that starts there.
 
-Bodies go on with the velocity and acceleration that they have: x + v t + a t^2 / 2, turned by
-w t + b t^2 / 2. For the short steps around contacts that foretells a moment to a small part of
-the step; from there it is foretold once more.
+Bodies are extrapolated with their velocity and acceleration: x + v t + a t^2 / 2, turned by
+w t + b t^2 / 2. For the short steps around contacts the predicted time is accurate to a small
+fraction of the step; from there it is predicted once more.
 
-Where a step in which something may touch begins, this is asked before it is tried. What is listed
-must not matter for that: where bodies may go farther on this way than the list reaches, a search
-comes first. After a step that was refused for its error, it is asked again.
+A step in which a contact is possible is examined before it is tried. The result must not depend on
+the list: if bodies may move farther than the list covers, a search comes first. After a step that
+was rejected for its error, the prediction is repeated.
 """
 
 import math
@@ -41,9 +41,9 @@ from icofabric_sim.kernels.runtime.outlined import call_float
 from icofabric_sim.kernels.runtime.team import wait_for_all
 import numpy as np
 
-# No contact changes; it is not known.
+# No contact changes; the result is not known.
 NEVER_MEET, UNKNOWN = 1e300, -1.0
-# Changes within so many times the accuracy of a landing are those that a step has landed before.
+# Changes within this multiple of the accuracy of a landing are those of the landing before.
 _EARLY = 4.0
 
 
@@ -53,11 +53,11 @@ def foresee(
     team: Team, time: float, h: float, close: float, meeting: np.ndarray, first: int, last: int
 ) -> float:
     """
-    As `land` for a step of length `h` [s] from `state` at `time` [s], before it is tried.
+    Return the result of `land` for a step of `h` [s] from `state` at `time` [s], before the step.
 
     Changes within the first few `close` [s] do not count: a step that begins just before a contact
-    has little of the kink in it. UNKNOWN where a search has to come first, NEVER_MEET also where
-    bodies go so far that no search would do.
+    contains little of the kink. UNKNOWN if a search has to come first, NEVER_MEET also if bodies
+    move so far that no search would suffice.
     """
     if watch is None:
         return NEVER_MEET
@@ -80,14 +80,14 @@ def first_ahead(
     h: float, close: float, farthest: float, moved: float
 ) -> float:
     """
-    The same for one thread.
+    Return the result of `foresee` in one thread.
 
-    Bodies go `farthest` [m] at most, beside what all have in common, and have `moved` [m] since
-    the last search.
+    Bodies move by `farthest` [m] at most, relative to their common motion, and have moved by
+    `moved` [m] since the last search.
     """
     if not farthest <= 0.5 * watch.limits[MOST]:
         return NEVER_MEET
-    # What all have in common is not that of the last search, but about.
+    # The common motion differs a little from that of the last search.
     nearby, frame = watch.nearby, watch.frame
     mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
     square = 0.0
@@ -111,9 +111,10 @@ def ways_to_come(
     first: int, last: int
 ) -> tuple[float, float]:
     """
-    How far points of bodies in blocks first to last may go in `h` [s] on the way foretold [m].
+    Return a bound of the predicted displacements [m] in `h` [s] of points in blocks first to last.
 
-    Beside what all have in common. And the largest square of a way [m^2] since the last search.
+    Relative to the common motion. The second result is the largest squared displacement [m^2]
+    since the last search.
     """
     nearby, frame, zero = watch.nearby, watch.frame, splat(0.0)
     mean = mean_velocity(state, nearby.slots) if nearby.free else (0.0, 0.0, 0.0)
@@ -144,7 +145,9 @@ def ways_to_come(
 
 @compiled
 def row_of_accelerations(state: State) -> int:
-    """Where those are in a slope: rows of Maxwell arms may follow them."""
+    """
+    Return the first row of accelerations in a slope; rows of Maxwell arms may come after them.
+    """
     return int(3 + rows_of(state.orientation).shape[0])
 
 
@@ -154,11 +157,11 @@ def land(
     close: float, meeting: np.ndarray
 ) -> float:
     """
-    Time [s] after which a contact begins or ends, less than a step of the length `tried` [s].
+    Return the time [s] until a contact begins or ends, less than a step of length `tried` [s].
 
-    From `state` with its slopes (r, s), to within `close` [s]; before it happens, where it is
-    more than a few of these away. NEVER_MEET where there is none. The same in all threads, through
-    `meeting` (1,).
+    From `state` with its slopes (r, s), to within `close` [s]; just before the change, if the
+    change is more than a few `close` away. NEVER_MEET without a change. Equal in all threads,
+    through `meeting` (1,).
     """
     if contacts is None:
         return NEVER_MEET
@@ -172,7 +175,7 @@ def land(
 def first_change(
     contacts: Contacts, state: State, slope: np.ndarray, begin: float, tried: float, close: float
 ) -> float:
-    """The same for one thread, of what changes from a time `begin` [s] on."""
+    """Return the result of `land` in one thread, for changes from a time `begin` [s] on."""
     first, found = NEVER_MEET, NEVER_MEET
     for p in range(contacts.pairs.shape[0]):
         until = min(tried, first)
@@ -183,8 +186,8 @@ def first_change(
         if (now > 0.0) != (then > 0.0):
             low, high = bracket(contacts, state, slope, p, begin, until, now, then, close)
             first = high
-            # Just before, so that there is no kink in the step; a step of which nothing else is
-            # left is so short that it does not matter.
+            # Just before, so that there is no kink in the step. If the change is close, the step
+            # is so short that the kink does not matter.
             found = low if low > 4.0 * close else high
     return found if found < tried else NEVER_MEET
 
@@ -194,7 +197,7 @@ def stays_apart(
     contacts: Contacts, state: State, slope: np.ndarray, p: int, t: float
 ) -> bool:
     """
-    Whether an axis that keeps two bodies apart shows a gap that they cannot close in a time [s].
+    Check that the separating axis of two bodies shows a gap that they cannot close in `t` [s].
     """
     s, other = contacts.pairs[p, 0], contacts.pairs[p, 1]
     if other < 0:
@@ -229,10 +232,10 @@ def bracket(
     now: float, then: float, close: float
 ) -> tuple[float, float]:
     """
-    Two times [s], at most `close` apart, before and after the gap of a pair changes its sign.
+    Return two times [s], at most `close` apart, around the sign change of the gap of a pair.
 
     By the secant through the gaps [m] at both ends, `now` and `then`, a little to the farther
-    side, so that both ends come close; by halves where that does not halve the range.
+    side, so that both ends converge; by bisection if that does not halve the range.
     """
     low, high, below, above = begin, until, now, then
     halve = False
@@ -259,7 +262,7 @@ def bracket(
 def gap_at(
     contacts: Contacts, state: State, slope: np.ndarray, p: int, t: float
 ) -> float:
-    """The gap [m] that the two of a pair will have after a time [s]; not above 0: they touch."""
+    """Return the predicted gap [m] of a pair after a time `t` [s]; not above 0: contact."""
     s, other = contacts.pairs[p, 0], contacts.pairs[p, 1]
     own = contacts.first[0]
     foretell(state, slope, s, t, own)
@@ -283,7 +286,9 @@ def gap_at(
 def foretell(
     state: State, slope: np.ndarray, s: int, t: float, place: np.ndarray
 ) -> None:
-    """Position and rotation matrix (body to world) of slot `s` after a time [s], (4, 3)."""
+    """
+    Write the predicted position and rotation matrix (body to world) of slot `s` after `t` [s].
+    """
     row = row_of_accelerations(state)
     for k in range(3):
         place[0, k] = state.position[k, s] + t * (
@@ -299,7 +304,7 @@ def foretell(
 
 @compiled
 def turned(axes: Axes, x: float, y: float, z: float) -> Axes:
-    """Axes turned by a rotation vector (O. Rodrigues 1840)."""
+    """Return axes turned by a rotation vector (O. Rodrigues 1840)."""
     square = x * x + y * y + z * z
     # (1 - cos) / angle^2 and sin / angle
     if square > 1e-8:
@@ -318,7 +323,7 @@ def turned_one(
     vx: float, vy: float, vz: float, x: float, y: float, z: float, square: float, along: float,
     across: float
 ) -> tuple[float, float, float]:
-    """Sum of v, across w x v and along w x (w x v)."""
+    """Return the sum of v, across w x v and along w x (w x v)."""
     dot = vx * x + vy * y + vz * z
     return (
         vx + across * (y * vz - z * vy) + along * (dot * x - square * vx),

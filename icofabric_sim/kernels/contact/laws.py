@@ -1,32 +1,32 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What contact loses: damping along the depth, and Coulomb friction that sticks.
+Dissipation of a contact: damping along the depth, and Coulomb friction that sticks.
 
-Both take what `touch_pair` wrote for a pair A and B, or `touch_plane`; for a plane B stands still
-and its arm is 0. Velocities and arms are of the world, arms from the bodies' centres to the
-contact point. Both act with opposite forces at one point, or along the gradient of delta: the
-pair's momentum and angular momentum stay what they are.
+Both laws use the results of `touch_pair` for a pair A and B, or of `touch_plane`; a plane B is at
+rest and its arm is 0. Velocities and arms are in the world frame, arms from the bodies' centres to
+the contact point. Both act with opposite forces at one point, or along the gradient of delta, so
+the pair's momentum and angular momentum are conserved.
 
-Damping multiplies the push by 1 + c d(delta)/dt, and never pulls (K. H. Hunt and F. R. E.
+Damping multiplies the normal force by 1 + c d(delta)/dt, and never pulls (K. H. Hunt and F. R. E.
 Crossley, J. Appl. Mech. 42, 440, 1975). It takes the power c K delta (d(delta)/dt)^2 >= 0, and
-its force begins with 0 at first touch as the push does. Slow motion on a light contact loses next
-to nothing by that alone, and may last for ever where a load does work. Where c d(delta)/dt is
-below a thousandth, a dashpot behind a slider takes over that yields at a thousandth of the push
-(`effective_damping`).
+its force begins with 0 at first touch as the normal force does. Slow motion on a light contact
+hardly dissipates by this law alone, and may last for ever if a load does work. If c d(delta)/dt is
+below a thousandth, a dashpot behind a slider takes over that yields at a thousandth of the normal
+force (`effective_damping`).
 
-Friction is a slider behind a spring of stiffness k and a dashpot k tau beside it (P. A. Cundall
+Friction is a slider behind a spring of stiffness k and a parallel dashpot k tau (P. A. Cundall
 and O. D. L. Strack, Geotechnique 29, 47, 1979, with the dashpot). With the slip v along the
 surface and the stretch s of the spring
 
-    force = k q,   q = s + tau v, made no longer than mu N / k,   ds/dt = (q - s) / tau
+    force = k q,   q = s + tau v, limited to length mu N / k,   ds/dt = (q - s) / tau
 
-While q is shorter the bodies stick: ds/dt = v, they do not creep, and swing out. At the limit they
-slide, and s follows q with the rate 1 / tau, however fast they are. What is taken less what the
-spring gains, k q . v - k s . ds/dt = k q . (v - ds/dt) + k tau (ds/dt)^2, is never negative: v -
-ds/dt has the direction of q. A fourth number is the turn about the normal, times the radius of the
-patch that touches: so a face resists being spun, and the four share one limit. The stretch is part
-of the state of a pair.
+While q is shorter the bodies stick: ds/dt = v, they do not creep, and oscillations decay. At the
+limit they slide, and s follows q with the rate 1 / tau, at any speed. The dissipated power, the
+power taken less the gain of the spring, k q . v - k s . ds/dt = k q . (v - ds/dt) + k tau
+(ds/dt)^2, is never negative: v - ds/dt has the direction of q. A fourth number is the rotation
+about the normal, times the radius of the contact patch. A face therefore resists spinning, and the
+four share one limit. The stretch is part of the state of a pair.
 """
 
 import math
@@ -37,23 +37,23 @@ import numpy as np
 
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
-# A disc that is pressed on evenly resists being spun as all of it would there, in radii.
+# Lever arm, in radii, of the spinning friction of a disc under uniform pressure.
 _SPUN = 2.0 / 3.0
-# Part of the push at which the slider yields that damps slow motion, and the time constant [s] of
-# the dashpot behind it over the lag of friction: little, so that the force changes smoothly where
-# delta stops growing.
+# Fraction of the normal force at which the slider yields that damps slow motion; and the time
+# constant [s] of the dashpot behind it over the lag of friction: small, so that the force changes
+# smoothly when delta stops growing.
 SLIDER_RATIO = 1e-3
 _DASHPOT_RATIO = 0.02
-# Squared rate [m^2/s^2] below which nothing moves; beyond it no power overflows.
+# Squared rate [m^2/s^2] below which a contact is at rest; above it no power overflows.
 _SMALLEST_SQUARE_RATE = 1e-100
 
 
 @compiled
 def depth_rate(out: np.ndarray, va: Any, wa: Any, vb: Any, wb: Any) -> float:
     """
-    Rate of delta [m/s] by the velocities and angular velocities (3,) of both bodies; 0 if apart.
+    Return the rate of delta [m/s] from velocities and spins (3,) of both bodies; 0 if apart.
 
-    The push for K = 1 is -delta grad delta, so its power is -delta d(delta)/dt.
+    The force for K = 1 is -delta grad delta, so its power is -delta d(delta)/dt.
     """
     if not out[10] > 0.0:
         return 0.0
@@ -67,10 +67,10 @@ def depth_rate(out: np.ndarray, va: Any, wa: Any, vb: Any, wb: Any) -> float:
 @compiled
 def effective_damping(damping: float, rate: float, depth: float, lag: float) -> float:
     """
-    Return the damping [s/m] at a depth delta [m] and its rate [m/s]; 0 where `damping` c is 0.
+    Return the damping [s/m] at a depth delta [m] and its rate [m/s]; 0 if `damping` c is 0.
 
     (c^4 + s^4)^(1/4) with s = r / sqrt(rate^2 + (r delta / T)^2), r = SLIDER_RATIO and
-    T = _DASHPOT_RATIO tau for the `lag` tau [s]: next to c where c rate is above a few r.
+    T = _DASHPOT_RATIO tau for the `lag` tau [s]: close to c if c rate is above a few r.
     """
     if not damping > 0.0:
         return 0.0
@@ -84,7 +84,7 @@ def effective_damping(damping: float, rate: float, depth: float, lag: float) -> 
 
 @compiled
 def damping_factor(damping: float, rate: float) -> float:
-    """Return the factor of the push, for a damping [s/m] and the rate of delta [m/s]."""
+    """Return the factor of the normal force, for a damping [s/m] and the rate of delta [m/s]."""
     return max(0.0, 1.0 + damping * rate)
 
 
@@ -93,9 +93,9 @@ def slip(
     out: np.ndarray, va: Any, wa: Any, arm_a: Any, vb: Any, wb: Any, arm_b: Any
 ) -> tuple[Three, Three]:
     """
-    Unit normal of the contact, from A to B, and velocity of B over A along it [m/s].
+    Return the unit normal of the contact, from A to B, and B's velocity over A along it [m/s].
 
-    The normal is the direction of the push on B; nothing slips where nothing pushes.
+    The normal is the direction of the force on B; without a force there is no slip.
     """
     push = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
     if not push > 0.0:
@@ -113,7 +113,7 @@ def slip(
 
 @compiled
 def along(v: Three, n: Three) -> Three:
-    """The part of a vector at right angles to a unit normal."""
+    """Return the component of a vector perpendicular to a unit normal."""
     across = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
     return v[0] - across * n[0], v[1] - across * n[1], v[2] - across * n[2]
 
@@ -121,16 +121,16 @@ def along(v: Three, n: Three) -> Three:
 @compiled
 def patch_radius(out: np.ndarray) -> float:
     """
-    Distance from the contact point [m] at which friction acts against a turn about the normal.
+    Return the lever arm [m] of friction against a rotation about the normal.
 
-    out[18] is the squared area [m^4] between the bodies.
+    out[18] is the squared contact area [m^4].
     """
     return _SPUN * math.sqrt(math.sqrt(out[18]) / math.pi)
 
 
 @compiled
 def within(stretch: Four, limit: float) -> Four:
-    """A stretch [m] made no longer than a limit."""
+    """Return a stretch [m], shortened to a limit."""
     x, y, z, u = stretch
     length = math.sqrt(x * x + y * y + z * z + u * u)
     if not length > limit:
@@ -141,7 +141,7 @@ def within(stretch: Four, limit: float) -> Four:
 
 @compiled
 def pull(stretch: Four, slip: Four, lag: float, n: Three, limit: float) -> Four:
-    """The stretch q [m] that acts, for a `lag` tau [s]: the force on A is k times it."""
+    """Return the acting stretch q [m], for a `lag` tau [s]: the force on A is k q."""
     x, y, z = along((stretch[0], stretch[1], stretch[2]), n)
     return within((
         x + lag * slip[0], y + lag * slip[1], z + lag * slip[2],
@@ -150,7 +150,9 @@ def pull(stretch: Four, slip: Four, lag: float, n: Three, limit: float) -> Four:
 
 @compiled
 def stretch_rate(stretch: Four, q: Four, lag: float, spin: Three) -> Four:
-    """Rate of a stretch [m/s], where q acts and the pair turns with an angular velocity."""
+    """
+    Return the rate of a stretch [m/s], if q acts and the pair turns with an angular velocity.
+    """
     s, w, rate = stretch, spin, 1.0 / lag
     return (
         rate * (q[0] - s[0]) + (w[1] * s[2] - w[2] * s[1]),

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which pairs may touch before bodies have moved by so much, in one call; and room to compute them.
+Lists of candidate pairs before bodies have moved by some distance, and their arrays.
 
-For methods that run through contacts, whose steps do not follow what is listed: more may be listed
-than can touch. So few axes are tried for each pair, the line of centres and the faces of both
-(gap.py), and the answer depends on where bodies are, not on the axes kept.
+For methods that step through contacts, whose steps do not depend on the list. The list may hold
+more pairs than can touch. So few axes are tried for each pair, the line of centres and the faces
+of both (gap.py), and the answer depends on the positions of bodies, not on the stored axes.
 """
 
 from icofabric_sim.kernels.contact.gap import edge_of, gap_along, ratio_of
@@ -24,11 +24,11 @@ def list_pairs(
     nearby: Nearby, position: np.ndarray, least: float, listed: np.ndarray
 ) -> tuple[int, int]:
     """
-    Pairs (p, 2) of bodies that may touch before any has moved by `least` [m], then with planes.
+    Write pairs (p, 2) of bodies that may touch before any has moved by `least` [m].
 
-    In the order of neighbour_list.py, plane k as -1 - k. Returns how many there are, and how many
-    of them are with planes; only as many as there is room for are written. Axes of bodies must be
-    in place (`survey`).
+    Pairs with planes come last. In the order of neighbour_list.py, plane k as -1 - k. Return the
+    number of pairs, and of those with planes; pairs beyond the size of `listed` are not written.
+    Axes of bodies must be in place (`survey`).
     """
     which, slots = nearby.counts[1], nearby.slots
     pairs, codes, wanted = nearby.pairs[which], nearby.codes[which], 2.0 * least
@@ -75,10 +75,10 @@ def arrange(
     slots: np.ndarray, start: np.ndarray, slot: np.ndarray, entry: np.ndarray
 ) -> None:
     """
-    Slots (p, 2) of pairs (p, 2) of bodies, and what acts on each block: see `Contacts`.
+    Write the slots (p, 2) of pairs (p, 2) of bodies, and the entries of blocks: see `Contacts`.
 
-    `blocks`: first slots of the blocks (b,); `room` for one number of each slot. Entries of a
-    block are by slots, and those of a slot in the order of the pairs.
+    `blocks`: first slots of the blocks (b,); `room` holds one number of each slot. Entries of a
+    block are sorted by slots, and those of a slot in the order of the pairs.
     """
     for s in range(room.shape[0]):
         room[s] = 0
@@ -108,7 +108,7 @@ def arrange(
 
 @compiled
 def comes_before(a: int, b: int, c: int, d: int) -> bool:
-    """Whether the pair (a, b) comes before (c, d) in a list: planes last, by their numbers."""
+    """Check that the pair (a, b) comes before (c, d) in a list: planes last, by their numbers."""
     if (b < 0) != (d < 0):
         return d < 0
     if a != c:
@@ -120,7 +120,7 @@ def comes_before(a: int, b: int, c: int, d: int) -> bool:
 def find_both(
     pairs: np.ndarray, others: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> int:
-    """Places in two lists of the pairs that both have; returns how many these are."""
+    """Write the indices in two lists of their common pairs; return how many there are."""
     count, q = 0, 0
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
@@ -139,7 +139,7 @@ def carry_over(
     """
     Copy rows `there` of all tables `before` (k, q, n) to the rows `here` of `after` (k, p, n).
 
-    Where these hold nothing but zeros, as most do, they are not written, which takes memory.
+    Zeros, which most rows hold, are not written, because writing takes memory.
     """
     for number in range(before.shape[0]):
         for k in range(here.shape[0]):

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What contacts take from the motion, by the laws of laws.py.
+Dissipation of contacts, by the laws of laws.py.
 
-Who evaluates a pair also says what it loses: the push of the pair is changed before the bodies
-add up what acts on them, so what one gets the other gets too, and no bit depends on the number of
-threads.
+The thread that evaluates a pair also evaluates its losses. The force of the pair is changed before
+forces are summed at the bodies, so forces on both bodies stay opposite, and no bit depends on the
+number of threads.
 
 Stretches of friction are integrated with the state: four numbers of each listed pair, with slopes
 at every stage. A pair that is apart at the end of a step begins the next without stretch (`held`).
-All the power that friction takes counts as spent; what springs hold of it is found from their
-stretches and taken out again where energies are shown.
+All the power of friction counts as dissipated. The energy in its springs is computed from their
+stretches and subtracted again where energies are displayed.
 
-Runge-Kutta methods have velocities at every stage. The leapfrog knows them half a step before the
-places for which it asks for forces; there they are extrapolated by the kick before, which leaves
-an error of the square of the step, and stretches follow by Heun's method: both of order 2. At
-first touch the push is zero, and so are damping and the limit of friction: nothing jumps there.
+Runge-Kutta methods have velocities at every stage. The leapfrog has velocities half a step before
+the positions of its forces. They are extrapolated by the kick before, which leaves an error of the
+square of the step, and stretches follow by Heun's method: both of order 2. At first touch the
+normal force is zero, and so are damping and the limit of friction: nothing jumps there.
 """
 
 import math
@@ -43,14 +43,14 @@ import numpy as np
 
 # The slope at the end of a step; that at its start has number 0.
 _LAST = 12
-# Largest part of a velocity along the depth that the damping of a pair takes in a step of the
-# leapfrog: in longer steps it is damped by less, and never thrown back.
+# Largest fraction of a velocity along the depth that the damping of a pair removes in a step of
+# the leapfrog. In longer steps the damping is reduced, and never reverses the velocity.
 _MOST_DAMPED = 0.5
 
 
 @compiled
 def losses_of(contacts: Contacts | None) -> ContactLosses | None:
-    """What contacts lose, if there are any."""
+    """Return the losses of contacts, or None."""
     if contacts is None:
         return None
     else:
@@ -60,7 +60,9 @@ def losses_of(contacts: Contacts | None) -> ContactLosses | None:
 @compiled
 def touch_moving(contacts: Contacts | None, state: State, index: int, team: Team) -> None:
     """
-    As `touch_all`, with what depends on velocities, for slope number `index`; also a barrier.
+    Evaluate contacts as `touch_all`, with velocity-dependent forces, for slope number `index`.
+
+    Also a barrier.
     """
     touch_losing(losses_of(contacts), contacts, state, index, team)
 
@@ -69,7 +71,7 @@ def touch_moving(contacts: Contacts | None, state: State, index: int, team: Team
 def touch_losing(
     losses: ContactLosses | None, contacts: Contacts | None, state: State, index: int, team: Team
 ) -> None:
-    """The same; without losses it is `touch_all`."""
+    """Evaluate contacts for slope number `index`; by `touch_all` without losses."""
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
     else:
@@ -80,7 +82,7 @@ def touch_losing(
 def touch_and_lose(
     losses: ContactLosses, contacts: Contacts, state: State, index: int, team: Team
 ) -> None:
-    """The same with losses."""
+    """Evaluate contacts with losses for slope number `index`."""
     count = contacts.pairs.shape[0]
     part = part_of(count, team.size)
     touch_awake(contacts, state.position, state.orientation, team)
@@ -100,7 +102,7 @@ def touch_and_lose(
 def lose_some(
     losses: ContactLosses, contacts: Contacts, state: State, index: int, first: int, last: int
 ) -> None:
-    """Change the pushes of the pairs first to last, which are in place, by what they lose."""
+    """Add the losses of pairs first to last to their forces; bodies are in place."""
     pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
     velocity, spin = borrowed(state.linear_velocity), borrowed(state.angular_velocity)
     position, power = borrowed(state.position), borrowed(losses.power)
@@ -150,7 +152,7 @@ def slips_of(
     radius: float, t: int
 ) -> tuple[Three, Four, Three]:
     """
-    Normal of a pair, its four slips [m/s], and the angular velocity that its stretch turns with.
+    Return the normal of a pair, its four slips [m/s], and the angular velocity of its stretch.
 
     Slot `t` of the second body below 0: a plane.
     """
@@ -170,9 +172,9 @@ def touch_ahead(
     inverse_inertia: float, h: float, step: float, team: Team
 ) -> None:
     """
-    As `touch_all`, with losses, where a drift over `h` [s] of the leapfrog has led.
+    Evaluate contacts as `touch_all`, with losses, after a drift of `h` [s] of the leapfrog.
 
-    Stretches go on by `h`: 0 where forces are computed anew. They act for a `step` [s].
+    Stretches advance by `h`: 0 to recompute forces. The forces act for a `step` [s].
     """
     if losses is None:
         touch_all(contacts, state.position, state.orientation, team)
@@ -199,9 +201,9 @@ def lose_ahead(
     inverse_inertia: float, h: float, step: float, first: int, last: int
 ) -> None:
     """
-    As `lose_some` for the awake of a part, `h` [s] after they were evaluated last.
+    Add losses as `lose_some` to awake pairs of a batch, `h` [s] after their last evaluation.
 
-    For forces that act for a `step` [s]. What was apart before and still is has lost all it had.
+    For forces that act for a `step` [s]. A pair that was and is apart has no stretch left.
     """
     awake, until = borrowed(contacts.sleep.awake), borrowed(contacts.sleep.until)
     pairs, result = borrowed(contacts.pairs), borrowed(contacts.result)
@@ -230,7 +232,7 @@ def lose_ahead(
         vb, wb = ahead(velocity, linear, t), ahead(spin, angular, t)
         size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
         deepening = depth_rate(out, va, wa, vb, wb)
-        # What a step h would take of the rate of the depth: h c K delta (grad delta)^2 / M.
+        # Change of the depth rate by a step h: h c K delta (grad delta)^2 / M.
         bodies = 1.0 if t < 0 else 2.0
         mobility = bodies * inverse_mass * size * size + inverse_inertia * (
             out[3] * out[3] + out[4] * out[4] + out[5] * out[5]
@@ -264,7 +266,7 @@ def lose_ahead(
 
 @compiled
 def moved(stretch: Four, rate: Four, h: float) -> Four:
-    """A stretch after `h` [s] at one rate."""
+    """Return a stretch after `h` [s] at one rate."""
     return (
         stretch[0] + h * rate[0], stretch[1] + h * rate[1], stretch[2] + h * rate[2],
         stretch[3] + h * rate[3])
@@ -272,7 +274,7 @@ def moved(stretch: Four, rate: Four, h: float) -> Four:
 
 @compiled
 def ahead(rows: np.ndarray, lead: np.ndarray, s: int) -> Three:
-    """Extrapolated velocity or spin of slot `s`; 0 for a plane."""
+    """Return the extrapolated velocity or spin of slot `s`; 0 for a plane."""
     if s < 0:
         return 0.0, 0.0, 0.0
     return rows[0, s] + lead[0, s], rows[1, s] + lead[1, s], rows[2, s] + lead[2, s]
@@ -280,7 +282,7 @@ def ahead(rows: np.ndarray, lead: np.ndarray, s: int) -> Three:
 
 @compiled
 def begin_lead(losses: ContactLosses | None, state: State, s: int) -> None:
-    """Note the velocities of a block before the first kick of a step."""
+    """Store the velocities of a block before the first kick of a step."""
     if losses is not None:
         for k in range(3):
             store(losses.lead, k, s, load(state.linear_velocity, k, s))
@@ -289,7 +291,7 @@ def begin_lead(losses: ContactLosses | None, state: State, s: int) -> None:
 
 @compiled
 def end_lead(losses: ContactLosses | None, state: State, s: int) -> None:
-    """And what that kick has added to them."""
+    """Store the change of the velocities of a block by the first kick of a step."""
     if losses is not None:
         for k in range(3):
             store(losses.lead, k, s, load(state.linear_velocity, k, s) - load(losses.lead, k, s))
@@ -302,9 +304,10 @@ def spend(
     losses: ContactLosses | None, meter: Meter | None, state: State, s: int, h: float
 ) -> None:
     """
-    Add half of what the contacts of a block take in a kick of `h` [s] to what was spent.
+    Add half of the energy that contacts of a block dissipate in a kick of `h` [s] to the meter.
 
-    Called before the kick and after it: at the mean of the two velocities a kick takes just that.
+    Called before and after the kick: a kick dissipates exactly its force times the mean of the two
+    velocities.
     """
     if losses is None or meter is None:
         return
@@ -320,7 +323,7 @@ def add_pull(
     out: np.ndarray, q: Four, n: Three, arm_a: Three, arm_b: Three, radius: float, scale: float
 ) -> None:
     """
-    Add what a stretch q [m] does to both bodies, for a contact stiffness of 1 N/m.
+    Add force and torques of a stretch q [m] on both bodies, for a contact stiffness of 1 N/m.
 
     `scale`: stiffness of friction over that of the contact.
     """
@@ -338,9 +341,7 @@ def add_pull(
 
 @compiled
 def arms_of(position: np.ndarray, s: int, t: int, out: np.ndarray) -> tuple[Three, Three]:
-    """
-    From the centres of both bodies to the contact point [m]; 0 for a plane, whose slot is below 0.
-    """
+    """Return the arms [m] from both centres to the contact point; 0 for a plane (slot below 0)."""
     x, y, z = out[15], out[16], out[17]
     if t < 0:
         return (x, y, z), (0.0, 0.0, 0.0)
@@ -352,7 +353,7 @@ def arms_of(position: np.ndarray, s: int, t: int, out: np.ndarray) -> tuple[Thre
 
 @compiled
 def column(rows: np.ndarray, s: int) -> Three:
-    """Three numbers of slot `s`; 0 for a plane, whose number is below 0."""
+    """Return three numbers of slot `s`; 0 for a plane, whose number is below 0."""
     if s < 0:
         return 0.0, 0.0, 0.0
     return rows[0, s], rows[1, s], rows[2, s]
@@ -360,7 +361,7 @@ def column(rows: np.ndarray, s: int) -> Three:
 
 @compiled
 def add_up_taken(losses: ContactLosses, contacts: Contacts, first: int, last: int) -> None:
-    """Powers [W] that the pairs of bodies of blocks first to last take, each at its first body."""
+    """Sum the dissipated powers [W] of pairs at their first bodies, for blocks first to last."""
     before = -1
     for e in range(contacts.start[first], contacts.start[last]):
         s, p, side = contacts.slot[e], contacts.entry[e] >> 1, contacts.entry[e] & 1
@@ -373,7 +374,7 @@ def add_up_taken(losses: ContactLosses, contacts: Contacts, first: int, last: in
 
 @compiled
 def add_taken(losses: ContactLosses | None, s: int, spent: Vector) -> Vector:
-    """Add the power [W] that contacts take at a block."""
+    """Add the power [W] that contacts dissipate at a block."""
     if losses is None:
         return spent
     else:
@@ -385,7 +386,7 @@ def combine_stretches(
     losses: ContactLosses | None, weights: np.ndarray, h: float, again: bool, team: Team
 ) -> None:
     """
-    Stretches of a stage: those held at the start of the step and h times the sum of w_j slope_j.
+    Write stretches of a stage: those at the start of the step plus h times the sum of w_j slope_j.
 
     `again`: of the step in progress, which has been taken.
     """
@@ -406,7 +407,7 @@ def combine_stretches(
 
 @compiled
 def accept_stretches(losses: ContactLosses | None, team: Team) -> None:
-    """A step has been taken: its stage is the state, and what was held is where it began."""
+    """Accept a step: its stage becomes the state, and the held stretches become its start."""
     if losses is None:
         return
     count = losses.stretch.shape[0]
@@ -419,7 +420,7 @@ def accept_stretches(losses: ContactLosses | None, team: Team) -> None:
 
 @compiled
 def repeat_stretches(losses: ContactLosses | None, team: Team) -> None:
-    """The last slope of a step is the first of the next."""
+    """Copy the last slope of a step to the first of the next."""
     if losses is None:
         return
     count = losses.stretch.shape[0]
@@ -431,7 +432,7 @@ def repeat_stretches(losses: ContactLosses | None, team: Team) -> None:
 
 @compiled
 def save_stretches(losses: ContactLosses | None, team: Team) -> None:
-    """Keep the stretches of a sound state."""
+    """Save the stretches of a sound state."""
     if losses is None:
         return
     count = losses.stretch.shape[0]
@@ -447,7 +448,7 @@ def stretch_error(
     smooth: float, team: Team
 ) -> tuple[float, float]:
     """
-    Error of a step of length 1, the largest of the stretches, as `step_error` has both.
+    Return both errors of `step_error` for the stretches in a step of length 1, the largest.
 
     Squares of lengths are multiplied by `scale`.
     """
@@ -468,7 +469,7 @@ def stretch_error(
             square_3 += second_sum * second_sum
         sum_ = max(scale * (square_5 + 0.01 * square_3), 1e-300)
         error = scale * square_5 / math.sqrt(sum_)
-        # One that is no number is infinite.
+        # NaN counts as infinite.
         largest = max(largest, error) if error <= math.inf else math.inf
         probable = max(probable, lane(probable_error(
             splat(scale * square_5), splat(scale * square_3), smooth), 0))

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The functions of pairs for n of them.
+Functions of pairs, applied to n pairs.
 
-Half edges [m] (n, 2) of the first and the second, places [m] (n, 3), matrices from body to world
-axes (n, 3, 3).
+Half edges [m] (n, 2) of the first and the second, positions [m] (n, 3), matrices from body to
+world axes (n, 3, 3).
 """
 
 from icofabric_sim.kernels.contact.axis import separation_on
@@ -20,7 +20,7 @@ def touch_pairs(
     half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     scratch: Scratch, touching: np.ndarray, out: np.ndarray
 ) -> None:
-    """`touch_pair` of n pairs, results (n,) and (n, OUT_SIZE)."""
+    """Apply `touch_pair` to n pairs, results (n,) and (n, OUT_SIZE)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     out = borrowed(out)
     for k in range(touching.shape[0]):
@@ -33,7 +33,7 @@ def touch_planes(
     half_edge: np.ndarray, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
     scratch: Scratch, touching: np.ndarray, out: np.ndarray
 ) -> None:
-    """`touch_plane` of n shells, the first of (n, 2) half edges, and one plane."""
+    """Apply `touch_plane` to n shells, the first of (n, 2) half edges, and one plane."""
     for k in range(touching.shape[0]):
         touching[k] = touch_plane(
             half_edge[k, 0], normal, offset, xa[k], ra[k], scratch, out[k])
@@ -44,7 +44,7 @@ def apart_pairs(
     half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     scratch: Scratch, apart: np.ndarray
 ) -> None:
-    """`are_apart` of n pairs, results (n,)."""
+    """Apply `are_apart` to n pairs, results (n,)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(apart.shape[0]):
         apart[k] = are_apart(
@@ -56,7 +56,7 @@ def separations_on(
     half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     axis: np.ndarray, gap: np.ndarray
 ) -> None:
-    """`separation_on` of n pairs along axes (n, 3), results [m] (n,)."""
+    """Apply `separation_on` to n pairs along axes (n, 3), results [m] (n,)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     for k in range(gap.shape[0]):
         gap[k] = separation_on(
@@ -69,7 +69,7 @@ def signed_distances(
     half_edge: np.ndarray, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray, rb: np.ndarray,
     distance: np.ndarray, axis: np.ndarray
 ) -> None:
-    """`signed_distance` of n pairs, results (n,) and (n, 3)."""
+    """Apply `signed_distance` to n pairs, results (n,) and (n, 3)."""
     xa, ra, xb, rb = borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb)
     q = np.zeros((3, 3))
     for k in range(distance.shape[0]):

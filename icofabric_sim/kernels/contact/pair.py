@@ -6,13 +6,13 @@ Contact of two icosahedra, and of one with a plane, by a potential.
     U = K delta^2 / 2,   delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
 
 with p the depth below a body's surface (surface.py): delta is four times the mean depth
-of the overlap, which is the overlap itself where a face lies on a face. Whatever touches, it
-grows in proportion to the overlap, so the force is zero at first touch and nowhere jumps, and the
-stiffness is about K for faces, edges and vertices alike. A plane has the depth below it for p.
+of the overlap, which is the overlap itself if a face lies on a face. For all features delta grows
+in proportion to the overlap. The force is therefore zero at first touch and nowhere jumps, and the
+stiffness is about K for faces, edges and vertices alike. For a plane, p is the depth below it.
 Overlaps with one apex have closed forms (apex.py).
 
-The results depend on the place and orientation of both bodies only, and bodies that change places
-change the signs of all results and no other bit.
+The results depend on the position and orientation of both bodies only. Exchanging the bodies
+changes the signs of all results and no other bit.
 """
 
 import math
@@ -79,16 +79,16 @@ import numpy as np
 __all__ = ['contact_scratch', 'OUT_SIZE', 'Scratch', 'touch_pair', 'touch_plane']
 
 # Numbers in `out` of a pair: force on A (3), torques about their centres on A and B (3 each),
-# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared area between,
+# delta^2 / 2, delta, overlap, unit axis from A to B (3), contact point (3), squared contact area,
 # number of the facet that the line of centres leaves through (axis.py, apex.py).
 OUT_SIZE = 20
-# Centres closer than this times a coincide: no direction leads apart.
+# Centres closer than this times a coincide: no direction separates them.
 COINCIDE = 1e-6
-# From this overlap over a on the surface between the bodies may be in several pieces.
+# Overlap over a above which the surface between the bodies may be disconnected.
 _DEEP = 0.5
-# Overlaps of less volume than this times a^3 are none; depths are then 1e-66 a.
+# Overlaps of less volume than this times a^3 count as zero; depths are then 1e-66 a.
 _NOTHING = 1e-200
-# In the room, after a pair that touches: its overlap [m] along the line of centres.
+# Offset of the overlap [m] along the line of centres, after the evaluation of a contact.
 LINE = ALONE + LANES * ALONG_CENTRES
 
 
@@ -98,19 +98,18 @@ def touch_pair(
     rb: np.ndarray, scratch: Scratch, out: np.ndarray
 ) -> bool:
     """
-    Whether two shells of these half edges [m] touch, and how they push for a stiffness of 1 N/m.
+    Check that two shells of these half edges [m] touch; write forces for a stiffness of 1 N/m.
 
-    Centres [m] (3,), matrices from body to world axes (3, 3). Writes `out` (20,): force on A [N]
+    Centres [m] (3,), matrices from body to world axes (3, 3). Write `out` (20,): force on A [N]
     (3), its torque about the centre of A [N m] (3), the torque on B about the centre of B (3),
     energy delta^2 / 2 [J], delta [m], overlap [m], axis (3), contact point [m] (3), square of the
-    area between them [m^4], number of the facet or 0. B feels the opposite force. The overlap is
-    that along the axis, the normal of the facet of the Minkowski sum that the line of centres
-    leaves through: never less than what would part the bodies. The contact point is where friction
-    acts: the centre of depth
-    of the surface between the bodies, from the middle of both centres. Where they are apart all is
-    0 but the axis, which has a gap.
+    contact area [m^4], number of the facet or 0. The force on B is opposite. The overlap is that
+    along the axis, the normal of the facet of the Minkowski sum that the line of centres leaves
+    through: never less than the displacement that separates the bodies. Friction acts at the
+    contact point: the centre of depth of the surface between the bodies, from the middle of both
+    centres. If the bodies are apart, all numbers are 0 except the axis, which has a gap.
 
-    Bodies whose centres coincide push neither way, by symmetry: then delta is rho, its value for
+    Bodies whose centres coincide have no force, by symmetry: then delta is rho, its value for
     equal orientations, and the overlap twice that; of two sizes that of the smaller.
     """
     return meet(
@@ -123,7 +122,7 @@ def touch_pair_again(
     half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
     rb: np.ndarray, scratch: Scratch, out: np.ndarray
 ) -> bool:
-    """The same where `out` holds what was found before: its facet may spare a search, no more."""
+    """Evaluate a pair as `touch_pair`; the facet of earlier results in `out` may save a search."""
     return meet(
         half_edge, other_edge, borrowed(xa), borrowed(ra), borrowed(xb), borrowed(rb),
         int(out[19]), borrowed(scratch.room), borrowed(scratch.marks), borrowed(out))
@@ -134,7 +133,7 @@ def meet(
     half_edge: float, other_edge: float, xa: np.ndarray, ra: np.ndarray, xb: np.ndarray,
     rb: np.ndarray, number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
-    """The same, with the facet that is tried first, and arrays that are not counted."""
+    """Evaluate a pair as `touch_pair`, with the facet to try first and uncounted arrays."""
     for k in range(OUT_SIZE):
         out[k] = 0.0
     dx, dy, dz = xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]
@@ -163,7 +162,7 @@ def press(
     half_edge: float, other_edge: float, dx: float, dy: float, dz: float, ra: np.ndarray,
     rb: np.ndarray, number: int, room: np.ndarray, marks: np.ndarray, out: np.ndarray
 ) -> bool:
-    """The same for a body at the origin and another at d, whose first number is not negative."""
+    """Evaluate a body at the origin and another at d, whose first component is not negative."""
     cx, cy, cz = approach(half_edge, other_edge, dx, dy, dz, ra, rb, room)
     if not max(abs(cx), max(abs(cy), abs(cz))) > COINCIDE:
         smaller = min(half_edge, other_edge)
@@ -189,7 +188,7 @@ def press(
     if not found:
         return False
     out[11] = max(0.0, -gap) * half_edge
-    # Whatever the polygons, angular momentum is kept.
+    # Angular momentum is conserved for any polygons.
     out[6] = -out[3] + (dy * out[2] - dz * out[1])
     out[7] = -out[4] + (dz * out[0] - dx * out[2])
     out[8] = -out[5] + (dx * out[1] - dy * out[0])
@@ -207,9 +206,9 @@ def press_apex(
     number: int, ux: float, uy: float, uz: float, room: np.ndarray, out: np.ndarray
 ) -> bool:
     """
-    The same where the overlap has one apex; False, and nothing, where it has not.
+    Evaluate a pair whose overlap has one apex; return False, and write nothing, if it has not.
 
-    By what computes pairs side by side, in a lane of its own: so the bits are the same.
+    The pair is computed by the same code as pairs in lanes, in one lane: so the bits are equal.
     """
     number += APEX_UNIT
     if number >= APEX_UNIT + FACE_OF_SECOND:
@@ -231,7 +230,7 @@ def press_apex(
 
 @compiled
 def axes_in(matrix: np.ndarray) -> Axes:
-    """World components of the body axes, the columns of a matrix."""
+    """Return world components of the body axes, the columns of a matrix."""
     return (matrix[0, 0], matrix[1, 0], matrix[2, 0], matrix[0, 1], matrix[1, 1], matrix[2, 1],
             matrix[0, 2], matrix[1, 2], matrix[2, 2])
 
@@ -243,9 +242,9 @@ def press_surface(
     marks: np.ndarray, out: np.ndarray
 ) -> tuple[bool, float, float, float, float]:
     """
-    The same by all polygons of the surface between them, from what `find_facet` has found.
+    Evaluate a pair by all polygons of the surface between them, from the results of `find_facet`.
 
-    Returns whether there is an overlap, the axis (3), and the gap along it.
+    Return True if there is an overlap, the axis (3), and the gap along the axis.
     """
     turn_normals(room)
     for k in range(SUM_COUNT):
@@ -292,9 +291,9 @@ def approach(
     rb: np.ndarray, room: np.ndarray
 ) -> tuple[float, float, float]:
     """
-    The second centre as the first body sees it, over its a.
+    Return the second centre on the first body's axes, over its a.
 
-    Writes the matrix between their axes, and the ratio of their sizes.
+    Write the matrix between their axes, and the ratio of their sizes.
     """
     room[RATIO] = other_edge / half_edge
     room[MATRIX] = ra[0, 0] * rb[0, 0] + ra[1, 0] * rb[1, 0] + ra[2, 0] * rb[2, 0]
@@ -315,9 +314,9 @@ def are_apart(
     rb: np.ndarray, scratch: Scratch
 ) -> bool:
     """
-    Whether an axis with a gap was found: the first part of `touch_pair`, which then says no.
+    Check that an axis with a gap exists, the first test of `touch_pair`, which returns False then.
 
-    Bodies that are less than 1e-14 a apart may be said to touch; `touch_pair` then decides by the
+    Bodies that are less than 1e-14 a apart may count as touching; `touch_pair` then decides by the
     volume of their overlap.
     """
     return found_gap(half_edge, other_edge, xa, ra, xb, rb, scratch) > 0.0
@@ -329,7 +328,7 @@ def found_gap(
     rb: np.ndarray, scratch: Scratch
 ) -> float:
     """
-    The gap [m] along the axis that was found, above 0 where that keeps two bodies apart.
+    Return the gap [m] along the axis that was found, above 0 if the axis separates two bodies.
 
     Else 0 or less: minus the overlap along the facet that the line of centres leaves through.
     """
@@ -353,7 +352,7 @@ def push(
     """
     Write force and torque on A, energy, delta, contact point (from the centre of A) and area.
 
-    By the place of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
+    By the position of B, grad delta = -4 (S_1 - (M_1 / M_0) S_0) / M_0, S_k the integral of p^k n.
     """
     mean = room[SUMS + M1] / room[SUMS + M0]
     delta = 4.0 * mean
@@ -367,7 +366,7 @@ def push(
         ra, factor * (room[SUMS + T1] - mean * room[SUMS + T0]),
         factor * (room[SUMS + T1 + 1] - mean * room[SUMS + T0 + 1]),
         factor * (room[SUMS + T1 + 2] - mean * room[SUMS + T0 + 2]))
-    # Where one body is all within the other no surface is between them.
+    # If one body is entirely inside the other, there is no surface between them.
     factor = half_edge / room[SUMS + P1] if room[SUMS + P1] > 0.0 else 0.0
     out[15], out[16], out[17] = turn(
         ra, factor * room[SUMS + X1], factor * room[SUMS + X1 + 1], factor * room[SUMS + X1 + 2])
@@ -386,11 +385,11 @@ def touch_plane(
     scratch: Scratch, out: np.ndarray
 ) -> bool:
     """
-    The same for a shell and a rigid plane, whose free side is normal . x >= offset.
+    Evaluate a shell and a rigid plane, whose free side is normal . x >= offset.
 
-    `normal` (3,) of length 1, `offset` [m]. The torque out[6:9] is 0; the axis leads from the
-    shell into the plane, and the overlap along it is exact. The contact point counts from the
-    centre of the shell.
+    `normal` (3,) of length 1, `offset` [m]. Results as `touch_pair`. The torque out[6:9] is 0; the
+    axis leads from the shell into the plane, and the overlap along it is exact. The contact point
+    is relative to the centre of the shell.
     """
     return meet_plane(half_edge, borrowed(normal), offset, borrowed(xa), borrowed(ra),
                       borrowed(scratch.room), borrowed(out))
@@ -401,7 +400,7 @@ def meet_plane(
     half_edge: float, normal: np.ndarray, offset: float, xa: np.ndarray, ra: np.ndarray,
     room: np.ndarray, out: np.ndarray
 ) -> bool:
-    """The same, with arrays that are not counted."""
+    """Evaluate a shell and a plane as `touch_plane`, with uncounted arrays."""
     for k in range(OUT_SIZE):
         out[k] = 0.0
     out[12], out[13], out[14] = -normal[0], -normal[1], -normal[2]
@@ -415,7 +414,7 @@ def meet_plane(
         return False
     out[11] = overlap * half_edge
     vertex = farthest_vertex(-nx, -ny, -nz)
-    # Depths below the plane and below the faces at the vertex are alike this far out.
+    # At this fraction the depths below the plane and below the faces at the vertex are equal.
     part = (INNER + height) / (INNER + far)
     found, px, py, pz, square = cone(room, vertex, -nx, -ny, -nz, overlap, part)
     if found:

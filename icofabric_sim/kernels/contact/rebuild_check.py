@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A look at what can touch before long, on the spot, while a run goes on.
+Neighbour search within a kernel, while a run continues.
 
-It is what simulation/contact/neighbour_list.py does, with the same functions and so with the
-same results, for as long as nothing can: then there is no reason for the kernels to return.
+The search is that of simulation/contact/neighbour_list.py, with the same functions and results.
+As long as no contact is possible, the kernels need not return.
 """
 
 import math
@@ -34,7 +34,7 @@ MOVED_FAR, MISSED = 8, 1024
 
 @compiled
 def least_reach(limits: np.ndarray, speed: float) -> float:
-    """Reach [m] that is wanted for bodies of a `speed` [m/s] where something is near."""
+    """Return the required reach [m] for bodies of a `speed` [m/s] if pairs are near."""
     return min(max(limits[HORIZON] * speed, limits[LEAST]), limits[MOST])
 
 
@@ -43,10 +43,10 @@ def judge_ways(
     watch: Watch | None, most: float, state: State, time: float, step: float
 ) -> int:
     """
-    MOVED_FAR where the longest way has a square [m^2] so large that a new search is due.
+    Return MOVED_FAR if the square `most` [m^2] of the largest displacement requires a search.
 
-    With MISSED where that is too late. Neither where it was enough to look from here, at a `state`
-    and a `time` [s] at the end of a step of length `step` [s].
+    With MISSED if the search is too late. Return 0 if a search within the kernel was enough, at a
+    `state` and a `time` [s] at the end of a step of length `step` [s].
     """
     if watch is None or not most > watch.limits[SOON]:
         return 0
@@ -58,7 +58,9 @@ def judge_ways(
 @compiled
 def look_around(watch: Watch, state: State, time: float, step: float) -> bool:
     """
-    Look for what can touch: nothing for now, from new places on; else False, and nothing is done.
+    Search for possible contacts; without any, return True and set new reference positions.
+
+    Otherwise return False and change nothing.
     """
     limits, nearby = watch.limits, watch.nearby
     if limits[OWN] == 0.0:
@@ -91,7 +93,7 @@ def copy_numbers(source: np.ndarray, target: np.ndarray) -> None:
     """
     Copy an array into another one of its shape.
 
-    An assignment to a slice compiles for seconds: it says in words where shapes differ.
+    An assignment to a slice compiles for seconds, because of its error messages on shapes.
     """
     start, end = source.reshape(source.size), target.reshape(source.size)
     for i in range(source.size):
@@ -100,9 +102,7 @@ def copy_numbers(source: np.ndarray, target: np.ndarray) -> None:
 
 @compiled
 def can_look_farther(watch: Watch | None, time: float) -> bool:
-    """
-    Whether a look from where bodies are at `time` [s] would have a longer reach than the last.
-    """
+    """Check that a search from the positions at `time` [s] has a longer reach than the last."""
     if watch is None:
         return False
     most = (1.0 - 1e-9) * watch.limits[MOST]

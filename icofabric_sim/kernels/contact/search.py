@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which bodies are close to each other, in time linear in their number, however a fabric is folded.
+Neighbour search for bodies, in time linear in their number, for any folding of the fabric.
 
-Space is cut into cubes as wide as two bodies can be apart and still count as close, so the
-partners of a body are in its own cube and the 26 around it. Cubes have places in a table by a
-hash of their three numbers: no box around all bodies is needed, which may be huge where some fly
-away (M. Teschner et al. 2003, Optimized Spatial Hashing).
+Space is cut into cubes as wide as the largest distance of a close pair, so the partners of a body
+are in its own cube and the 26 around it. Cubes have entries in a table by a hash of their three
+numbers. No box around all bodies is needed, which would be huge if some fly away (M. Teschner et
+al. 2003, Optimized Spatial Hashing).
 """
 
 import math
@@ -27,19 +27,19 @@ from icofabric_sim.kernels.records import Nearby, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
-# Cubes are counted from the origin up to here, either way.
+# Largest number of a cube from the origin, in both directions.
 _FARTHEST = 1e15
 
 
 @compiled
 def cube_of(coordinate: float, width: float) -> int:
-    """Number of the cube along one axis."""
+    """Return the number of the cube along one axis."""
     return int(math.floor(min(max(coordinate / width, -_FARTHEST), _FARTHEST)))
 
 
 @compiled
 def place_of(i: int, j: int, k: int, mask: int) -> int:
-    """Place of a cube in the table."""
+    """Return the index of a cube in the table."""
     return (i * 73856093 ^ j * 19349663 ^ k * 83492791) & mask
 
 
@@ -48,7 +48,7 @@ def sort_cubes(
     position: np.ndarray, slots: np.ndarray, width: float, cubes: np.ndarray, heads: np.ndarray,
     following: np.ndarray
 ) -> None:
-    """Put bodies into cubes (3, n), chained from `heads` (a power of two) on by rising number."""
+    """Sort bodies into cubes (3, n), chained from `heads` (a power of two) on by rising number."""
     mask = heads.shape[0] - 1
     heads[:] = -1
     for b in range(slots.shape[0] - 1, -1, -1):
@@ -65,11 +65,11 @@ def find_close(
     following: np.ndarray, pairs: np.ndarray, half_edges: np.ndarray | None
 ) -> int:
     """
-    Pairs of bodies whose centres are closer than `width` [m], the lower number first, sorted.
+    Find pairs of bodies whose centres are closer than `width` [m], lower number first, sorted.
 
-    Of bodies of several `half_edges` (n,) [m] two of the largest may be so far apart, and others
-    less, as spheres around them are smaller. As many as fit go into `pairs` (p, 2); returns how
-    many there are.
+    With individual `half_edges` (n,) [m] the distance `width` is for two of the largest; other
+    pairs must be closer, as spheres around them are smaller. As many as fit go into `pairs` (p,
+    2); return how many there are.
     """
     mask, square, count, largest = heads.shape[0] - 1, width * width, 0, 0.0
     if half_edges is not None:
@@ -84,7 +84,7 @@ def find_close(
             k = cubes[2, b] + number // 9 - 1
             c = heads[place_of(i, j, k, mask)]
             while c >= 0:
-                # Others may have the same place in the table.
+                # Other cubes may have the same index in the table.
                 if c > b and cubes[0, c] == i and cubes[1, c] == j and cubes[2, c] == k:
                     t = slots[c]
                     ux, uy = position[0, t] - x, position[1, t] - y
@@ -108,7 +108,7 @@ def find_close(
 def keep_codes(
     old: np.ndarray, old_codes: np.ndarray, pairs: np.ndarray, codes: np.ndarray
 ) -> None:
-    """Take over the axes of pairs that were there before; both lists are sorted."""
+    """Copy the axes of pairs that were in the old list; both lists are sorted."""
     at = 0
     for p in range(pairs.shape[0]):
         while at < old.shape[0] and (
@@ -123,10 +123,9 @@ def keep_codes(
 @compiled
 def refresh(nearby: Nearby, position: np.ndarray, skin: float) -> int:
     """
-    Find close bodies anew, those whose spheres are less than `skin` [m] apart.
+    Find close bodies again, those whose spheres are less than `skin` [m] apart.
 
-    Returns how many pairs there are. Where that is more than there is room for the list is that
-    of before.
+    Return the number of pairs. If they exceed the size of the list, the old list stays.
     """
     width = 2.0 * nearby.radius + skin
     old = int(nearby.counts[1])
@@ -151,7 +150,7 @@ def refresh(nearby: Nearby, position: np.ndarray, skin: float) -> int:
 
 @compiled
 def axes_row(axes: np.ndarray, b: int) -> Axes:
-    """The axes of a body, as they were kept."""
+    """Return the stored axes of a body."""
     return (
         axes[b, 0], axes[b, 1], axes[b, 2], axes[b, 3], axes[b, 4], axes[b, 5], axes[b, 6],
         axes[b, 7], axes[b, 8])
@@ -160,9 +159,9 @@ def axes_row(axes: np.ndarray, b: int) -> Axes:
 @compiled
 def first_gaps(nearby: Nearby, position: np.ndarray, far: float) -> int:
     """
-    What the axis kept for each pair shows [m]; where spheres around them are `far` apart, that.
+    Write the gap [m] of each pair along its stored axis, or of its spheres if at least `far`.
 
-    Returns the pair with the least, -1: there is none.
+    Return the pair with the least gap, -1 without pairs.
     """
     slots, gaps, known, axes = nearby.slots, nearby.gaps, nearby.known, nearby.axes
     pairs, codes = nearby.pairs[nearby.counts[1]], nearby.codes[nearby.counts[1]]
@@ -186,9 +185,7 @@ def first_gaps(nearby: Nearby, position: np.ndarray, far: float) -> int:
 
 @compiled
 def search_gap(nearby: Nearby, position: np.ndarray, p: int, wanted: float) -> float:
-    """
-    Look for an axis that shows a gap of at least `wanted` [m] of a pair; returns what it shows.
-    """
+    """Search for an axis with a gap of at least `wanted` [m] of a pair; return its gap."""
     which = nearby.counts[1]
     b, c = nearby.pairs[which, p, 0], nearby.pairs[which, p, 1]
     s, t = nearby.slots[b], nearby.slots[c]
@@ -203,7 +200,7 @@ def search_gap(nearby: Nearby, position: np.ndarray, p: int, wanted: float) -> f
 
 @compiled
 def plane_gaps(nearby: Nearby, position: np.ndarray) -> float:
-    """Write distances [m] of all bodies from all planes, (k, n); returns the least."""
+    """Write distances [m] of all bodies from all planes, (k, n); return the least."""
     closest = math.inf
     for k in range(nearby.planes.shape[0]):
         for b in range(nearby.slots.shape[0]):
@@ -219,11 +216,11 @@ def plane_gaps(nearby: Nearby, position: np.ndarray) -> float:
 @compiled
 def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) -> float:
     """
-    Longest way of all bodies [m] before anything can touch, at most `most`.
+    Return the largest displacement of all bodies [m] before any contact, at most `most`.
 
-    It depends on where bodies are, not on the axes kept. Where it is less than `least` all gaps
-    of less than twice that are exact, but for those of bodies that overlap, which are less than 0.
-    Axes of bodies must be in place (`survey`).
+    The reach depends on the positions of bodies, not on the stored axes. If it is less than
+    `least`, all gaps of less than twice `least` are exact, except those of overlapping bodies,
+    which are less than 0. Axes of bodies must be in place (`survey`).
     """
     gaps, known = nearby.gaps, nearby.known
     # The pair that seems to be closest comes first: then few others need be searched.
@@ -237,7 +234,7 @@ def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) 
     if reach < least:
         room, places = np.zeros(FACET_ROOM), np.zeros((2, 4, 3))
         for p in range(nearby.counts[0]):
-            # Those that overlap are listed whatever their gap is, and to try all axes takes long.
+            # Overlapping pairs are listed with any gap, so the long search over axes is skipped.
             if gaps[p] < 2.0 * least and not known[p] and not (
                     gaps[p] < 0.0 and overlap(nearby, position, p, room, places)):
                 search_gap(nearby, position, p, 2.0 * least)
@@ -248,7 +245,9 @@ def find_reach(nearby: Nearby, position: np.ndarray, least: float, most: float) 
 def overlap(
     nearby: Nearby, position: np.ndarray, p: int, room: np.ndarray, places: np.ndarray
 ) -> bool:
-    """Whether the line of centres shows that a pair overlaps; False: it may do so all the same."""
+    """
+    Check that the line of centres shows an overlap of a pair; False: the pair may still overlap.
+    """
     for side in range(2):
         b = nearby.pairs[nearby.counts[1], p, side]
         for k in range(3):
@@ -269,10 +268,11 @@ def overlap(
 @compiled
 def survey(nearby: Nearby, state: State) -> tuple[float, float]:
     """
-    Largest speed of a point of a body [m/s], and way of a centre since the list was made [m].
+    Return the largest speed of a point [m/s], and displacement of a centre since the list [m].
 
-    Beside the mean velocity, which goes into nearby.velocity, where all are free, and the mean
-    way. The speed is not a number where any of the state is none. Keeps the axes of all bodies.
+    If all bodies are free, both are relative to the mean velocity, which goes into
+    nearby.velocity, and to the mean displacement. The speed is NaN if a number of the state is.
+    Store the axes of all bodies.
     """
     slots, axes, mean = nearby.slots, nearby.axes, nearby.velocity
     reference = nearby.reference

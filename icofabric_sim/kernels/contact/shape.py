@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The icosahedron as contact sees it: half edge 1, centre at the origin, body axes.
+The icosahedron in units of contact: half edge 1, centre at the origin, body axes.
 
-Contact computes with lengths over a, half the outer edge, so that nothing depends on their size.
+Contact computes with lengths over a, half the outer edge, so that results scale with size.
 """
 
 import math
@@ -23,13 +23,13 @@ import numpy as np
 # Radii of the spheres inside and around.
 INNER = inscribed_radius(1.0)
 OUTER = math.sqrt(1.0 + TAU * TAU)
-# Faces count from 0 here, in the order of icosahedron.FACES.
+# Faces are numbered from 0, in the order of icosahedron.FACES.
 CORNERS = vertices(1.0)[FACES]
 NORMALS = np.array(face_geometry(1.0).normals)
 
 
 def _neighbours() -> np.ndarray:
-    """Face across the edge from corner k to corner k + 1 of each face, (20, 3)."""
+    """Return the face across the edge from corner k to corner k + 1 of each face, (20, 3)."""
     edges = [[frozenset((int(face[k]), int(face[(k + 1) % 3]))) for k in range(3)]
              for face in FACES]
     return np.array([
@@ -40,7 +40,7 @@ def _neighbours() -> np.ndarray:
 NEIGHBOURS = _neighbours()
 # Where RIDGES[i, k] . x > 0 a point is beyond the side k of the pyramid of face i.
 RIDGES = NORMALS[NEIGHBOURS] - NORMALS[:, None]
-# One of each two opposite faces, filled up with the first to whole vectors; and their normals'
+# One of each two opposite faces, padded with the first to whole vectors; and their normals'
 # x, y and z one after the other.
 AXIS_COUNT = 16
 _HALF = [face for face in range(20) if tuple(NORMALS[face].round(9)) > (0.0, 0.0, 0.0)]
@@ -78,7 +78,9 @@ FACE_VERTICES = ((CORNERS[:, :, None] - VERTICES) ** 2).sum(axis=3).argmin(axis=
 
 
 def _spokes() -> np.ndarray:
-    """Edges from each vertex, in order around it, and the same from the second on, (12, 6, 8)."""
+    """
+    Return edges from each vertex, in order around it, and again from the second on, (12, 6, 8).
+    """
     spokes = np.zeros((12, 6, SPOKE_ROOM))
     for k, vertex in enumerate(VERTICES):
         others = [other for other in VERTICES if abs(np.linalg.norm(other - vertex) - 2.0) < 1e-9]
@@ -104,7 +106,9 @@ SPOKE_EDGES = np.array([[
 
 
 def _frames(first: np.ndarray, third: np.ndarray) -> np.ndarray:
-    """Right-handed frames as columns in body axes, (n, 9), with given first or third axes."""
+    """
+    Return right-handed frames as columns in body axes, (n, 9), with given first or third axes.
+    """
     first = first - (first * third).sum(axis=1, keepdims=True) * third
     first = first / np.linalg.norm(first, axis=1, keepdims=True)
     columns = np.stack([first, np.cross(third, first), third], axis=2)
@@ -117,7 +121,7 @@ def _unit(rows: np.ndarray) -> np.ndarray:
 
 # Frames in which all edges look alike (along the edge, its middle, across), all vertices (towards
 # the first edge from it, across, outwards) and all faces (towards the first neighbour, across,
-# outwards); what one has there, any other has.
+# outwards). Components are equal for all features of a kind.
 _SIDES = np.cross(EDGE_WAYS[np.arange(30) // 2], _unit(EDGE_MIDDLES))
 EDGE_FRAMES = _frames(EDGE_WAYS[np.arange(30) // 2], _SIDES)
 VERTEX_FRAMES = _frames(SPOKES.reshape(12, 6, SPOKE_ROOM)[:, :3, 0], _unit(VERTICES))
@@ -140,7 +144,7 @@ OWN_RIDGES = RIDGES[0] @ FACE_FRAMES[0].reshape(3, 3)
 @compiled
 def reach(ux: float, uy: float, uz: float) -> float:
     """
-    Largest scalar product of a direction in body axes with points of the icosahedron.
+    Return the largest scalar product of a direction in body axes with points of the icosahedron.
 
     Its vertices are the corners of three golden rectangles, (0, +-1, +-tau) and cyclic.
     """
@@ -150,7 +154,7 @@ def reach(ux: float, uy: float, uz: float) -> float:
 
 @compiled
 def reach_lanes(ux: Vector, uy: Vector, uz: Vector) -> Vector:
-    """The same of several directions."""
+    """Return the largest scalar products of several directions with points of the icosahedron."""
     tau = splat(TAU)
     ax, ay, az = fabs(ux), fabs(uy), fabs(uz)
     return maximum(fma(tau, az, ay), maximum(fma(tau, ay, ax), fma(tau, ax, az)))
@@ -158,10 +162,10 @@ def reach_lanes(ux: Vector, uy: Vector, uz: Vector) -> Vector:
 
 @compiled
 def farthest(ux: float, uy: float, uz: float) -> tuple[float, float, float]:
-    """Vertex of that largest scalar product; one of them where several share it."""
+    """Return the vertex of the largest scalar product with a direction; one of them if tied."""
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
-    # Choices of numbers, no branches: those would be guessed wrong every other time.
+    # Selections of numbers instead of branches, half of which would be mispredicted.
     one = first >= second and first >= third
     two = second >= third
     x = 0.0 if one else (1.0 if two else TAU)
@@ -172,7 +176,7 @@ def farthest(ux: float, uy: float, uz: float) -> tuple[float, float, float]:
 
 @compiled
 def farthest_vertex(ux: float, uy: float, uz: float) -> int:
-    """Number in VERTICES of the vertex that `farthest` returns."""
+    """Return the number in VERTICES of the vertex that `farthest` returns."""
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
     if first >= second and first >= third:
@@ -187,7 +191,7 @@ def farthest_vertex(ux: float, uy: float, uz: float) -> int:
 
 @compiled
 def lead(ux: float, uy: float, uz: float) -> float:
-    """How much farther along a direction the farthest vertex is than any other."""
+    """Return how much farther along a direction the farthest vertex is than any other."""
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     first, second, third = ay + TAU * az, ax + TAU * ay, az + TAU * ax
     if first >= second and first >= third:
@@ -199,7 +203,7 @@ def lead(ux: float, uy: float, uz: float) -> float:
 
 @compiled
 def farthest_edge(ux: float, uy: float, uz: float) -> tuple[int, float]:
-    """Number of the edge that is farthest along a direction, and how much farther one end is."""
+    """Return the number of the edge farthest along a direction, and the difference of its ends."""
     vertex, least, found = farthest_vertex(ux, uy, uz), math.inf, 0
     at = 6 * SPOKE_ROOM * vertex
     for k in range(SPOKE_COUNT):

@@ -1,23 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which pairs need no test: those whose gap bodies cannot have closed on their way since the last.
+Pairs that need no test, because bodies cannot have closed the gap since the last evaluation.
 
-Two shells with a gap g are apart while the ways of both add up to less than g (displacement.py).
-The path is the sum over all evaluations of the longest way of any body from one evaluation to the
-next, so no way between two evaluations is longer than what was added to the path in between,
-whether methods go on or back.
+Two shells with a gap g are apart while the displacements of both add up to less than g
+(displacement.py). The path is the sum over all evaluations of the largest displacement of any body
+from one evaluation to the next. No displacement between two evaluations is longer than the
+increase of the path in between, whether methods step forwards or back.
 
-A step that is tried and refused may lead far, to orientations that are no rotations. No point
+A step that is tried and rejected may lead far, to orientations that are no rotations. No point
 moves farther than R |C1 - C2| for any matrices. Those of eq 16 from any quaternions differ by at
 most (|q1| + |q2|) |q1 - q2| + | |q1|^2 - |q2|^2 |, as they turn v to q v q* - |q|^2 v + v.
 
 A pair that is tested at a path w and has a gap g sleeps until w + g / 2, one of a shell and a
-plane until w + g. As what is apart adds nothing, and what was kept of a pair changes no bit of
-what it adds later, the results are those of tests of all.
+plane until w + g. Separate pairs add nothing to forces, and the stored data of a pair change no
+bit of its later forces. The results are therefore those of testing all pairs.
 
-Lists reach as far as bodies come until the next search, so most of what is listed sleeps. Where
-few pairs are listed among many bodies to follow these would take longer than to test those.
+Lists cover the displacements until the next search, so most listed pairs sleep. If few pairs are
+listed among many bodies, measuring displacements would take longer than testing the pairs.
 """
 
 import math
@@ -40,12 +40,12 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
-# Pairs that sleep no longer than the one evaluation in which they were found apart, and those that
-# touch or were never tested.
+# Pairs that sleep only for the evaluation in which they were found apart, and pairs that touch or
+# were never tested.
 APART, AWAKE = 0.0, -1.0
-# The path begins anew from so many radii on; numbers of 1 are this far apart.
+# Longest path in radii before the path restarts from 0; relative spacing of numbers near 1.
 _LONGEST, _ROUNDING = 1e3, 2.0**-52
-# Places in Sleep.path: of all threads, and in the part of each.
+# Indices in Sleep.path: of all threads, and in the range of each thread.
 _PATH, _FIRST, _SQUARE = 0, 2, 1
 
 
@@ -54,22 +54,22 @@ def go_on(
     sleep: Sleep, position: np.ndarray, orientation: np.ndarray, team: Team
 ) -> float:
     """
-    Add the way since the last evaluation to the path; returns the path [m]. Also a barrier.
+    Add the displacement since the last evaluation to the path; return the path [m].
 
-    Where no pair sleeps it is infinite.
+    Also a barrier. The path is infinite if no pair sleeps.
     """
     count = sleep.blocks.slot.shape[0]
     if count == 0:
         return math.inf
     first, last = own_blocks(team, count)
-    # What all threads share is read before the barrier, and written by one after it: a thread
-    # alone may evaluate in between what many do.
+    # Shared numbers are read before the barrier, and written by one thread after it, because
+    # evaluations by one thread may alternate with those by several.
     path = sleep.path
     before = path[_PATH]
     shift: Shift = (0.0, 0.0, 0.0)
     x, y, z = 0.0, 0.0, 0.0
     if sleep.free:
-        # The way of any body will do for what all have in common.
+        # The displacement of any body serves as the common displacement.
         s = sleep.blocks.slot[0]
         x, y, z = position[0, s], position[1, s], position[2, s]
         shift = x - path[_FIRST], y - path[_FIRST + 1], z - path[_FIRST + 2]
@@ -78,7 +78,7 @@ def go_on(
         s = sleep.blocks.slot[block]
         square = way_of(sleep, position, orientation, shift, s)
         keep_place(sleep, position, orientation, s)
-        # What is no number, as where a step that was tried ran away, is farther than any way.
+        # NaN, as after a trial step that diverged, counts as infinite.
         square = where(square < splat(math.inf), square, splat(math.inf))
         most = maximum(where(bits(sleep.blocks.alive[block]), square, splat(0.0)), most)
     longest = 0.0
@@ -93,7 +93,7 @@ def go_on(
         # Rounded up.
         way = (before + math.sqrt(longest)) * (1.0 + _ROUNDING)
     if way > _LONGEST * sleep.radius:
-        # So far from 0 numbers lie too far apart, as after a step that was tried and refused.
+        # Far from 0 the spacing of numbers is too large, as after a rejected step.
         wake_all(sleep.until, team)
         way = 0.0
     if team.member == 0:
@@ -103,7 +103,7 @@ def go_on(
 
 @compiled
 def wake_all(until: np.ndarray, team: Team) -> None:
-    """Have all pairs that sleep tested in this evaluation."""
+    """Wake all sleeping pairs, so that they are tested in this evaluation."""
     count = until.shape[0]
     for p in range(count * team.member // team.size, count * (team.member + 1) // team.size):
         until[p] = min(until[p], APART)
@@ -113,7 +113,7 @@ def wake_all(until: np.ndarray, team: Team) -> None:
 @compiled
 def path_to(sleep: Sleep, position: np.ndarray, orientation: np.ndarray) -> float:
     """
-    Path [m] to where bodies are, which is not added; infinite where no pair sleeps.
+    Return the path [m] to the present positions, without adding it; infinite if no pair sleeps.
 
     By one thread alone.
     """
@@ -142,7 +142,9 @@ def path_to(sleep: Sleep, position: np.ndarray, orientation: np.ndarray) -> floa
 def way_of(
     sleep: Sleep, position: np.ndarray, orientation: np.ndarray, shift: Shift, s: int
 ) -> Vector:
-    """Squares of the ways [m^2] of a block since the last evaluation, beside a `shift` [m]."""
+    """
+    Return squared displacements [m^2] of a block since the last evaluation, less a `shift` [m].
+    """
     way = splat(0.0)
     for k in range(3):
         u = load(position, k, s) - load(sleep.position, k, s) - splat(shift[k])
@@ -170,7 +172,7 @@ def way_of(
 def keep_place(
     sleep: Sleep, position: np.ndarray, orientation: np.ndarray, s: int
 ) -> None:
-    """Keep where a block is evaluated."""
+    """Store position and orientation of a block at this evaluation."""
     for k in range(3):
         store(sleep.position, k, s, load(position, k, s))
     if orientation.ndim == 2:
@@ -185,9 +187,9 @@ def keep_place(
 @compiled
 def sleeps_until(before: float, path: float, room: float) -> float:
     """
-    Until which path [m] a pair sleeps whose bodies may still move by `room` [m], above 0, each.
+    Return the path [m] until which a pair sleeps whose bodies may each still move by `room` [m].
 
-    `before`: what was known of it. One that has just parted is looked at once more, so that those
-    who read what was evaluated see that it no longer touches.
+    `before`: the earlier value. A pair that has just separated is evaluated once more, so that
+    readers of the results see that it no longer touches.
     """
     return path + room if before >= APART else APART

@@ -1,20 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How stiff what touches is, and how much energy swings in a step of the leapfrog because of it.
+Stiffness of contacts, and the energy that oscillates within a leapfrog step because of them.
 
 The energy of a pair is U = K delta^2 / 2. In mass-scaled coordinates its second derivatives are
-about _CURVED K |grad delta|^2 at most, which what the pair was evaluated for has; K |grad delta|^2
-is the squared frequency of the pair by itself where delta is linear, as below an apex. Of 1,350
-poses of all kinds two tilted faces were above, at 1.78 and 2.49; steps through contacts, at most
-1.4 over the bound where 2 is the limit, have room for twice as much. A face that rocks on a face
-has most of its stiffness in grad delta, as its torques have long arms. The form of a pair is
-at most its largest eigenvalue times the kinetic form of its two bodies: so the sum for a body
-bounds its frequency.
+about _CURVED K |grad delta|^2 at most, and the evaluation of the pair has that gradient. K |grad
+delta|^2 is the squared frequency of the isolated pair if delta is linear, as below an apex. Of
+1,350 poses of all kinds two tilted faces were above, at 1.78 and 2.49. Steps through contacts are
+at most 1.4 over the root of the bound, where 2 is the limit, and so allow twice the stiffness. A
+face that rocks on a face has most of its stiffness in grad delta, as its torques have long arms.
+The form of a pair is at most its largest eigenvalue times the kinetic form of its two bodies: so
+the sum for a body bounds its frequency.
 
-A leapfrog with steps h keeps, where forces are smooth, not H but H + h^2 (v . V'' v / 12 -
-F . F / 24), all mass-scaled (Hairer, Lubich and Wanner 2006, IX.8): so H swings by h^2 |F|^2 / 24
-in the middle of a collision, and by up to twice that where it begins.
+A leapfrog with steps h conserves, for smooth forces, not H but H + h^2 (v . V'' v / 12 -
+F . F / 24), all mass-scaled (Hairer, Lubich and Wanner 2006, IX.8). H therefore oscillates by
+h^2 |F|^2 / 24 in the middle of a collision, and by up to twice that at its start.
 """
 
 from icofabric_sim.kernels.contact.laws import patch_radius
@@ -25,7 +25,7 @@ from icofabric_sim.kernels.runtime.lanes import fma, lane, LANES, load, splat
 import numpy as np
 
 _CURVED = 1.75
-# Of what swings at the most, see above.
+# Largest factor of h^2 |F|^2 in the oscillating energy, see above.
 _SWINGS = 1.0 / 12.0
 
 
@@ -35,10 +35,11 @@ def largest_stiffness(
     most: float, friction: float, sums: np.ndarray
 ) -> float:
     """
-    Bound of what contacts add to the squared frequency of a body [1/s^2], in the state looked at.
+    Return a bound of what contacts add to the squared frequency of a body [1/s^2].
 
-    As `contact_look` has found it. `most` [1/s^2] bounds what one pair adds without friction,
-    `friction` [N/m] is the stiffness of its springs; `sums` room for one number of each slot.
+    In the state that `contact_look` has examined. `most` [1/s^2] bounds the term of one pair
+    without friction, `friction` [N/m] is the stiffness of its springs; `sums` holds one number of
+    each slot.
     """
     for s in range(sums.shape[0]):
         sums[s] = 0.0
@@ -56,7 +57,7 @@ def largest_stiffness(
         slope = (bodies * inverse_mass * pushing + inverse_inertia * turning) / (out[10] * out[10])
         stiffness = min(_CURVED * contacts.stiffness * slope, most)
         if friction > 0.0:
-            # The slip of a body is dx + theta x arm, and the turn about the normal.
+            # The slip of a body is dx + theta x arm, and the rotation about the normal.
             arm_a, arm_b = arms_of(position, s, t, out)
             square = patch_radius(out) ** 2
             around = arm_a[0] ** 2 + arm_a[1] ** 2 + arm_a[2] ** 2 + square
@@ -73,7 +74,7 @@ def largest_stiffness(
 
 @compiled
 def note_pushes(contacts: Contacts | None, model: Model, first: int, last: int) -> None:
-    """Note |F|^2, mass-scaled [J/s^2], of what contacts do to the blocks first to last."""
+    """Store |F|^2, mass-scaled [J/s^2], of the contact forces on blocks first to last."""
     if contacts is not None:
         for block in range(first, last):
             s, forces, torques = model.blocks.slot[block], splat(0.0), splat(0.0)
@@ -91,7 +92,7 @@ def note_pushes(contacts: Contacts | None, model: Model, first: int, last: int) 
 @compiled
 def swing_of(contacts: Contacts | None, h: float) -> float:
     """
-    Energy [J] that swings in steps of `h` [s] by the forces of all contacts of the last one.
+    Return the energy [J] that oscillates in steps of `h` [s] by contact forces of the last step.
 
     After `note_pushes` for all blocks.
     """

@@ -9,13 +9,13 @@ pair of faces i of A and j of B: the plane where the depths below both faces are
 pyramid from the centre of A to face i and that of B to face j. With n the unit normal from A to B,
 M_k = integral over both bodies of min(p_A, p_B)^k, and g = rho - p:
 
-    grad M_k by the place of B = -integral over S of p^k n
+    grad M_k by the position of B = -integral over S of p^k n
     M_k = sum over polygons of h times the integral of F_k(p),  h = (x_B - x_A) . n
     F_k = g^-3 integral from 0 to p of (rho - u)^2 u^k du
 
-The second follows from the divergence theorem with the fields -F_k (x - x_A) and -F_k (x - x_B),
-whose divergence is p^k, which are zero on the outer surfaces and lie in the planes where one face
-of a body takes over from the next. Over a triangle of area T with depths p1, p2, p3 at its corners
+The second follows from the divergence theorem with the fields -F_k (x - x_A) and -F_k (x - x_B).
+Their divergence is p^k. They are zero on the outer surfaces and lie in the planes between the
+pyramids of two faces. Over a triangle of area T with depths p1, p2, p3 at its corners
 the integral of g^-3 is T / (g1 g2 g3), so with the elementary symmetric functions e of the depths
 
     integral of F_0 = T (rho^2 e1 - rho e2 + e3) / (3 g1 g2 g3)
@@ -23,10 +23,10 @@ the integral of g^-3 is T / (g1 g2 g3), so with the elementary symmetric functio
 
 where nothing cancels. Frame: axes of A, its centre at the origin, lengths over a.
 
-Of two sizes each body has a rho and an F_k of its own, and each polygon adds, for both, the
-integral of F_k times its distance from the centre of the body: these add up to h. Where the centre
-of the smaller lies so deep in the other that it is the less deep below its own surface, its field
-is singular there, and the integral over all of it comes in addition.
+Bodies of two sizes have individual rho and F_k, and each polygon adds, for both, the
+integral of F_k times its distance from the centre of the body: these add up to h. The centre of
+the smaller body may lie so deep in the other that it is less deep below its own surface. Its field
+is then singular there, and the integral over the whole body is added.
 """
 
 import math
@@ -58,49 +58,49 @@ import numpy as np
 
 # Volume of a body, over a^3.
 _VOLUME = float(sum(np.linalg.det(CORNERS[i]) for i in range(20))) / 6.0
-# A corner so near a side lies on it: the polygon beyond is looked at. More cost time only.
+# Largest distance of a corner on a side: the polygon beyond is tested. More tests cost only time.
 _NEAR = 1e-12
-# There is a polygon; bits 0 to 5 of the same number are sides, the others pairs of them.
+# A polygon exists; bits 0 to 5 of the same number are sides, the others pairs of sides.
 FOUND = 1 << 6
 
 
 class Scratch(Record):
     """
-    Room for one pair at a time.
+    Scratch arrays for one pair at a time.
 
-    One array of numbers, because each array that is handed on costs time.
+    All numbers are in one array, because each array that is passed on costs time.
     """
 
     room: np.ndarray   # (1784,), see below
     marks: np.ndarray  # (436,)
 
 
-# Places in the room; the first, and those from 256 to 543, are of axis.py and apex.py.
+# Offsets in the scratch array; the first, and those from 256 to 543, are of axis.py and apex.py.
 NORMAL = 33    # normals of B's faces in A's axes, x, y and z of all, (3, 24)
 HEIGHT = 105   # of a point along these, (24,)
 VALUE = 129    # of the corners of a polygon on a side, (8,)
 POLYGON = 137  # two polygons: x, y, z and depth of the corners, (2, 8, 4)
 SUMS = 201     # M_0, M_1, integrals of n, p n, x cross n, p x cross n, p x and p, (18,)
-# Of a plane: depths of the vertices (16,); of faces side by side their corners and depths, the
-# first below the plane first, and normals (15, 8); and what they add to the sums (18, 8).
+# For a plane: depths of the vertices (16,); corners and depths of faces in lanes, the first corner
+# below the plane first, and normals (15, 8); and their terms of the sums (18, 8).
 _DEPTHS, _WAITING_FACES, _TOTALS = 544, 560, 680
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
 _NEXT, _CORNERS = 32, 4
-# Pairs that are computed side by side (apex.py): one alone, those of edges, those of a vertex.
+# Pairs in lanes (apex.py): one alone, pairs of edges, pairs of a vertex and a face.
 ALONE, EDGES, POINTS, _ROOM = 824, 1144, 1464, 1784
-# Faces, filled up with 0 to whole vectors.
+# Faces, padded with 0 to whole vectors.
 _FACES = 24
 FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
-# Places among the sums.
+# Indices of the sums.
 M0, M1, S0, S1, T0, T1, X1, P1 = 0, 1, 2, 5, 8, 11, 14, 17
 SUM_COUNT = 18
-# Among the marks: pairs of faces to look at; bit j of number i is set once pair i, j is there;
-# which pairs of bodies wait to be computed side by side, of either kind.
+# Offsets in the marks: pairs of faces to evaluate; bit j of number i is set once pair i, j was
+# added; pairs of bodies that wait to be computed in lanes, of either kind.
 _WAITING, _SEEN, EDGES_WAIT, POINTS_WAIT, _MARKS = 0, 400, 420, 428, 436
 
 
 def contact_scratch() -> Scratch:
-    """Room for one thread."""
+    """Return scratch arrays for one thread."""
     return Scratch(np.zeros(_ROOM), np.zeros(_MARKS, np.int64))
 
 
@@ -111,8 +111,8 @@ def put_section(
     """
     Cut pyramid i of A by the plane of equal depth below its face and below offset - m . x.
 
-    Writes the corners into the first polygon, in order; returns how many, and bit k for each
-    neighbour k of i beyond a side that it reaches.
+    Write the corners into the first polygon, in order; return how many, and bit k for each
+    neighbour k of i beyond a side that the polygon reaches.
     """
     # Depths below the other face of the corners of face i, and the difference of the depths at
     # the centre, where that below face i is rho.
@@ -163,9 +163,9 @@ def clip(
     room: np.ndarray, kept: int, count: int, rx: float, ry: float, rz: float, r: float
 ) -> tuple[int, int, bool]:
     """
-    Keep what of a polygon has r . x <= r.
+    Cut a polygon to the half space r . x <= r.
 
-    Returns which one is the rest, its corners, and whether it reaches that side.
+    Return which polygon holds the rest, its number of corners, and True if it reaches that side.
     """
     start = POLYGON + _NEXT * kept
     outside, near = 0, 0
@@ -205,7 +205,7 @@ def field_over(
     triangle: float, p0: float, p1: float, p2: float, rho: float
 ) -> tuple[float, float]:
     """
-    Three times the integral of F_0 and twelve times that of F_1 over a `triangle` of this area.
+    Return 3 times the integral of F_0 and 12 times that of F_1 over a `triangle` of this area.
 
     With these depths at its corners, of a body of this `rho`.
     """
@@ -277,7 +277,9 @@ def add_integrals(
 def add_fields(
     room: np.ndarray, kept: int, count: int, nx: float, ny: float, nz: float, rho: float, h: float
 ) -> None:
-    """Add to M_k what a polygon adds by the field of a body of this `rho`, `h` from its centre."""
+    """
+    Add the terms of a polygon to M_k, by the field of a body of this `rho`, `h` from its centre.
+    """
     at = POLYGON + _NEXT * kept
     x0, y0, z0, p0 = room[at], room[at + 1], room[at + 2], room[at + 3]
     at += _CORNERS
@@ -302,9 +304,9 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     """
     Add the polygon of faces i of A and j of B, whose centre is c.
 
-    Returns 0 where there is none. Else FOUND, bits 0 to 2 for neighbours of i that lie beyond a
-    side which it reaches, 3 to 5 for neighbours of j, and bit 7 + 3 k + l for the neighbours k of
-    i and l of j where it reaches both sides in one corner.
+    Return 0 without a polygon. Else FOUND, bits 0 to 2 for neighbours of i that lie beyond a side
+    which the polygon reaches, 3 to 5 for neighbours of j, and bit 7 + 3 k + l for the neighbours k
+    of i and l of j if it reaches both sides in one corner.
     """
     mx, my, mz = room[NORMAL + j], room[NORMAL + _FACES + j], room[NORMAL + 2 * _FACES + j]
     centre = mx * cx + my * cy + mz * cz
@@ -331,7 +333,7 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     kept, count, at_w = clip(room, kept, count, wx, wy, wz, w)
     if count == 0:
         return 0
-    # Where both faces look the same way the planes of equal depth are nowhere or everywhere.
+    # If both faces have the same normal, equal depth holds nowhere or everywhere.
     nx, ny, nz = NORMALS[i, 0] - mx, NORMALS[i, 1] - my, NORMALS[i, 2] - mz
     square = nx * nx + ny * ny + nz * nz
     if not square > _NEAR * _NEAR:
@@ -353,7 +355,7 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     for corner in range(count):
         at = POLYGON + _NEXT * kept + _CORNERS * corner
         x, y, z = room[at], room[at + 1], room[at + 2]
-        # A side that is not reached by all of the polygon is reached by no part of it.
+        # If the polygon before the cuts does not reach a side, no corner of the rest reaches it.
         own, other = 0, 0
         for k in range(3):
             if own_sides >> k & 1 and (
@@ -390,10 +392,10 @@ def add_surface(
     x: float, y: float, z: float
 ) -> bool:
     """
-    Add the polygons from those at a point of S on, each once; False where none is there.
+    Add the polygons connected to those at a point of S, each once; return False without any.
 
-    S is in one piece where bodies are not deep in each other: there a line from the centre of A
-    meets it once, as the faces of B that take part look towards that centre.
+    S is connected if bodies are not deep in each other: a line from the centre of A crosses it
+    once, because the participating faces of B are directed towards that centre.
     """
     # Faces of A, then of B, above the point: several where it lies on their ridges.
     for k in range(0, _FACES, LANES):
@@ -438,7 +440,7 @@ def add_surface(
 
 @compiled
 def highest(room: np.ndarray) -> int:
-    """Bits of the faces with the greatest height, or nearly so."""
+    """Return bits of the faces with the greatest height, or nearly so."""
     most = 0.0
     for k in range(20):
         most = max(most, room[HEIGHT + k])
@@ -450,7 +452,9 @@ def highest(room: np.ndarray) -> int:
 
 @compiled
 def wait(marks: np.ndarray, known: int, i: int, j: int) -> int:
-    """Put a pair of faces among those to look at, unless it was; returns how many there are."""
+    """
+    Add a pair of faces to those to evaluate, unless it was added before; return their number.
+    """
     if marks[_SEEN + i] >> j & 1:
         return known
     marks[_SEEN + i] |= 1 << j
@@ -460,7 +464,7 @@ def wait(marks: np.ndarray, known: int, i: int, j: int) -> int:
 
 @compiled
 def add_all(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
-    """Add every polygon there is."""
+    """Add every polygon."""
     for i in range(20):
         for j in range(20):
             add_polygon(room, i, j, cx, cy, cz)
@@ -468,7 +472,7 @@ def add_all(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
 
 @compiled
 def add_inner(room: np.ndarray, cx: float, cy: float, cz: float) -> None:
-    """Add the integrals over all of the smaller body where its centre is deep in the other."""
+    """Add integrals over the whole smaller body if its centre is deep in the other body."""
     ratio, below = room[RATIO], 0.0
     for k in range(20):
         if ratio < 1.0:
@@ -531,7 +535,7 @@ def add_plane(room: np.ndarray, nx: float, ny: float, nz: float, offset: float) 
     if waiting > 0:
         for row in range(15):
             for k in range(waiting, LANES):
-                # Others have no depth, and so no polygon.
+                # The other lanes have no depth, and so no polygon.
                 room[_WAITING_FACES + LANES * row + k] = (
                     room[_WAITING_FACES + LANES * row] if row < 9 or row > 11 else 0.0)
         add_sections(room, nx, ny, nz, offset, waiting)
@@ -542,9 +546,9 @@ def add_sections(
     room: np.ndarray, nx: float, ny: float, nz: float, offset: float, count: int
 ) -> None:
     """
-    Add the polygons of the first `count` faces that wait, side by side.
+    Add the polygons of the first `count` waiting faces, in lanes.
 
-    Of three corners the first is below the plane, the second too where two are. The polygon is
+    Of three corners the first is below the plane, the second too if two are. The polygon is
     cut into the triangles of its first, second and third, and its first, third and fourth corner.
     """
     zero, one, rho = splat(0.0), splat(1.0), splat(INNER)
@@ -578,7 +582,7 @@ def add_sections(
     p3x, p3y, p3z = (where(two_in, p2x, x02), where(two_in, p2y, y02), where(two_in, p2z, z02))
     d3 = where(two_in, d2, zero)
     square = fma(vx, vx, fma(vy, vy, vz * vz))
-    # Where the plane lies on the face they are alike nowhere or everywhere.
+    # If the plane is parallel to the face, equal depth holds nowhere or everywhere.
     some = where(square > splat(_NEAR * _NEAR), one, zero)
     some = where(e0 > zero, some, zero)
     scale = one / sqrt(where(square > splat(_NEAR * _NEAR), square, one))

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Diagonally implicit Runge-Kutta methods: what a stage needs; stepping/implicit.py solves it.
+Diagonally implicit Runge-Kutta methods: functions of a stage, which stepping/implicit.py solves.
 
-With g the diagonal of the tableau times the step, and x*, q*, v* what the stages before make of
-the state, a stage is the solution of
+With g the diagonal of the tableau times the step, and x*, q*, v* the state after the stages
+before, a stage is the solution of
 
     x = x* + g v,    q = q* + g omega q / 2,    v = v* + g a(x, q, v, omega).
 
@@ -37,13 +37,13 @@ from icofabric_sim.kernels.viscous import coefficient_of
 import numpy as np
 
 _MIN_POSITIVE = 1e-300
-# Where a law is flat, of its tension over its length: the tension decides there, not the slope.
+# Least slope relative to tension over length: for a flat law the tension matters, not the slope.
 _FLAT = 1e-9
 
 
 @compiled
 def take_velocities(model: Model, state: State, velocity: np.ndarray) -> None:
-    """Velocities [m/s] and spins [rad/s] of a state, (6, s)."""
+    """Copy velocities [m/s] and spins [rad/s] of a state into `velocity` (6, s)."""
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         for k in range(3):
@@ -55,7 +55,9 @@ def take_velocities(model: Model, state: State, velocity: np.ndarray) -> None:
 def to_stage(
     model: Model, base: State, velocity: np.ndarray, g: float, stage: State
 ) -> None:
-    """Where velocities (6, s) lead from `base` in `g` [s], and they themselves, into `stage`."""
+    """
+    Write velocities (6, s), and the pose that they reach from `base` in `g` [s], into `stage`.
+    """
     time = splat(g)
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
@@ -98,7 +100,7 @@ def residual(
     model: Model, base: State, velocity: np.ndarray, slope: np.ndarray, g: float,
     result: np.ndarray
 ) -> None:
-    """V - v* - g a, (6, s); `slope` as in kernels/rhs.py."""
+    """Compute v - v* - g a, (6, s); `slope` as in kernels/rhs.py."""
     time, row = splat(-g), 3 + rows_of(base.orientation).shape[0]
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
@@ -113,7 +115,7 @@ def residual(
 def end_stage(
     model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float, base: State
 ) -> None:
-    """Put into `base` what the stages so far make of a state: of as many as there are weights."""
+    """Write the state after the stages so far, as many as there are weights, into `base`."""
     for block in range(model.blocks.slot.shape[0]):
         combine(state, slopes, weights, h, base, model.blocks.slot[block])
 
@@ -122,7 +124,7 @@ def end_stage(
 def end_step(
     model: Model, state: State, slopes: np.ndarray, weights: np.ndarray, h: float, target: State
 ) -> None:
-    """Put into `target` where a step from a state leads, or a part of it, by its stages."""
+    """Write the state after a step, or a fraction of it, by its stages into `target`."""
     for block in range(model.blocks.slot.shape[0]):
         s = model.blocks.slot[block]
         combine(state, slopes, weights, h, target, s)
@@ -131,7 +133,7 @@ def end_step(
 
 @compiled
 def place_paths(model: Model, loads: Loads, state: State, time: float) -> None:
-    """Put driven bodies on their paths at `time` [s]."""
+    """Place driven bodies on their paths at `time` [s]."""
     for block in range(model.blocks.slot.shape[0]):
         for m in range(loads.start[block], loads.start[block + 1]):
             place_row(loads.drives, loads, state, m, model.blocks.slot[block], time)
@@ -142,7 +144,7 @@ def stage_error(
     model: Model, slopes: np.ndarray, weights: np.ndarray, turn_rows: int, scales: np.ndarray
 ) -> float:
     """
-    Error of a step for each second, the largest of all bodies, see kernels/rhs.py.
+    Return the error rate of a step, the largest of all bodies, see kernels/rhs.py.
 
     `weights`: those of the step less those of the embedded method.
     """
@@ -160,10 +162,10 @@ def tangent_springs(
     g: float, slopes: np.ndarray, rest: np.ndarray
 ) -> None:
     """
-    Springs (12, s) that resist as connectors do to a change of velocities that act for `g` [s].
+    Write springs (12, s) that resist a change of velocities over `g` [s] as connectors do.
 
-    Those of length l, tension f, slope k and damping c get the slope g^2 k + g c and the tension
-    g^2 f at l.
+    Connectors of length l, tension f, slope k and damping c get the slope g^2 k + g c and the
+    tension g^2 f at l.
     """
     if links is None:
         return
@@ -195,7 +197,7 @@ def tangent_springs(
 def law_at(
     variety: Variety | None, links: Links, link: int, s: int, square: Vector, length: Vector
 ) -> tuple[Vector, Vector]:
-    """Slope [N/m] and tension [N] of a spring."""
+    """Return slope [N/m] and tension [N] of a spring."""
     if variety is None:
         k = splat(links.stiffness)
         return k, k * (length - splat(links.natural_length))
@@ -206,7 +208,7 @@ def law_at(
 
 @compiled
 def damping_of(damping: Damping | None, link: int, s: int) -> Vector:
-    """Damping [N s/m] of a connector at each body of a block."""
+    """Return the damping [N s/m] of a connector at each body of a block."""
     if damping is None:
         return splat(0.0)
     else:
@@ -220,10 +222,11 @@ def assemble(
     vector: np.ndarray, product: np.ndarray, blocks: np.ndarray
 ) -> None:
     """
-    Blocks (p, 6, 6) of the matrix that `hessian_times` multiplies with.
+    Write the blocks (p, 6, 6) of the matrix of `hessian_times`.
 
-    `colour` (n,) of bodies, none of which is joined to two of one; `pair` (colours, n): number of
-    the block of a body and the one of that colour that it is or is joined to; -1: there is none.
+    `colour` (n,) of bodies: no body is joined to two bodies of one colour. `pair` (colours, n):
+    number of the block of a body and the body of that colour that it is or is joined to; -1
+    without one.
     """
     for number in range(pair.shape[0]):
         for freedom in range(6):

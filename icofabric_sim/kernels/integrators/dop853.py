@@ -7,7 +7,7 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, s
 section II.10 and the program DOP853.
 """
 
-# Weights of the slopes before each stage; what depends on time is computed at their sum.
+# Weights of the slopes before each stage; time-dependent terms are evaluated at their sum.
 STAGES = (
     (),
     (0.05260015195876773,),

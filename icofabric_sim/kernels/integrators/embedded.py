@@ -3,7 +3,7 @@
 """
 The embedded Runge-Kutta pair: steps of given length, or under error control; dense output.
 
-Not symplectic, but right also where forces depend on velocities, and its error is known in every
+Not symplectic, but valid also if forces depend on velocities, with an error estimate in every
 step.
 """
 
@@ -64,44 +64,44 @@ from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, wait_for_all
 import numpy as np
 
-# Places in the control array: what it says, start and length of the step in progress [s], the
-# next length, the end that is to be passed [s], the tolerance [1/s], the sum of what steps
-# probably erred by, that in progress included, and what it errs by for each second, steps refused,
-# the shortest step [s], whether slope 12 is that of the present state, the longest step [s], and
-# the time [s] for which a shorter step may err: where forces jump, the error for each second does
-# not fall with the step.
+# Indices in the control array: start and length of the step in progress [s], the next length, the
+# time that is to be passed [s], the tolerance [1/s], the sum of the probable errors of steps
+# including the one in progress, its error rate [1/s], the number of rejected steps, the shortest
+# step [s], 1 if slope 12 is that of the present state, the longest step [s], and the time [s] for
+# which the tolerance of a shorter step counts: if forces jump, the error rate does not fall with
+# the step.
 (START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST,
  SPARE) = range(12)
-# A step at most this long [s] is accepted whatever its error: there may be a kink in the forces,
-# which no length satisfies.
+# A step at most this long [s] is accepted with any error: there may be a kink in the forces, for
+# which no length meets the tolerance.
 KINK = 12
-# Error rate [1/s] that rounding makes in stiff contacts: less cannot be asked for.
+# Error rate [1/s] of rounding in stiff contacts: a smaller tolerance cannot be met.
 FLOOR = 13
-# When a contact begins or ends, for all threads, and the next length [s] after a step that ends
-# there.
+# The time [s] when a contact begins or ends, for all threads, and the next length [s] after a step
+# that ends then.
 MEETING, RESUME = 14, 15
-# Square [1/s^2] of the fastest motion where forces have kinks; 0: they have none.
+# Square [1/s^2] of the fastest motion if forces have kinks; 0: no kinks.
 KINKED = 16
-# The longest step [s] in which something may touch; how many of the steps to come are to be no
-# longer, and of how many that was said last.
+# The longest step [s] in which a contact is possible; the number of further steps that must be no
+# longer, and the last value set for that number.
 CLOSE, HELD, HOLD = 17, 18, 19
-# What steps probably erred by in which nothing could touch, and whether the last was one of these.
+# Sum of the probable errors of steps without possible contacts; 1 if the last was such a step.
 CLEAR_TOTAL, IS_CLEAR = 20, 21
-# Evaluations of the forces, those of refused steps included.
+# Evaluations of the forces, including those of rejected steps.
 EVALUATIONS = 22
 # Squared errors of position, orientation, velocity and spin are multiplied by these four.
 SCALES = 23
 CONTROL_COUNT = 27
-# A step is aimed at this part of the tolerance and refused above all of it; it may become so many
-# times as long at once.
+# Target of the error as a fraction of the tolerance (a step is rejected above the tolerance);
+# smallest and largest factor of the step length at once.
 _AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
-# The estimate, of order 7, was 30 to 200 times the error in every scene that was measured.
+# Factor of the estimate of order 7, which was 30 to 200 times the error in all measured scenes.
 _ESTIMATE = 0.5
-# After a step that was refused because something may touch in it so many are shorter, and up to so
-# many if the next long one is refused too.
+# Number of shorter steps after a step that was rejected because of a possible contact, and its
+# largest value if the next long step is rejected too.
 _HOLD, _LONGEST_HOLD = 8.0, 64.0
 TOO_SHORT, BREAKING, TOO_FAR, LIST_FULL = 64, 256, 8192, 16384
-# No limit of a length [s], and no wish for an accuracy, as of steps of a given length: as large as
+# No limit of a length [s], and no required accuracy, as for steps of a given length: as large as
 # a checkpoint may hold.
 ANY = 1e300
 # Sentinel: a body left the region that the neighbour list covers.
@@ -115,7 +115,7 @@ FIRST, SECOND, LAST, DENSE = 0, 1, 12, 13
 class Pair(NamedTuple):
     """Weights of a pair, see dop853.py."""
 
-    nodes: np.ndarray  # when the stages are, in parts of the step; those of dense output last
+    nodes: np.ndarray  # times of the stages, as fractions of the step; those of dense output last
     stages: tuple[np.ndarray, ...]
     step: np.ndarray
     error_5: np.ndarray
@@ -124,7 +124,7 @@ class Pair(NamedTuple):
     dense: np.ndarray
 
 
-# What depends on time is computed at the sums of the weights; slope 12 is the end of the step.
+# Time-dependent terms are evaluated at the sums of the weights; slope 12 is at the step's end.
 _ROWS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
 DOP8 = Pair(
     nodes=np.array([math.fsum(row) for row in _ROWS]),
@@ -139,7 +139,7 @@ DOP8 = Pair(
 
 @compiled
 def some(trail: Trail | None) -> Trail:
-    """The trail, which is there."""
+    """Return the trail, which is not None."""
     return trail  # type: ignore[return-value]
 
 
@@ -148,7 +148,7 @@ def slope_at(
     model: Model, loads: Loads, state: State, work: Work, trail: Trail, index: int,
     team: Team, watch: Watch | None, time: float, first: int, last: int
 ) -> None:
-    """Slope number `index` at a state and a `time` [s], all bodies."""
+    """Write slope number `index` at a state and a `time` [s], for all bodies."""
     place_blocks(model, loads, state, work, time, first, last)
     ways_of(watch, model.blocks, state, time, team.member, first, last)
     wait_for_all(team)
@@ -165,9 +165,9 @@ def try_step(
     team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
 ) -> None:
     """
-    The other slopes of a step from `state` at `time` [s], whose own is in place.
+    Compute the other slopes of a step from `state` at `time` [s], whose own slope is in place.
 
-    Its end goes into trail.stage.
+    The end of the step goes into trail.stage.
     """
     index = SECOND
     for weights in pair.stages:
@@ -230,11 +230,11 @@ def look(
     time: float, step: float, first: int, last: int
 ) -> tuple[int, int]:
     """
-    Examine the state at `time` [s] if that is due, and save it if it is sound.
+    Check the state at `time` [s] if a health check is due, and save a sound state.
 
-    Other steps of the length `step` [s] will follow; 0: of any.
+    Other steps of the length `step` [s] will follow; 0: of any length.
 
-    Returns the status and the steps since the last examination.
+    Return the status and the steps since the last health check.
     """
     examined = since_check >= check_interval
     status = 0
@@ -263,9 +263,10 @@ def largest_error(
     team: Team, watch: Watch | None, h: float, first: int, last: int
 ) -> tuple[float, float]:
     """
-    Error of a step of length `h` [s] for each second, the largest of all bodies; what it is.
+    Return the error rate of a step of length `h` [s], the largest of all bodies; the probable one.
 
-    The same in all threads. More than any other where bodies came to where contacts are not known.
+    Equal in all threads. Larger than any other if bodies left the region in which contacts are
+    known.
     """
     largest, probable = 0.0, 0.0
     smooth = SMOOTH_RATIO * control[KINKED] * h * h if control[KINKED] > 0.0 else 1e300
@@ -304,14 +305,14 @@ def adaptive_pair(
     """
     Take up to `count` steps until one ends after control[GOAL].
 
-    `state` is where the step in progress ends, trail.start where it begins; its slopes are kept
-    for states in between. Time is control[START] + control[LENGTH] before and after. A step that
-    errs by more than tolerance x its length, or x control[SPARE], is refused and made shorter:
-    where a contact begins or ends within it, so that it ends just there, else until it is so short
-    that such a change matters next to nothing. One no longer than control[CLOSE] is not tried
-    where that is foreseen, but ends there at once. One longer than control[CLOSE] is refused where
-    something may touch in it. A step in which a connector may have broken is the last one, and
-    says so.
+    `state` is the end of the step in progress, trail.start its start; its slopes are kept for
+    states in between. Time is control[START] + control[LENGTH] before and after. A step is
+    rejected and shortened if its error exceeds tolerance x its length, or x control[SPARE]. If a
+    contact begins or ends within the step, the shorter step ends just there, else steps are
+    shortened until such a change hardly matters. A step no longer than control[CLOSE] is not tried
+    if the change is predicted, but ends there at once. A longer step is rejected if a contact is
+    possible within it. A step in which a connector may have broken is the last one, and its status
+    is BREAKING.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     trail = some(work.trail)
@@ -376,8 +377,8 @@ def adaptive_pair(
                     watch, model.blocks, state, trail, pair.error_5.shape[0], team,
                     start + length, h, first, last)
                 accepted = clear == CLEAR
-            # Steps do not depend on what was known: the same again after another look, where that
-            # sees farther, or with a longer list of what is near.
+            # Steps do not depend on the list: repeat the step after a search with a longer reach,
+            # or with a longer list of pairs.
             unknown = not accepted and error == _ESTIMATE * _MISSED
             again = clear == NO_ROOM or (unknown and can_look_farther(watch, start + length))
             if accepted:
@@ -402,7 +403,7 @@ def adaptive_pair(
                     accepted = True
             shorter = NEVER_MEET
             if again:
-                # All attempts from here on are made again; pairs and refusals count once.
+                # All trials of this step are repeated; tested pairs and rejections count once.
                 status, accepted, landing, change = TOO_FAR, True, False, 1.0
                 h, held, hold, refused = asked, asked_held, asked_hold, asked_refused
                 if clear == NO_ROOM:
@@ -415,7 +416,7 @@ def adaptive_pair(
             elif not accepted and finite:
                 shorter = land(
                     model.contacts, team, state, trail.slopes[0], h, 0.1 * kink, meeting)
-            # If a step that was to end there is refused too, it was foretold too roughly.
+            # If a step that should end there is rejected too, the prediction was too inaccurate.
             if shorter < (0.9 * h if landing else NEVER_MEET):
                 h, landing = max(shorter, shortest), True
             else:
@@ -432,7 +433,7 @@ def adaptive_pair(
             done += 1
             since_check += 1
             if is_breaking(model, work.breakage, state, work, trail, team, length, first, last):
-                # It is not looked at what will be taken back.
+                # No health check for a step that will be rolled back.
                 status = BREAKING
             else:
                 status, since_check = look(
@@ -453,7 +454,7 @@ def adaptive_pair(
 def repeat_slope(
     model: Model, loads: Loads, work: Work, trail: Trail, first: int, last: int
 ) -> None:
-    """The last slope of a step is the first of the next."""
+    """Copy the last slope of a step to the first of the next."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         for k in range(trail.slopes.shape[1]):
@@ -465,7 +466,7 @@ def repeat_slope(
 
 @compiled
 def repeat_power(loads: Loads, first: int, last: int) -> None:
-    """The same for the powers of loads."""
+    """Copy the last powers of loads in a step to the first of the next."""
     for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
         store(loads.power, 0, m, load(loads.power, 12, m))
 
@@ -475,7 +476,7 @@ def prepare_dense(
     pair: Pair, model: Model, loads: Loads, work: Work, team: Team, trail: Trail,
     watch: Watch | None, time: float, h: float
 ) -> None:
-    """Three more slopes of the step in progress, which begins at `time` [s], for `dense_state`."""
+    """Compute three more slopes of the step in progress from `time` [s] on, for `dense_state`."""
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     index = DENSE
     for weights in pair.dense_stages:
@@ -493,7 +494,7 @@ def dense_state(
     pair: Pair, model: Model, loads: Loads, state: State, team: Team, trail: Trail,
     time: float, h: float, x: float, target: State
 ) -> None:
-    """State at the part `x` of the step in progress, which begins at `time` [s]."""
+    """Write the state at the fraction `x` of the step in progress, which begins at `time` [s]."""
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     for block in range(first, last):
         s = model.blocks.slot[block]
@@ -507,7 +508,7 @@ def dense_sum(
     pair: Pair, rates: np.ndarray, before: Any, after: Any, h: float, x: float
 ) -> Any:
     """
-    What a step of length `h` adds up from `rates` by its part `x`, as `dense_state` does.
+    Integrate `rates` over the fraction `x` of a step of length `h`, as `dense_state` does.
 
     (16,) for a number, (16, m) for m of them.
     """

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of splitting methods that keep their order where the slopes of connectors jump.
+Steps of splitting methods that keep their order if the slopes of connectors jump.
 
-What is done about the kinks: kernels/kinks.py.
+The treatment of the kinks is described in kernels/kinks.py.
 """
 
 from icofabric_sim.kernels.contact.displacement import add_ways, note_ways, shift_at
@@ -60,7 +60,7 @@ def kinked_steps(
     """
     Take `count` steps of length `h` [s], the first from origin + index h on, as `steps` does.
 
-    For methods that begin and end with a kick. Where all connectors are far from their kinks the
+    For methods that begin and end with a kick. If all connectors are far from their kinks, the
     steps are those of plain springs.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
@@ -169,7 +169,7 @@ def kinked_steps(
 def look(
     model: Model, kinks: Kinks, work: Work, h: float, member: int, first: int, last: int
 ) -> None:
-    """Foretell crossings of blocks first to last, and note how far from kinks these are."""
+    """Predict crossings of blocks first to last, and store their distances from kinks."""
     nearest, lowest, highest = splat(FAR_AWAY), splat(FAR_AWAY), splat(-FAR_AWAY)
     for block in range(first, last):
         _, near, low, high = foretell(
@@ -185,7 +185,7 @@ def strike_foretold(
     model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, h: float,
     first: int, last: int
 ) -> None:
-    """What foretold crossings add in the first kick of `h` [s]."""
+    """Apply the impulses of predicted crossings in the first kick of `h` [s]."""
     for block in range(first, last):
         if has_crossings(kinks, block):
             strike(model, loads, kinks, state, work, 0, h, block, model.blocks.slot[block])
@@ -196,7 +196,9 @@ def note_own(
     watch: Watch | None, model: Model, state: State, time: float, first: int, last: int,
     most: Vector
 ) -> Vector:
-    """The ways of blocks first to last until `time` [s], where forces are evaluated."""
+    """
+    Return the larger of `most` and squared displacements of blocks first to last at `time` [s].
+    """
     if watch is not None:
         shift = shift_at(watch, time)
         for block in range(first, last):
@@ -210,6 +212,6 @@ def strike_own(
     model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int,
     first: int, last: int
 ) -> None:
-    """What crossings still lack, for blocks first to last."""
+    """Apply the impulses that crossings still lack, for blocks first to last."""
     for block in range(first, last):
         strike(model, loads, kinks, state, work, row, 1.0, block, model.blocks.slot[block])

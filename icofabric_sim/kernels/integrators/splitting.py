@@ -62,13 +62,13 @@ def steps(
     """
     Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
 
-    Contacts need the places of all bodies, and have sweeps in which all drift first; such that
-    take energy are for the leapfrog alone (kernels/contact/losses.py). The ways of
-    bodies are noted where forces are evaluated, and nowhere else: what is between does not count.
+    Contacts need the positions of all bodies, so in their sweeps all bodies drift first.
+    Dissipative contacts are for the leapfrog alone (kernels/contact/losses.py). The displacements
+    of bodies are stored only where forces are evaluated; positions in between do not count.
 
-    A block can be pushed once its neighbours have drifted, so both run over the fabric in one
-    sweep (see traversal_order.py) and each body comes from memory once. Where a thread's blocks
-    border on another's, these drift first.
+    A block can be kicked once its neighbours have drifted, so both run over the fabric in one
+    sweep (see traversal_order.py) and each body comes from memory once. Blocks of a thread that
+    border on another's drift first.
     """
     first, last = own_blocks(team, model.blocks.slot.shape[0])
     sweep = team.sweep
@@ -83,7 +83,7 @@ def steps(
     most = splat(0.0)
     for evaluation in range(count * stages):
         stage = evaluation % stages
-        # The times of a step do not depend on the call that it is a part of.
+        # The times of a step do not depend on the call that contains it.
         step = index + evaluation // stages
         if stage == 0:
             now = origin + step * h
@@ -150,10 +150,10 @@ def take_steps(
     count: int
 ) -> None:
     """
-    The same, by steps that keep their order where slopes jump if there are `kinks`.
+    Take `count` steps of length `h`; with `kinks` they keep their order if slopes jump.
 
-    Bodies without loads have loops of their own: to look for rows block by block, where there are
-    none, took 5 % of a leapfrog step.
+    Bodies without loads have separate loops: a search for rows block by block, without any rows,
+    took 5 % of a leapfrog step.
     """
     if kinks is None:
         if has_rows(loads):
@@ -176,7 +176,7 @@ def take_steps(
 
 @compiled
 def stride_of(watch: Watch | None, check_interval: int) -> int:
-    """Steps between two looks at how far bodies have moved."""
+    """Return the number of steps between two checks of displacements."""
     if watch is None:
         return check_interval
     return int(watch.limits[STRIDE])
@@ -184,7 +184,7 @@ def stride_of(watch: Watch | None, check_interval: int) -> int:
 
 @compiled
 def is_guarded(contacts: Contacts | None, ledger: np.ndarray) -> bool:
-    """Whether it is asked how much energy contacts make swing in a step."""
+    """Check that the energy oscillation of contacts within a step has a limit."""
     if contacts is None:
         return False
     return ledger[SWING_LIMIT] < math.inf
@@ -212,14 +212,13 @@ def splitting(
     """
     Take up to `count` steps of length `h`: kick, drift, ..., kick or drift, kick, ..., drift.
 
-    The first begins at origin + index h [s].
-    `kicks` and `drifts` are the parts of the step that each flow takes; the longer of the two
-    begins and ends a step. One evaluation of the forces for each stage: where kicks begin, the
-    last of a step and the first of the next share theirs, and `work` must hold the accelerations
-    of the state, as it does again at the end. After every `check_interval` steps the state is
-    examined (`ledger`, see kernels/monitor.py) and saved if it is sound; a status other than 0
-    ends the call early. Returns the status, the steps taken, and the steps since the last
-    examination.
+    The first begins at origin + index h [s]. `kicks` and `drifts` are the fractions of the step
+    that each flow takes; the longer of the two begins and ends a step. Each stage takes one
+    evaluation of the forces. If kicks begin, the last of a step and the first of the next share
+    theirs, and `work` must hold the accelerations of the state, as it does again at the end. After
+    every `check_interval` steps a health check examines the state (`ledger`, see
+    kernels/monitor.py) and saves a sound state; a status other than 0 ends the call early. Return
+    the status, the steps taken, and the steps since the last health check.
     """
     stages = min(kicks.shape[0], drifts.shape[0])
     first, last = own_blocks(team, model.blocks.slot.shape[0])
@@ -230,16 +229,16 @@ def splitting(
     while done < count:
         # As far as the next health check.
         ahead = min(count - done, check_interval - since_check)
-        # Read anew: a look on the way may change it.
+        # Read again, because a search within the kernel may change the stride.
         stride = stride_of(watch, check_interval)
         ahead = min(ahead, stride - since_check % stride)
         guarded = is_guarded(model.contacts, ledger) and check_interval < NEVER
         if guarded:
-            # A collision that is damped much may be over within a few.
+            # A strongly damped collision may be over within a few steps.
             ahead = min(ahead, 1)
-        # Step ends are sampled in windows of as many steps as the difference has, one after the
-        # other, whatever looks come between; only in the last before a look where a step is a
-        # single evaluation.
+        # Step ends are sampled in consecutive windows of as many steps as the difference has,
+        # regardless of health checks in between. If a step is a single evaluation, only the last
+        # window before a health check is sampled.
         sampled = -1
         if 0 < differences and check_interval < NEVER:
             sampled = regular % differences

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""How kernels are compiled, cached, vectorised and shared between threads."""
+"""Compilation, cache, vectors and threads of kernels."""

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of connectors that lie around shells."""
+"""Kernels of connectors wrapped over shells."""

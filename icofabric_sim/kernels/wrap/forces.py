@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Connectors that lie around the shells they are attached to, instead of passing through.
+Connectors wrapped over the shells they are attached to, instead of passing through.
 
-The vectors have computed every connector as straight. Where one of a block enters a shell, that
-lane is computed again, by itself: the same law of the length of its taut way (path.py), its
-tension along the free part, at the point where this leaves the shell. What lies on the shell
-turns with it, so by virtual work that is the whole wrench, and minus the gradient of the energy.
-Both ends compute the same numbers, the body in the lower slot first, and take them with opposite
-signs.
+Vectors compute every connector as straight. If a connector of a block enters a shell, its lane is
+computed again alone: by the same law for the length of its taut path (path.py), with its tension
+along the free segment, at the point where this leaves the shell. The wrapped segment turns with
+the shell. By virtual work the force at that point is therefore the whole wrench, and minus the
+gradient of the energy. Both ends compute the same numbers, the body in the lower slot first, and
+use them with opposite signs.
 """
 
 import math
@@ -59,13 +59,13 @@ _SMALLEST = 1e-150
 
 
 class Band(NamedTuple):
-    """A connector from its own end, straight and around the shells."""
+    """A connector from its own end, straight and wrapped over the shells."""
 
-    force: Point  # [N] on the own body, beside that of the straight one
-    torque: Point  # [N m] about its centre
-    energy: float  # [J] beside that of the straight one
-    bound: float  # of what it adds to the squared frequency of the own body [1/s^2], at most
-    lost: int  # ends that found no way
+    force: Point  # [N] on the own body, less that of the straight connector
+    torque: Point  # [N m] about its centre, likewise
+    energy: float  # [J] less that of the straight connector
+    bound: float  # of what the connector adds to the squared frequency of the own body [1/s^2]
+    lost: int  # number of ends without a path
 
 
 @compiled
@@ -73,7 +73,7 @@ def law_of(
     variety: Variety | None, links: Links, link: int, s: int, length: float
 ) -> tuple[float, float, float]:
     """
-    Tension [N], energy [J] and largest slope [N/m] of a connector by its spring (eqs 1 and 2).
+    Return tension [N], energy [J], largest slope [N/m] of a connector by its spring (eqs 1, 2).
     """
     if variety is None:
         k, rest = links.stiffness, links.natural_length
@@ -89,7 +89,9 @@ def law_of(
 def tabled_law(
     tables: LawTables | None, link: int, s: int, length: float, law: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """The same by its table, where it has one."""
+    """
+    Return tension [N], energy [J] and slope [N/m] by a connector's table; `law` without a table.
+    """
     if tables is None:
         return law
     else:
@@ -108,7 +110,9 @@ def tabled_law(
 def arm_law(
     maxwell: Maxwell | None, rest: np.ndarray | None, link: int, s: int, length: float
 ) -> tuple[float, float, float]:
-    """Tension [N], energy [J] and slope [N/m] of a connector's Maxwell arm; 0 without one."""
+    """
+    Return tension [N], energy [J] and slope [N/m] of a connector's Maxwell arm; 0 without one.
+    """
     if maxwell is None:
         return 0.0, 0.0, 0.0
     if rest is None:
@@ -120,7 +124,7 @@ def arm_law(
 
 @compiled
 def one_of(own: np.ndarray | None, value: float, link: int, s: int) -> float:
-    """What one connector has: its own, or the same as all."""
+    """Return the individual or the common value of a connector."""
     if own is None:
         return value
     else:
@@ -130,7 +134,7 @@ def one_of(own: np.ndarray | None, value: float, link: int, s: int) -> float:
 
 @compiled
 def moment(pose: Pose, point: Point, force: Point) -> Point:
-    """Torque about the centre of a body."""
+    """Return the torque about the centre of a body."""
     x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
     return (
         y * force[2] - z * force[1], z * force[0] - x * force[2], x * force[1] - y * force[0])
@@ -142,7 +146,7 @@ def coupling(
     free: float
 ) -> tuple[float, float]:
     """
-    How strongly a place on the last edge depends on the motion: |P t| / l [1/m], and 1 / E_qq [m].
+    Return how strongly a place on the last edge follows the motion, |P t| / l [1/m]; 1 / E_qq [m].
 
     E_qq >= away^2 / wound^3 is the second derivative of the length along the edge.
     """
@@ -162,14 +166,15 @@ def band_of(
     rest: np.ndarray | None, link: int, own: int, other: int
 ) -> Band:
     """
-    A connector that leads from slot `own` to slot `other`, with its Maxwell arm.
+    Return the wrapped connector from slot `own` to slot `other`, with its Maxwell arm.
 
-    The bound is that of kernels/frequency_bound.py for a straight one between the points where it
-    leaves the shells: at those held fixed on their bodies the length has the same first derivative
-    and, because the places are where it is least, no smaller second one. Where it pushes, what the
-    places give way counts instead: sums (c . m)^2 / E_qq over the ends, with |c . m| at most |P t|
-    / l (|du_1| + |du_2|) + |dtheta| of the end's own body. The straight spring that it replaces is
-    in the Hessian already, and is taken out: minus what is not positive of it.
+    The bound is that of kernels/frequency_bound.py for a straight connector between the points
+    where it leaves the shells. With these points fixed on their bodies the length has the same
+    first derivative, and no smaller second one, because the places minimise the length. If the
+    connector pushes, the compliance of the places counts instead: sums (c . m)^2 / E_qq over the
+    ends, with |c . m| at most |P t| / l (|du_1| + |du_2|) + |dtheta| of the end's own body. The
+    Hessian already includes the straight spring that is replaced, so its non-positive terms are
+    subtracted.
     """
     none = (0.0, 0.0, 0.0)
     edge = link >> 1
@@ -238,7 +243,7 @@ def entering(
     wrapping: Wrapping, links: Links, orientation: np.ndarray, points: np.ndarray, stride: int,
     block: int, s: int, link: int
 ) -> Vector:
-    """1 in the lanes whose connector enters a shell at either of its ends, else 0."""
+    """Return 1 in the lanes whose connector enters a shell at either of its ends, else 0."""
     edge = link >> 1
     at, place = 3 * edge * stride + s, links.place[block, link]
     ux = load_at(points, place) - load_at(points, at)
@@ -263,7 +268,7 @@ def add_wrapping(
     orientation: np.ndarray, rest: np.ndarray | None, points: np.ndarray, block: int, s: int,
     wrench: Six
 ) -> Six:
-    """Add what lying around shells changes to the force [N] and torque [N m] of a block."""
+    """Add the changes due to wrapping to the force [N] and torque [N m] of a block."""
     if wrapping is None:
         return wrench
     else:
@@ -283,7 +288,9 @@ def add_bands(
     orientation: np.ndarray, rest: np.ndarray | None, block: int, s: int, link: int,
     lanes: Vector, wrench: Six
 ) -> Six:
-    """The same for one connector of each body, in the lanes where it is around a shell."""
+    """
+    Add the changes due to wrapping of one connector of each body, in lanes where it is wrapped.
+    """
     fx, fy, fz, tx, ty, tz = wrench
     partner = partner_slot(links, position.shape[1], block, link)
     for i in range(LANES):
@@ -307,9 +314,9 @@ def wrapping_look(
     rest: np.ndarray | None, points: np.ndarray, block: int, s: int
 ) -> tuple[Vector, Vector, Vector]:
     """
-    Bound of what it adds to the squared frequency [1/s^2] of a block; its energy [J]; lost ends.
+    Return what wrapping adds to the bound of the squared frequency [1/s^2]; energy [J]; lost ends.
 
-    Energy and ends are half of those of each connector, which is seen from either end.
+    Energy and ends are half of those of each connector, because either end counts one half.
     """
     bound, energy, lost = splat(0.0), splat(0.0), splat(0.0)
     if wrapping is None:
@@ -332,7 +339,7 @@ def wrapping_look(
 
 @compiled
 def largest_wrapping_bound(model: Model, state: State, work: Work) -> float:
-    """The largest of these bounds [1/s^2]; attachment points are in place."""
+    """Return the largest bound [1/s^2] of `wrapping_look`; attachment points are in place."""
     largest = 0.0
     for block in range(model.blocks.slot.shape[0]):
         bound, _, _ = wrapping_look(
@@ -350,7 +357,7 @@ def measure_wrapped(
     found: np.ndarray, lengths: np.ndarray, lost: np.ndarray
 ) -> None:
     """
-    Lengths [m] of the connectors around shells, where `found` (c,) is not 0; ends without a way.
+    Write lengths [m] of wrapped connectors, where `found` (c,) is not 0, and ends without a path.
 
     Slots last: `position` (3, n), `orientation` (4, n); `lengths` (c,), `lost` (c,) with bit 0
     for the first end, bit 1 for the second.
@@ -375,7 +382,7 @@ def find_ways(
     chosen: np.ndarray, ways: np.ndarray, places: np.ndarray
 ) -> None:
     """
-    Ways and places along their last edges [m] at both ends of the `chosen` connectors, (w, 2).
+    Write paths and places along their last edges [m] at both ends of `chosen` connectors, (w, 2).
 
     Slots last: `position` (3, n), `orientation` (4, n).
     """

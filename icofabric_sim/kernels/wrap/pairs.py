@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Shortest ways of connectors that may lie around both of their shells.
+Shortest paths of connectors that may be wrapped over both of their shells.
 
-What is shortest for one end alone is shortest for both where the other end is in the clear. Else
-each end leaves its own shell at a place that depends on the other's: for given ways the sum of
-the two unfolded parts and the free one between them is convex in both places, and Newton's
-method finds its least value. Which ways, all pairs tell that can be taut and can be shorter than
-what was found: a way to the other's attachment point is never longer than one around its shell.
+The shortest path for one end alone is shortest for both if the other end is clear. Otherwise
+each end leaves its own shell at a place that depends on the other's. For given paths the sum of
+the two unfolded lengths and the free one between them is convex in both places, and Newton's
+method finds the minimum. All pairs of paths are tried that can be taut and can be shorter than the
+shortest so far: a path to the other's attachment point is never longer than one over its shell.
 So the result is the shortest of all, and changes with the poses without a jump.
 """
 
@@ -35,7 +35,7 @@ from icofabric_sim.kernels.wrap.path import (
 )
 
 _ROUNDS, _NEWTON = 12, 40
-# A set of ways, the straight one first, takes three words of so many bits.
+# A set of paths, the straight one first, takes three words of this number of bits.
 WORD = 62
 Found = tuple[int, float, int, float]
 Ways = tuple[int, int, int]
@@ -44,10 +44,10 @@ Ways = tuple[int, int, int]
 @compiled
 def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
     """
-    Way and place at either end of a connector between the points at two named edges.
+    Return path and place at either end of a connector between the points at two named edges.
 
-    Where shells pass through each other the result depends on the end at which the search begins:
-    it is always that of the lower edge, so that whoever asks gets the same.
+    If shells overlap, the result depends on the end at which the search begins. It is always the
+    lower edge, so that both ends get the same result.
     """
     swaps = edge > far_edge
     if swaps:
@@ -62,10 +62,9 @@ def taut(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) ->
 @compiled
 def taut_from(wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int) -> Found:
     """
-    The same, begun at the first end.
+    Return path and place at either end of a connector, with a search from the first end.
 
-    Where shells pass through each other there may be none that is taut at both ends; they are
-    then wound up in turn.
+    If shells overlap, no pair may be taut at both ends; the ends are then wound up in turn.
     """
     a = leaving(wrapping, pose, edge, STRAIGHT, 0.0)
     b = leaving(wrapping, far, far_edge, STRAIGHT, 0.0)
@@ -88,7 +87,7 @@ def shortest_pair(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int
 ) -> tuple[Found, float]:
     """
-    The shortest pair of ways that is taut at both ends, and its length, infinite without one.
+    Return the shortest pair of paths that is taut at both ends; its length, infinite without one.
     """
     a = seen_from(far, leaving(wrapping, pose, edge, STRAIGHT, 0.0))
     b = seen_from(pose, leaving(wrapping, far, far_edge, STRAIGHT, 0.0))
@@ -114,7 +113,7 @@ def shortest_pair(
 def wound_up(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int
 ) -> tuple[Found, float]:
-    """A pair that is taut, as a rule the shortest one, and its length, infinite without one."""
+    """Return a taut pair, as a rule the shortest one, and its length, infinite without one."""
     a = leaving(wrapping, pose, edge, STRAIGHT, 0.0)
     found = wind(wrapping, pose, edge, far, far_edge, a)
     if not both_allowed(wrapping, pose, edge, far, far_edge, found):
@@ -128,9 +127,9 @@ def candidates(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, point: Point, shortest: float
 ) -> Ways:
     """
-    Ways that can be taut towards any corner of the other shell, and short enough to a `point`.
+    Return paths that can be taut towards a corner of the other shell, and short enough to `point`.
 
-    That is the other attachment point.
+    `point` is the other attachment point.
     """
     first, second, third = 0, 0, 0
     # Planes that some corner of the other shell is below, and above.
@@ -168,14 +167,14 @@ def candidates(
 
 @compiled
 def is_member(ways: Ways, way: int) -> bool:
-    """Whether a way is in a set."""
+    """Check that a path is in a set."""
     word, bit = divmod(way + 1, WORD)
     return bool((ways[word] >> bit) & 1)
 
 
 @compiled
 def least(wrapping: Wrapping, edge: int, way: int, point: Point) -> float:
-    """Length [m] of a way to a point in body axes at least, whether it is taut or not."""
+    """Return the least length [m] of a path to a point in body axes, taut or not."""
     if way < 0:
         return 0.0
     row = wrapping.ways[edge, way]
@@ -191,7 +190,9 @@ def least(wrapping: Wrapping, edge: int, way: int, point: Point) -> float:
 def can_be_taut(
     wrapping: Wrapping, pose: Pose, edge: int, way: int, far: Pose, far_edge: int, far_way: int
 ) -> bool:
-    """Whether a way can be taut towards any place where the other end may leave its own shell."""
+    """
+    Check that a path can be taut towards a place where the other end may leave its own shell.
+    """
     slack = SLACK * wrapping.height
     start, end = 0.0, 0.0
     if far_way >= 0:
@@ -199,7 +200,7 @@ def can_be_taut(
     one = seen_from(pose, leaving(wrapping, far, far_edge, far_way, start))
     two = seen_from(pose, leaving(wrapping, far, far_edge, far_way, end))
     if is_close(wrapping, one) or is_close(wrapping, two):
-        # One of them may be within the shell, where other rules hold.
+        # One of the points may be inside the shell, where other rules hold.
         return True
     if way < 0:
         return is_clear(wrapping, edge, one, slack) or is_clear(wrapping, edge, two, slack)
@@ -214,9 +215,9 @@ def tighten(
     limit: float
 ) -> tuple[Found, float]:
     """
-    Where given ways leave their shells when they are as short as can be, and that length.
+    Return where given paths of least length leave their shells, and that length.
 
-    It may be given up as infinite where it cannot be shorter than `limit`.
+    The length may be infinite if it cannot be shorter than `limit`.
     """
     if way >= 0:
         row = wrapping.ways[edge, way]
@@ -242,7 +243,7 @@ def tighten(
 
 @compiled
 def middle(wrapping: Wrapping, edge: int, way: int) -> float:
-    """Place in the middle of what a way sees of its last edge."""
+    """Return the place in the middle of the range of a path on its last edge."""
     if way < 0:
         return 0.0
     return 0.5 * (wrapping.ways[edge, way, 8] + wrapping.ways[edge, way, 9])
@@ -254,11 +255,11 @@ def settle(
     far_way: int, far_place: float, limit: float
 ) -> tuple[float, float, float]:
     """
-    Where a connector around both shells leaves them, along the last edges of given ways.
+    Return where a connector wrapped over both shells leaves them, for given paths; its length.
 
-    Newton's method for the least length, which is returned too; a step that makes it longer is
-    halved. A convex function lies above its tangents: where one shows that no places between the
-    ends of the edges make it shorter than `limit` [m], it is given up, with an infinite length.
+    Newton's method for the least length; a step that makes the connector longer is halved. A
+    convex function lies above its tangents. If a tangent shows that no places between the ends of
+    the edges give a length below `limit` [m], the search stops with an infinite length.
     """
     row, far_row = wrapping.ways[edge, way], wrapping.ways[far_edge, far_way]
     t = turned(pose, row[3], row[4], row[5])
@@ -311,7 +312,7 @@ def both_allowed(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int,
     found: Found
 ) -> bool:
-    """Whether a pair of ways is taut at both ends."""
+    """Check that a pair of paths is taut at both ends."""
     way, place, far_way, far_place = found
     p = leaving(wrapping, pose, edge, way, place)
     q = leaving(wrapping, far, far_edge, far_way, far_place)
@@ -324,7 +325,7 @@ def whole(
     wrapping: Wrapping, pose: Pose, edge: int, way: int, place: float, far: Pose, far_edge: int,
     far_way: int, far_place: float
 ) -> float:
-    """Length [m] of a connector with these ways and places."""
+    """Return the length [m] of a connector with these paths and places."""
     return wound(wrapping, edge, way, place) + wound(
         wrapping, far_edge, far_way, far_place) + apart(
             leaving(wrapping, pose, edge, way, place),
@@ -336,10 +337,10 @@ def wind(
     wrapping: Wrapping, pose: Pose, edge: int, far: Pose, far_edge: int, p: Point
 ) -> Found:
     """
-    Ways and places of a connector that is wound up from its second end on, to the point `p`.
+    Return paths and places of a connector that is wound up from its second end on, to `p`.
 
-    Either end in turn with the other held, which shortens it each time, until the ways no
-    longer change; then both at once.
+    Either end in turn with the other held, which shortens the connector each time, until the paths
+    no longer change; then both at once.
     """
     far_way, far_place = STRAIGHT, 0.0
     way, place = STRAIGHT, 0.0

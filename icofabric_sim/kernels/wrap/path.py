@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Shortest ways of connectors around the shells at their ends, one at a time.
+Shortest paths of connectors over the shells at their ends, one end at a time.
 
-The length of a way over given edges is that of a straight line in the unfolded plane (see
-wrapping.py beside this folder); a way is taut where the free rest leaves its last edge between
-the two faces there. The shortest taut one counts. Both ends together: pairs.py.
+The length of a path over given edges is that of a straight line in the unfolded plane (see
+simulation/model/wrapping.py). A path is taut if the free segment leaves its last edge between the
+two faces there. The shortest taut path counts. Both ends together: pairs.py.
 """
 
 import math
@@ -18,9 +18,9 @@ import numpy as np
 Pose = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float]
 Point = tuple[float, float, float]
-# Ends that need no way, and that find none.
+# Ends that need no path, and ends for which no path exists.
 STRAIGHT, LOST = -1, -2
-# Lengths are compared to this, in parts of the inscribed radius.
+# Tolerance of comparisons of lengths, relative to the inscribed radius.
 SLACK = 1e-12
 # These planes come first, see Wrapping.
 FACE_COUNT = 20
@@ -28,7 +28,7 @@ FACE_COUNT = 20
 
 @compiled
 def pose_of(position: np.ndarray, orientation: np.ndarray, s: int) -> Pose:
-    """Place and axes of the body in slot `s` (eqs 16 and 26)."""
+    """Return position and axes of the body in slot `s` (eqs 16 and 26)."""
     if orientation.ndim == 2:
         x, y, z, w = orientation[0, s], orientation[1, s], orientation[2, s], orientation[3, s]
         return (
@@ -46,7 +46,7 @@ def pose_of(position: np.ndarray, orientation: np.ndarray, s: int) -> Pose:
 
 @compiled
 def turned(pose: Pose, x: float, y: float, z: float) -> Point:
-    """World components of a vector in body axes."""
+    """Return world components of a vector in body axes."""
     return (
         x * pose[3] + y * pose[6] + z * pose[9], x * pose[4] + y * pose[7] + z * pose[10],
         x * pose[5] + y * pose[8] + z * pose[11])
@@ -54,7 +54,7 @@ def turned(pose: Pose, x: float, y: float, z: float) -> Point:
 
 @compiled
 def seen_from(pose: Pose, point: Point) -> Point:
-    """Body coordinates of a point of the world."""
+    """Return body coordinates of a point of the world."""
     x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
     return (
         x * pose[3] + y * pose[4] + z * pose[5], x * pose[6] + y * pose[7] + z * pose[8],
@@ -63,13 +63,15 @@ def seen_from(pose: Pose, point: Point) -> Point:
 
 @compiled
 def attachment(wrapping: Wrapping, edge: int) -> Point:
-    """Attachment point at a named edge in body axes."""
+    """Return the attachment point at a named edge in body axes."""
     return wrapping.points[edge, 0], wrapping.points[edge, 1], wrapping.points[edge, 2]
 
 
 @compiled
 def over(wrapping: Wrapping, edge: int, plane: int, point: Point) -> float:
-    """Height [m] of a point over a plane of the attachment point at an edge, body axes."""
+    """
+    Return the height [m] of a point over a plane of the attachment point at an edge, body axes.
+    """
     height: float = (
         wrapping.normals[edge, plane, 0] * point[0] + wrapping.normals[edge, plane, 1] * point[1]
         + wrapping.normals[edge, plane, 2] * point[2] - wrapping.heights[edge, plane])
@@ -79,9 +81,9 @@ def over(wrapping: Wrapping, edge: int, plane: int, point: Point) -> float:
 @compiled
 def is_clear(wrapping: Wrapping, edge: int, point: Point, slack: float) -> bool:
     """
-    Whether a straight line from an attachment point to a point in body axes misses the shell.
+    Check that a straight line from an attachment point to a point in body axes misses the shell.
 
-    That may be below the planes where it does by `slack` [m].
+    The point may be below the planes of a clear line by `slack` [m].
     """
     for k in range(wrapping.start.shape[1]):
         if over(wrapping, edge, wrapping.start[edge, k], point) >= -slack:
@@ -91,7 +93,7 @@ def is_clear(wrapping: Wrapping, edge: int, point: Point, slack: float) -> bool:
 
 @compiled
 def starts_on(wrapping: Wrapping, edge: int, plane: int) -> bool:
-    """Whether an attachment point is on a face or over it."""
+    """Check that an attachment point is on a face or over it."""
     for k in range(wrapping.start.shape[1]):
         if wrapping.start[edge, k] == plane:
             return True
@@ -100,7 +102,9 @@ def starts_on(wrapping: Wrapping, edge: int, plane: int) -> bool:
 
 @compiled
 def nearest_face(wrapping: Wrapping, point: Point) -> tuple[int, float]:
-    """The face that a point in body axes is highest over, and that height [m]: < 0 within."""
+    """
+    Return the face that a point in body axes is highest over, and that height [m]: < 0 inside.
+    """
     nearest, top = 0, -math.inf
     for face in range(FACE_COUNT):
         height = over(wrapping, 0, face, point)
@@ -112,10 +116,11 @@ def nearest_face(wrapping: Wrapping, point: Point) -> tuple[int, float]:
 @compiled
 def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
     """
-    The shortest way from an attachment point to a point in body axes, and where it leaves.
+    Return the shortest path from an attachment point to a point in body axes, and where it leaves.
 
-    STRAIGHT where nothing is in between, LOST where there is no way. A point within the shell is
-    led to over the face that it is nearest to, so that a length does not jump where it enters.
+    STRAIGHT if the line is clear, LOST without a path. A path to a point inside the shell ends
+    over the nearest face of the point, so that a length does not jump when the point enters the
+    shell.
     """
     if is_clear(wrapping, edge, point, 0.0):
         return STRAIGHT, 0.0
@@ -140,7 +145,7 @@ def around(wrapping: Wrapping, edge: int, point: Point) -> tuple[int, float]:
 @compiled
 def unfolded(wrapping: Wrapping, edge: int, way: int, point: Point) -> tuple[float, float]:
     """
-    Where the straight line to a point in body axes passes the last edge, and its square [m^2].
+    Return where the unfolded line to a point in body axes passes the last edge; its square [m^2].
     """
     row = wrapping.ways[edge, way]
     x, y, z = point[0] - row[0], point[1] - row[1], point[2] - row[2]
@@ -156,7 +161,7 @@ def unfolded(wrapping: Wrapping, edge: int, way: int, point: Point) -> tuple[flo
 def leaving(
     wrapping: Wrapping, pose: Pose, edge: int, way: int, place: float
 ) -> Point:
-    """Where in the world a connector becomes free."""
+    """Return the world point where a connector becomes free."""
     if way < 0:
         x, y, z = attachment(wrapping, edge)
     else:
@@ -168,7 +173,7 @@ def leaving(
 
 @compiled
 def wound(wrapping: Wrapping, edge: int, way: int, place: float) -> float:
-    """Length [m] that lies on the shell."""
+    """Return the length [m] on the shell."""
     if way < 0:
         return 0.0
     row = wrapping.ways[edge, way]
@@ -177,14 +182,14 @@ def wound(wrapping: Wrapping, edge: int, way: int, place: float) -> float:
 
 @compiled
 def apart(one: Point, other: Point) -> float:
-    """Distance [m]."""
+    """Return the distance [m]."""
     return math.sqrt(
         (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 + (one[2] - other[2]) ** 2)
 
 
 @compiled
 def within(wrapping: Wrapping, edge: int, way: int, place: float) -> bool:
-    """Whether a way passes all its edges between their ends."""
+    """Check that a path passes all its edges between their ends."""
     row, slack = wrapping.ways[edge, way], SLACK * wrapping.height
     return row[8] - slack <= place <= row[9] + slack
 
@@ -192,10 +197,10 @@ def within(wrapping: Wrapping, edge: int, way: int, place: float) -> bool:
 @compiled
 def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point) -> bool:
     """
-    Whether a way to a point in body axes is taut, and passes all its edges between their ends.
+    Check that a path to a point in body axes is taut, and passes all its edges between their ends.
 
-    To a point within the shell: whether it comes over the face that the point is nearest to, so
-    that nothing jumps where shells begin to touch.
+    A path to a point inside the shell must end over the nearest face of the point, so that nothing
+    jumps when shells begin to touch.
     """
     if way == LOST:
         return True
@@ -218,7 +223,7 @@ def allowed(wrapping: Wrapping, edge: int, way: int, place: float, point: Point)
 
 @compiled
 def is_close(wrapping: Wrapping, point: Point) -> bool:
-    """Whether a point in body axes is no farther from the centre than the corners."""
+    """Check that a point in body axes is no farther from the centre than the corners."""
     x, y, z = wrapping.corners[0, 0], wrapping.corners[0, 1], wrapping.corners[0, 2]
     square: float = point[0] ** 2 + point[1] ** 2 + point[2] ** 2
     return square <= x * x + y * y + z * z

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How fast the ways of connectors around their shells change, and damping along them.
+Rates of the lengths of wrapped connectors, and damping along them.
 
-A way is the shortest, so its length does not change with the places where it leaves the shells:
-its rate is that of the free part between the two points of the bodies that are there.
+A path is the shortest, so its length is stationary in the places where it leaves the shells. Its
+rate is that of the free segment between the two material points there.
 """
 
 import math
@@ -24,18 +24,18 @@ _SMALLEST = 1e-150
 
 
 class Run(NamedTuple):
-    """A connector around its shells, seen from one end; world frame."""
+    """A connector wrapped over its shells, seen from one end; world frame."""
 
     arm: Point  # [m] from the centre of the body to where it leaves its shell
     direction: Point  # unit vector from there along the free part
-    length: float  # [m] of the whole way
-    rate: float  # [m/s] at which it grows
+    length: float  # [m] of the whole path
+    rate: float  # [m/s] of the length
 
 
 @compiled
 def run_of(wrapping: Wrapping, state: State, link: int, own: int, other: int) -> Run:
     """
-    Connector number `link` of the body in slot `own`, which leads to that in slot `other`.
+    Return connector number `link` of the body in slot `own`, which leads to slot `other`.
 
     The body in the lower slot comes first, so that both ends have the same numbers.
     """
@@ -51,7 +51,7 @@ def run_of(wrapping: Wrapping, state: State, link: int, own: int, other: int) ->
 def runs_between(
     wrapping: Wrapping, state: State, edge: int, far_edge: int, first: int, second: int
 ) -> tuple[Run, Run]:
-    """A connector from an edge of the body in slot `first`, seen from either end."""
+    """Return a connector from an edge of the body in slot `first`, seen from either end."""
     pose = pose_of(state.position, state.orientation, first)
     far = pose_of(state.position, state.orientation, second)
     way, place, far_way, far_place = taut(wrapping, pose, edge, far, far_edge)
@@ -70,7 +70,7 @@ def runs_between(
 
 @compiled
 def speed_at(state: State, pose: Pose, point: Point, s: int) -> Point:
-    """Velocity [m/s] of the point of a body that is at a `point` of the world."""
+    """Return the velocity [m/s] of the point of a body that is at a `point` of the world."""
     x, y, z = point[0] - pose[0], point[1] - pose[1], point[2] - pose[2]
     velocity, spin = state.linear_velocity, state.angular_velocity
     return (
@@ -84,9 +84,7 @@ def change_rates(
     wrapping: Wrapping | None, links: Links, state: State, points: np.ndarray, block: int,
     link: int, s: int, length: Vector, rate: Vector
 ) -> tuple[Vector, Vector]:
-    """
-    Lengths [m] of straight connectors and their rates [m/s], with those of ways around shells.
-    """
+    """Replace lengths [m] of straight connectors and their rates [m/s] in wrapped lanes."""
     if wrapping is None:
         return length, rate
     else:
@@ -109,7 +107,9 @@ def add_wrapped_damping(
     state: State, points: np.ndarray, speeds: np.ndarray, linear: np.ndarray,
     angular: np.ndarray, block: int, s: int, spent: Vector
 ) -> Vector:
-    """What lying around shells changes to the damping of a block; the power [W] with it."""
+    """
+    Add the changes due to wrapping to the damping of a block; return `spent` plus the power [W].
+    """
     if wrapping is None:
         return spent
     if damping is None:
@@ -146,7 +146,7 @@ def add_wrapped_damping(
                     q[2] * force[0] - q[0] * force[2]))
                 tz = insert(tz, i, lane(tz, i) + (r[0] * y - r[1] * x) - (
                     q[0] * force[1] - q[1] * force[0]))
-                # Half of it counts for either end.
+                # Half of the power counts for either end.
                 spent = insert(spent, i, lane(spent, i) + 0.5 * c * (
                     run.rate * run.rate - rate * rate))
     if found:
@@ -162,10 +162,10 @@ def creep_around(
     points: np.ndarray, slope: np.ndarray, row: int, block: int, s: int, spent: Vector
 ) -> Vector:
     """
-    What lying around shells changes to how fast the springs of Maxwell arms creep.
+    Replace the creep rates of Maxwell arms in wrapped lanes; return `spent` plus the power [W].
 
-    Slopes of their rest lengths begin at `row`; their pulls are part of the wrench (forces.py).
-    Returns the power [W] with what the arms take.
+    Slopes of their rest lengths begin at `row`; their forces are included in the wrench
+    (forces.py).
     """
     if wrapping is None:
         return spent
@@ -191,7 +191,7 @@ def creep_around(
                     straight = state.rest[link, s + i] + before / rate
                     _, old, _ = arm_law(maxwell, state.rest, link, s + i, straight)
                     _, new, _ = arm_law(maxwell, state.rest, link, s + i, run.length)
-                    # An arm takes its energy at twice its rate, and half counts for either end.
+                    # An arm dissipates twice its rate times its energy; half counts for each end.
                     spent = insert(spent, i, lane(spent, i) + rate * (new - old))
     return spent
 
@@ -202,7 +202,7 @@ def straight_damping(
     s: int
 ) -> tuple[Point, Point, float]:
     """
-    Force [N] on a body by a straight connector, its arm [m], and the rate of its length [m/s].
+    Return force [N] on a body by a straight connector, its arm [m], and its length's rate [m/s].
     """
     stride = position.shape[1]
     ux, uy = points[place] - points[at], points[place + stride] - points[at + stride]
@@ -224,7 +224,7 @@ def measure_runs(
     far_edge: np.ndarray, found: np.ndarray, length: np.ndarray, rate: np.ndarray
 ) -> None:
     """
-    Lengths [m] and rates [m/s] of connectors, (c,), where `found` (c,) is not 0.
+    Write lengths [m] and rates [m/s] of connectors, (c,), where `found` (c,) is not 0.
 
     From edges of bodies in slots `first` to edges of those in slots `second`.
     """
