@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 # Rooms and pages without breaches; those of other rooms may only become fewer.
 ROOMS = (
     'parameters', 'scene', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures',
-    'viewer', 'commands', 'ros')
-CEILINGS = {'docstrings': 508, 'constants': 121, 'words': 219, 'sections': 0}
+    'viewer', 'commands', 'ros', 'kernels')
+CEILINGS = {'docstrings': 336, 'constants': 78, 'words': 169, 'sections': 0}
 
 # Checks of numpydoc: a docstring (GL08) whose summary (SS01) ends with a period (SS03) and is
 # imperative (SS05); parameters as in the signature, in its order, with descriptions (PR01 to PR03,

@@ -28,17 +28,18 @@ import numpy as np
 # dissipated by velocity-dependent forces [J], work of a body force [J], work of drives alone [J];
 # ends of connectors in their shells.
 LINKS, MOMENTS, FIELDS, ANCHORS, PULLS, MOVING, TURNING, WEIGHT, DONE, DONE_SIZE = range(10)
-TAKEN, GIVEN, DRIVEN, INSIDE, SUMMED = range(10, 15)
+DISSIPATED, GIVEN, DRIVEN, INSIDE, SUMMED = range(10, 15)
 # Largest values: bound of the squared frequency [1/s^2], squared spin [1/s^2], coordinate [m].
 STIFFEST, FASTEST, FARTHEST, FIGURE_COUNT = range(14, 18)
 # Preferred size of a group in blocks, and the least and largest number of groups (the least if
 # there are enough blocks). Ranks have whole groups, and one rank adds up the sums of all groups.
-_GOOD_SIZE, _FEWEST, _MOST = 8, 512, 16384
+_GOOD_SIZE, _MIN_GROUP_COUNT, _MAX_GROUP_COUNT = 8, 512, 16384
 
 
 def group_size(block_count: int) -> int:
     """Return the number of blocks in a group for a fabric of `block_count` blocks."""
-    return max(1, min(_GOOD_SIZE, block_count // _FEWEST), -(-block_count // _MOST))
+    return max(
+        1, min(_GOOD_SIZE, block_count // _MIN_GROUP_COUNT), -(-block_count // _MAX_GROUP_COUNT))
 
 
 def figures_room(block_count: int, size: int) -> np.ndarray:
@@ -97,7 +98,7 @@ def note_figures(
         row[STIFFEST], row[FASTEST] = largest_lane(largest), largest_lane(spin)
         row[FARTHEST] = largest_lane(extent)
         row[DONE], row[DONE_SIZE], row[DRIVEN] = done_in(loads, model, state, begin, stop)
-        row[TAKEN] = flowed_in(work.spent, model.blocks.slot, begin, stop)
+        row[DISSIPATED] = flowed_in(work.spent, model.blocks.slot, begin, stop)
         row[GIVEN] = flowed_in(work.given, model.blocks.slot, begin, stop)
         row[INSIDE] = 0.0
         if looks_inside:

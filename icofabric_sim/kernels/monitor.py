@@ -12,6 +12,7 @@ import math
 from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.figures import (
     ANCHORS,
+    DISSIPATED,
     DONE,
     DONE_SIZE,
     DRIVEN,
@@ -27,7 +28,6 @@ from icofabric_sim.kernels.figures import (
     note_figures,
     PULLS,
     STIFFEST,
-    TAKEN,
     TURNING,
     WEIGHT,
 )
@@ -41,7 +41,7 @@ from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
-RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, LIVELIER, ROUGHER, OBSTRUCTING = (
+RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, KINETIC_HIGH, ROUGHER, OBSTRUCTING = (
     1, 2, 4, 16, 32, 128, 512)
 # Shells that overlap too deeply, and more than they should. Others are in
 # kernels/contact/rebuild_check.py.
@@ -53,7 +53,7 @@ UNSOUND = NOT_FINITE | UNBALANCED
 # Indices in the ledger. Results of a check: the rate sqrt(bound) + SPIN_WEIGHT x largest spin
 # [rad/s], the largest spin [rad/s], energies [J] and the work [J] of the present loads.
 RATE, SPIN, KINETIC, STORED, HEIGHT, WORK = 0, 1, 2, 3, 4, 5
-# Limits: RATE_HIGH above HIGH, RATE_LOW below LOW, LIVELIER if the kinetic energy [J] is above
+# Limits: RATE_HIGH above HIGH, RATE_LOW below LOW, KINETIC_HIGH if the kinetic energy [J] is above
 # LIVELY. If LOW is 0, the bound is coarse as long as the rate stays below HIGH.
 HIGH, LOW, SPIN_WEIGHT, LIVELY = 6, 7, 8, 9
 # Balance: energy less work plus dissipated energy at the start [J], energy of the height at the
@@ -85,13 +85,13 @@ BASE_LINKED, BASE_BENT, BASE_FIELD, BASE_ANCHORED, BASE_CONTACT, WORKED = 40, 41
 # Sum of the tensions' magnitudes [N], the largest coordinate [m], the number of bodies, the
 # relative rounding error; from them the largest energy error of rounding so far [J]. Energy error
 # of the tolerance [J]; number of checks so far.
-TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, LOOKS = 46, 47, 48, 49, 50, 51, 52
+TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, CHECK_COUNT = 46, 47, 48, 49, 50, 51, 52
 # For steps through contacts: the largest energy [J] that oscillated within a step because of them
 # (kernels/contact/stiffness.py), its limit relative to the scale (inf: not measured), and the
 # fraction of the longest step that remains after the limit was exceeded.
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
 # Roughness at the last check that measured it, its sum over steps, and steps not yet in the sum.
-STEADY_ROUGH, ROUGH_SUM, UNCOUNTED = 56, 57, 58
+STEADY_ROUGH, ROUGH_SUM, PENDING_STEPS = 56, 57, 58
 LEDGER_COUNT = 59
 # Evaluations of the forces between two checks, or somewhat more: each rounds positions once.
 _ROUNDINGS = 100.0
@@ -173,7 +173,7 @@ def conclude(
     ledger[WORK] = ledger[EARLIER_WORK] + totals[DRIVEN]
     ledger[WORKED] = abs(ledger[WORK]) + totals[DONE_SIZE] + abs(totals[GIVEN])
     ledger[WORK] += totals[DONE] + totals[GIVEN]
-    ledger[SPENT] = totals[TAKEN]
+    ledger[SPENT] = totals[DISSIPATED]
     status = balance(ledger)
     if status != NOT_FINITE:
         status |= judge_balance(model, ledger, rate)
@@ -182,7 +182,7 @@ def conclude(
     if ledger[RATE] < ledger[LOW]:
         status |= RATE_LOW
     if ledger[KINETIC] > ledger[LIVELY]:
-        status |= LIVELIER
+        status |= KINETIC_HIGH
     ledger[UNTIL_OBSTRUCTED] -= 1.0
     if ledger[UNTIL_OBSTRUCTED] <= 0.0:
         ledger[UNTIL_OBSTRUCTED] = ledger[OBSTRUCTED_EVERY]
@@ -257,7 +257,7 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
     """
     roughest, steady = ledger[ROUGHEST], ledger[STEADY_ROUGH]
     ledger[ROUGHEST] = 0.0
-    count, ledger[UNCOUNTED] = ledger[UNCOUNTED], 0.0
+    count, ledger[PENDING_STEPS] = ledger[PENDING_STEPS], 0.0
     differences = work.weights.shape[0] - 1
     if differences < 1 or ledger[REGULAR] < differences:
         ledger[ROUGH] = -1.0
@@ -321,7 +321,7 @@ def judge_balance(model: Model, ledger: np.ndarray, rate: float) -> int:
 
     `rate` [rad/s] bounds the fastest motion.
     """
-    ledger[LOOKS] += 1.0
+    ledger[CHECK_COUNT] += 1.0
     noise = rounding_energy(model, ledger, rate)
     if noise < math.inf:
         ledger[NOISE] = max(ledger[NOISE], noise)
@@ -365,7 +365,7 @@ def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
     summed = abs(ledger[LINKED]) + others + bodies * held + ledger[KINETIC] + ledger[WORKED]
     return u * (extent * ledger[TENSIONS] + math.sqrt(bodies) * summed) + (
         rate * displaced * math.sqrt(2.0 * others)) + (
-        0.5 * (1.0 + _ROUNDINGS * ledger[LOOKS]) * (rate * displaced) ** 2)
+        0.5 * (1.0 + _ROUNDINGS * ledger[CHECK_COUNT]) * (rate * displaced) ** 2)
 
 
 @compiled

@@ -8,11 +8,11 @@ from icofabric_sim.kernels.records import Varying
 from icofabric_sim.kernels.runtime.compiled import compiled
 
 # Gauss-Legendre on (0, 1), exact up to degree 9: beyond the order of every method.
-NEAR, FAR = 0.269234655052841545, 0.453089922969331996
+NEAR_OFFSET, FAR_OFFSET = 0.269234655052841545, 0.453089922969331996
 NEAR_WEIGHT, FAR_WEIGHT, MIDDLE_WEIGHT = (
     0.239314335249683234, 0.118463442528094544, 64.0 / 225.0)
 # The five points of this rule in their order, as fractions of the interval.
-NODES = (0.5 - FAR, 0.5 - NEAR, 0.5, 0.5 + NEAR, 0.5 + FAR)
+NODES = (0.5 - FAR_OFFSET, 0.5 - NEAR_OFFSET, 0.5, 0.5 + NEAR_OFFSET, 0.5 + FAR_OFFSET)
 
 # Factors at these points.
 Five = tuple[float, float, float, float, float]

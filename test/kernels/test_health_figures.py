@@ -111,7 +111,7 @@ def test_threads_come_to_the_same_ledger():
             WIDE | {'solver': {'method': 'leapfrog', 'step': 1e-4, 'threads': threads}}))
         simulation.advance_steps(200)
         ledger = simulation._event_loop.driver.trajectory.ledger.numbers
-        assert ledger[monitor.LOOKS] >= 3 and ledger[monitor.KINETIC] > 0.0
+        assert ledger[monitor.CHECK_COUNT] >= 3 and ledger[monitor.KINETIC] > 0.0
         # Steps of a call, of which there are as many as take some milliseconds.
         ledgers.add(np.delete(ledger, monitor.SAVED_AT).tobytes())
     assert len(ledgers) == 1

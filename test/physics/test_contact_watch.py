@@ -6,9 +6,9 @@ from fabrics import make_scene
 import icofabric_sim as ico
 from icofabric_sim.kernels.contact.displacement import (
     LATE,
-    LEAST,
     LIMIT_COUNT,
-    MOST,
+    MAX_REACH,
+    MIN_REACH,
     MOST_STRIDE,
     OWN,
     SKIN,
@@ -307,7 +307,7 @@ def test_kernels_look_as_others_do(free):
             lists.survey(state, np.empty(3))
             lists.find(state, 0.02, lists.most)
             watch = make_watch(lists, state)
-            watch.limits[[LEAST, MOST, SKIN]] = 0.02, lists.most, lists.skin
+            watch.limits[[MIN_REACH, MAX_REACH, SKIN]] = 0.02, lists.most, lists.skin
             watch.limits[[OWN, MOST_STRIDE]] = 1.0, 8.0
         looked = look_around(watch, state, time, 1e-3)
         assert looked == (not len(near.pairs))
@@ -329,7 +329,7 @@ def test_kernels_do_not_look_where_steps_must_follow_or_lists_have_no_room():
     lists.survey(state, np.empty(3))
     near = lists.find(state, 0.02, lists.most)
     watch = make_watch(lists, state)
-    watch.limits[[LEAST, MOST, SKIN, OWN]] = 0.02, lists.most, lists.skin, 1.0
+    watch.limits[[MIN_REACH, MAX_REACH, SKIN, OWN]] = 0.02, lists.most, lists.skin, 1.0
     longest = near.reach / 3.0 / lists.survey(state, np.empty(3))
     assert not look_around(watch, state, 0.0, 1.01 * longest)
     assert look_around(watch, state, 0.0, 0.99 * longest)

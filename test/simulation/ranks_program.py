@@ -19,7 +19,7 @@ import traceback
 from types import MappingProxyType
 
 import icofabric_sim as ico
-from icofabric_sim.kernels.monitor import LOOKS
+from icofabric_sim.kernels.monitor import CHECK_COUNT
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.pair_leader import SharedPair
@@ -274,7 +274,7 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
         probe = driver.errors.probe
         measure, probe.measured = probe.measured, lambda *words, **named: (
             measured.append(words), measure(*words, **named))[1]
-        looks = driver.trajectory.ledger.numbers[LOOKS]
+        looks = driver.trajectory.ledger.numbers[CHECK_COUNT]
         simulation.advance_steps(steps)
         driver.monitor.examine()
         loads, *states, work = driver.trajectory.for_steps()
@@ -285,7 +285,7 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
             driver.trajectory.method.holder.slots_of_first, axis=0).ravel()
         there = sum(int(np.count_nonzero(rows[:, other])) for rows in whole)
         counts = [
-            len(calls), int(driver.trajectory.ledger.numbers[LOOKS] - looks), len(measured),
+            len(calls), int(driver.trajectory.ledger.numbers[CHECK_COUNT] - looks), len(measured),
             len(found), len(other), there]
         # Begun again, with a step after which ranks save what they have.
         simulation.reset()

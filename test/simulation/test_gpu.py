@@ -391,7 +391,7 @@ def test_health_checks_on_the_device_see_what_those_here_see(name, spin):
             trajectory.ledger.low = 1e-9
             simulation.advance_steps(1)
         ledgers.append(trajectory.ledger.numbers.copy())
-    assert ledgers[0][monitor.LOOKS] >= 6.0 and ledgers[0][monitor.KINETIC] > 0.0
+    assert ledgers[0][monitor.CHECK_COUNT] >= 6.0 and ledgers[0][monitor.KINETIC] > 0.0
     assert ledgers[0][monitor.WORKED] > 0.0 and ledgers[0][monitor.TENSIONS] > 0.0
     # Shells that turn so fast let connectors in.
     assert spin < 2.0 or ledgers[0][monitor.OBSTRUCTED] > 5.0

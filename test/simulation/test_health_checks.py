@@ -37,9 +37,9 @@ def test_given_steps_are_checked_in_every_period_and_no_more_often_than_that_pay
     period = math.floor(2.0 * math.pi / ratio)
     steps = max(CHECK_INTERVAL // METHODS[method].stages, SHORTEST_INTERVAL)
     expected = max(min(period, steps), SHORTEST_INTERVAL)
-    before = ledger[monitor.LOOKS]
+    before = ledger[monitor.CHECK_COUNT]
     simulation.advance_steps(4 * expected)
-    assert ledger[monitor.LOOKS] - before in (4, 5)
+    assert ledger[monitor.CHECK_COUNT] - before in (4, 5)
     assert driver_of(simulation).monitor.interval == pytest.approx(expected, abs=1)
 
 
@@ -49,12 +49,12 @@ def test_chosen_steps_are_checked_in_every_period_or_difference(method, toleranc
     simulation = simulation_with(method=method, tolerance=tolerance)
     driver = driver_of(simulation)
     ledger = driver.trajectory.ledger.numbers
-    lasted, looks, time = [], ledger[monitor.LOOKS], 0.0
+    lasted, looks, time = [], ledger[monitor.CHECK_COUNT], 0.0
     for _ in range(12):
         simulation.advance_steps(driver.monitor.interval)
-        assert ledger[monitor.LOOKS] > looks
+        assert ledger[monitor.CHECK_COUNT] > looks
         lasted.append(simulation.time - time)
-        looks, time = ledger[monitor.LOOKS], simulation.time
+        looks, time = ledger[monitor.CHECK_COUNT], simulation.time
     # The last of some adaptive steps may be longer than the first; and others are checked once a
     # whole difference is known.
     longest = 1.5 if method == 'dop8' else 1.0

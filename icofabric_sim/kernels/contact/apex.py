@@ -78,7 +78,7 @@ _FAN = 256
 # second, matrices from body to world axes of both, frames of their features. Output: the first 19
 # numbers of `out` of a pair (pair.py), the overlap along the line of centres, 1 if there is one
 # apex, and 1 if a search would find no other facet.
-WAY, OWN_AXES, OTHER_AXES, OWN_FRAME, OTHER_FRAME, ROWS = 0, 3, 12, 21, 30, 39
+CENTRE_VECTOR, OWN_AXES, OTHER_AXES, OWN_FRAME, OTHER_FRAME, ROW_COUNT = 0, 3, 12, 21, 30, 39
 ALONG_CENTRES, FOUND, SURE = 19, 20, 21
 # Added to numbers of facets (axis.py) with one apex; for those of a face once more for each number
 # of the vertex in the face.

@@ -34,7 +34,7 @@ from icofabric_sim.kernels.contact.shape import (
     reach_lanes,
     RIDGES,
     WAY_COUNT,
-    WAYS,
+    WAY_ROWS,
 )
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
@@ -76,7 +76,7 @@ MATRIX, PORTAL, FACET, OWN_NUMBERS, OTHER_NUMBERS = 0, 9, 488, 512, 528
 # The ratio of both sizes.
 RATIO = 489
 # Directions of edges of either body, six times AXIS_COUNT numbers each; lanes.
-OWN, OTHER, ALONG, MOST, OVER, WHICH = 256, 352, 448, 464, 472, 480
+OWN, OTHER, ALONG, NUMERATOR, DENOMINATOR, WHICH = 256, 352, 448, 464, 472, 480
 FACET_ROOM = 544
 Nine = tuple[float, float, float, float, float, float, float, float, float]
 
@@ -228,18 +228,19 @@ def beyond_most(room: np.ndarray, cx: float, cy: float, cz: float) -> tuple[int,
         most = where(farther, far, most)
         over = where(farther, whole, over)
     best = best_lane(room, most, over, which)
-    return int(room[WHICH + best]), room[MOST + best] / room[OVER + best]
+    return int(room[WHICH + best]), room[NUMERATOR + best] / room[DENOMINATOR + best]
 
 
 @compiled
 def best_lane(room: np.ndarray, most: Vector, over: Vector, which: Vector) -> int:
     """Return the lane with the largest `most` over `over`; write all three vectors."""
-    store_at(room, MOST, most)
-    store_at(room, OVER, over)
+    store_at(room, NUMERATOR, most)
+    store_at(room, DENOMINATOR, over)
     store_at(room, WHICH, which)
     best = 0
     for k in range(1, LANES):
-        larger = room[MOST + k] * room[OVER + best] > room[MOST + best] * room[OVER + k]
+        larger = room[NUMERATOR + k] * room[DENOMINATOR + best] > (
+            room[NUMERATOR + best] * room[DENOMINATOR + k])
         best = k if larger else best
     return best
 
@@ -422,16 +423,16 @@ def put_ways(
     """
     cx, cy, cz, zero = splat(x), splat(y), splat(z), splat(0.0)
     for k in range(0, AXIS_COUNT, LANES):
-        along = fma(load_at(WAYS, k), cx, fma(
-            load_at(WAYS, AXIS_COUNT + k), cy, load_at(WAYS, 2 * AXIS_COUNT + k) * cz))
+        along = fma(load_at(WAY_ROWS, k), cx, fma(
+            load_at(WAY_ROWS, AXIS_COUNT + k), cy, load_at(WAY_ROWS, 2 * AXIS_COUNT + k) * cz))
         store_at(room, ALONG + k, along * along)
         for row in range(3):
             store_at(room, at + AXIS_COUNT * row + k, zero)
     count = 0
     for way in range(WAY_COUNT):
-        room[at + count] = WAYS[way]
-        room[at + AXIS_COUNT + count] = WAYS[AXIS_COUNT + way]
-        room[at + 2 * AXIS_COUNT + count] = WAYS[2 * AXIS_COUNT + way]
+        room[at + count] = WAY_ROWS[way]
+        room[at + AXIS_COUNT + count] = WAY_ROWS[AXIS_COUNT + way]
+        room[at + 2 * AXIS_COUNT + count] = WAY_ROWS[2 * AXIS_COUNT + way]
         room[numbers + count] = way
         count += 1 if room[ALONG + way] < limit else 0
     for row in range(3):

@@ -14,7 +14,7 @@ last search found enough clearance, the search for g is skipped, which never cha
 
 import math
 
-from icofabric_sim.kernels.contact.displacement import add_ways, FREE, MOST, shift_at, SKIN
+from icofabric_sim.kernels.contact.displacement import add_ways, FREE, MAX_REACH, shift_at, SKIN
 from icofabric_sim.kernels.contact.search import find_reach, refresh, survey
 from icofabric_sim.kernels.records import Blocks, State, Team, Trail, Watch
 from icofabric_sim.kernels.rotations import rows_of
@@ -34,7 +34,7 @@ from icofabric_sim.kernels.runtime.team import tell_all, wait_for_all
 import numpy as np
 
 # Results: a contact is possible, none is possible, and the list of pairs is too short.
-NEAR, CLEAR, NO_ROOM = 0, 1, 2
+NEAR_CONTACT, CLEAR, NO_ROOM = 0, 1, 2
 # Speeds are known at the stages of a step only; between two of them, up to 0.27 of it apart, they
 # may be higher: by 1 / cos(0.135 x 4) = 1.17 at the middle, for a vibration that turns by 4 rad.
 _BETWEEN = 1.25
@@ -46,7 +46,7 @@ def find_clear(
     time: float, h: float, first: int, last: int
 ) -> int:
     """
-    Return NEAR, CLEAR or NO_ROOM for a step of length `h` [s] from `state` at `time` [s].
+    Return NEAR_CONTACT, CLEAR or NO_ROOM for a step of length `h` [s] from `state` at `time` [s].
 
     Its slopes are those of the first `stages`. The result is equal in all threads.
     """
@@ -58,7 +58,7 @@ def find_clear(
         watch, blocks, state, trail, stages, mean, time, first, last)
     trail.speeds[team.member], trail.ways[team.member] = speed, moved
     wait_for_all(team)
-    found = NEAR
+    found = NEAR_CONTACT
     if team.member == 0:
         for member in range(team.size):
             speed = max(speed, trail.speeds[member])
@@ -119,13 +119,13 @@ def way_between(h: float, speed: float) -> float:
 @compiled
 def judge_clear(watch: Watch, state: State, needed: float, moved: float) -> int:
     """
-    Return NEAR, CLEAR or NO_ROOM if points may move by `needed` [m] in a step from `state`.
+    Return NEAR_CONTACT, CLEAR or NO_ROOM if points may move by `needed` [m] from `state`.
 
     `moved`: square of the largest displacement [m^2] since the last search.
     """
     # Every search covers this distance.
-    if not needed <= 0.5 * watch.limits[MOST]:
-        return NEAR
+    if not needed <= 0.5 * watch.limits[MAX_REACH]:
+        return NEAR_CONTACT
     if watch.limits[FREE] - math.sqrt(moved) > needed:
         return CLEAR
     return search_clear(watch, state, needed)
@@ -134,17 +134,17 @@ def judge_clear(watch: Watch, state: State, needed: float, moved: float) -> int:
 @compiled
 def search_clear(watch: Watch, state: State, needed: float) -> int:
     """
-    Return CLEAR if all bodies can move by `needed` [m] from a `state` without contact, else NEAR.
+    Return CLEAR if all bodies can move by `needed` [m] from a `state` without contact.
 
-    NO_ROOM if the list of pairs is too short.
+    Else NEAR_CONTACT, or NO_ROOM if the list of pairs is too short.
     """
     nearby, limits = watch.nearby, watch.limits
     _, way = survey(nearby, state)
-    most, skin = limits[MOST], limits[SKIN]
+    most, skin = limits[MAX_REACH], limits[SKIN]
     if 2.0 * (way + most) > skin and refresh(
             nearby, state.position, skin) > nearby.pairs.shape[1]:
         return NO_ROOM
-    return CLEAR if find_reach(nearby, state.position, 0.0, most) > needed else NEAR
+    return CLEAR if find_reach(nearby, state.position, 0.0, most) > needed else NEAR_CONTACT
 
 
 @compiled

@@ -43,14 +43,14 @@ SOON, LATE, STRIDE = 0, 1, 2
 # Largest speed of a point of a body at the last search [m/s]; time [s] that a reach should last
 # if pairs are near; least and largest reach [m]; largest distance [m] of the spheres of listed
 # pairs.
-SPEED, HORIZON, LEAST, MOST, SKIN = 3, 4, 5, 6, 7
+SPEED, HORIZON, MIN_REACH, MAX_REACH, SKIN = 3, 4, 5, 6, 7
 # Most steps between two checks; 1 if kernels may search without a return, else 0.
 MOST_STRIDE, OWN = 8, 9
 # The displacement [m] up to which no contact is possible, not even of listed pairs.
 FREE = 10
 LIMIT_COUNT = 11
 # The displacement between two checks, times this factor, must not exceed the reach.
-ROOM = 3.0
+REACH_FACTOR = 3.0
 # Fraction of the reach that requires a new search.
 _SOON = 0.6
 
@@ -153,7 +153,7 @@ def longest_step(limits: np.ndarray) -> float:
     """Return the longest step [s] in which no body moves too far."""
     if not limits[SPEED] > 0.0:
         return math.inf
-    return math.sqrt(limits[LATE]) / (ROOM * limits[SPEED])
+    return math.sqrt(limits[LATE]) / (REACH_FACTOR * limits[SPEED])
 
 
 @compiled

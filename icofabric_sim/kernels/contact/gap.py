@@ -44,18 +44,18 @@ def _halved(directions: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(chosen)
 
 
-_NORMALS, _WAYS = _halved(_ALL_NORMALS), _halved(_ALL_WAYS)
+_NORMALS, _DIRECTIONS = _halved(_ALL_NORMALS), _halved(_ALL_WAYS)
 _RHO = inscribed_radius(1.0)
 _FIRST_EDGE = 1 + 2 * len(_NORMALS)
-AXIS_COUNT = _FIRST_EDGE + len(_WAYS) ** 2
+AXIS_COUNT = _FIRST_EDGE + len(_DIRECTIONS) ** 2
 # x, y, z and number of normals and edges, padded to whole vectors with the first, and with zeros.
-_ROOM = 16
+_PADDED_COUNT = 16
 _NORMAL_ROWS = np.concatenate([
-    np.concatenate([row, np.full(_ROOM - len(row), row[0])])
+    np.concatenate([row, np.full(_PADDED_COUNT - len(row), row[0])])
     for row in (*_NORMALS.T, 1.0 + np.arange(len(_NORMALS)))])
 _WAY_ROWS = np.concatenate([
-    np.concatenate([row, np.zeros(_ROOM - len(row))])
-    for row in (*_WAYS.T, np.arange(float(len(_WAYS))))])
+    np.concatenate([row, np.zeros(_PADDED_COUNT - len(row))])
+    for row in (*_DIRECTIONS.T, np.arange(float(len(_DIRECTIONS))))])
 # Squared sine of an angle between edges below which they count as parallel: the same axis is then
 # found from a face normal.
 _PARALLEL = 1e-12
@@ -141,12 +141,12 @@ def gap_along(
         return abs(nx * dx + ny * dy + nz * dz) - half_edge * (
             own_size * _RHO + other_size * support(other, nx, ny, nz))
     number = code - _FIRST_EDGE
-    i, j = number // _WAYS.shape[0], number % _WAYS.shape[0]
-    x, y, z = _WAYS[i, 0], _WAYS[i, 1], _WAYS[i, 2]
+    i, j = number // _DIRECTIONS.shape[0], number % _DIRECTIONS.shape[0]
+    x, y, z = _DIRECTIONS[i, 0], _DIRECTIONS[i, 1], _DIRECTIONS[i, 2]
     ux = first[0] * x + first[3] * y + first[6] * z
     uy = first[1] * x + first[4] * y + first[7] * z
     uz = first[2] * x + first[5] * y + first[8] * z
-    x, y, z = _WAYS[j, 0], _WAYS[j, 1], _WAYS[j, 2]
+    x, y, z = _DIRECTIONS[j, 0], _DIRECTIONS[j, 1], _DIRECTIONS[j, 2]
     vx = second[0] * x + second[3] * y + second[6] * z
     vy = second[1] * x + second[4] * y + second[7] * z
     vz = second[2] * x + second[5] * y + second[8] * z
@@ -195,10 +195,10 @@ def widest_gap(
     v0, v1, v2, v3, v4, v5, v6, v7, v8 = (
         splat(q0), splat(q1), splat(q2), splat(q3), splat(q4), splat(q5), splat(q6), splat(q7),
         splat(q8))
-    for k in range(0, _ROOM, LANES):
-        x, y, z = (load_at(_NORMAL_ROWS, k), load_at(_NORMAL_ROWS, _ROOM + k),
-                   load_at(_NORMAL_ROWS, 2 * _ROOM + k))
-        number = load_at(_NORMAL_ROWS, 3 * _ROOM + k)
+    for k in range(0, _PADDED_COUNT, LANES):
+        x, y, z = (load_at(_NORMAL_ROWS, k), load_at(_NORMAL_ROWS, _PADDED_COUNT + k),
+                   load_at(_NORMAL_ROWS, 2 * _PADDED_COUNT + k))
+        number = load_at(_NORMAL_ROWS, 3 * _PADDED_COUNT + k)
         shown = fabs(fma(x, ax, fma(y, ay, z * az))) - a * (rho + size * reach_lanes(
             fma(v0, x, fma(v1, y, v2 * z)), fma(v3, x, fma(v4, y, v5 * z)),
             fma(v6, x, fma(v7, y, v8 * z))))
@@ -210,16 +210,16 @@ def widest_gap(
         which = where(best < shown, number + splat(float(_NORMALS.shape[0])), which)
         best = maximum(shown, best)
     found = any_lane(enough < best)
-    for k in range(0, _ROOM, LANES):
+    for k in range(0, _PADDED_COUNT, LANES):
         if found:
             break
         # Edges of the second in the axes of both.
-        x, y, z = (load_at(_WAY_ROWS, k), load_at(_WAY_ROWS, _ROOM + k),
-                   load_at(_WAY_ROWS, 2 * _ROOM + k))
+        x, y, z = (load_at(_WAY_ROWS, k), load_at(_WAY_ROWS, _PADDED_COUNT + k),
+                   load_at(_WAY_ROWS, 2 * _PADDED_COUNT + k))
         tx, ty, tz = (fma(v0, x, fma(v3, y, v6 * z)), fma(v1, x, fma(v4, y, v7 * z)),
                       fma(v2, x, fma(v5, y, v8 * z)))
-        for way in range(_WAYS.shape[0]):
-            ux, uy, uz = _WAYS[way, 0], _WAYS[way, 1], _WAYS[way, 2]
+        for way in range(_DIRECTIONS.shape[0]):
+            ux, uy, uz = _DIRECTIONS[way, 0], _DIRECTIONS[way, 1], _DIRECTIONS[way, 2]
             ex, ey, ez = splat(ux), splat(uy), splat(uz)
             nx, ny, nz = ey * tz - ez * ty, ez * tx - ex * tz, ex * ty - ey * tx
             fx, fy, fz = (splat(q0 * ux + q1 * uy + q2 * uz), splat(q3 * ux + q4 * uy + q5 * uz),
@@ -229,8 +229,8 @@ def widest_gap(
                 reach_lanes(nx, ny, nz)
                 + size * reach_lanes(fy * z - fz * y, fz * x - fx * z, fx * y - fy * x)))
             shown = where(splat(_PARALLEL) < square, shown, best)
-            number = load_at(_WAY_ROWS, 3 * _ROOM + k) + splat(
-                float(_FIRST_EDGE + _WAYS.shape[0] * way))
+            number = load_at(_WAY_ROWS, 3 * _PADDED_COUNT + k) + splat(
+                float(_FIRST_EDGE + _DIRECTIONS.shape[0] * way))
             which = where(best < shown, number, which)
             best = maximum(shown, best)
             if any_lane(enough < best):

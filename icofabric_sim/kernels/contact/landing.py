@@ -20,7 +20,7 @@ was rejected for its error, the prediction is repeated.
 import math
 
 from icofabric_sim.kernels.contact.clearance import mean_velocity
-from icofabric_sim.kernels.contact.displacement import add_ways, FREE, LATE, MOST, shift_at
+from icofabric_sim.kernels.contact.displacement import add_ways, FREE, LATE, MAX_REACH, shift_at
 from icofabric_sim.kernels.contact.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
 from icofabric_sim.kernels.contact.shape import OUTER
 from icofabric_sim.kernels.records import Blocks, Contacts, State, Team, Trail, Watch
@@ -85,7 +85,7 @@ def first_ahead(
     Bodies move by `farthest` [m] at most, relative to their common motion, and have moved by
     `moved` [m] since the last search.
     """
-    if not farthest <= 0.5 * watch.limits[MOST]:
+    if not farthest <= 0.5 * watch.limits[MAX_REACH]:
         return NEVER_MEET
     # The common motion differs a little from that of the last search.
     nearby, frame = watch.nearby, watch.frame

@@ -12,11 +12,11 @@ import math
 from icofabric_sim.kernels.contact.displacement import (
     HORIZON,
     LATE,
-    LEAST,
-    MOST,
+    MAX_REACH,
+    MIN_REACH,
     OWN,
     pace,
-    ROOM,
+    REACH_FACTOR,
     set_reach,
     SKIN,
     SOON,
@@ -35,7 +35,7 @@ MOVED_FAR, MISSED = 8, 1024
 @compiled
 def least_reach(limits: np.ndarray, speed: float) -> float:
     """Return the required reach [m] for bodies of a `speed` [m/s] if pairs are near."""
-    return min(max(limits[HORIZON] * speed, limits[LEAST]), limits[MOST])
+    return min(max(limits[HORIZON] * speed, limits[MIN_REACH]), limits[MAX_REACH])
 
 
 @compiled
@@ -68,13 +68,13 @@ def look_around(watch: Watch, state: State, time: float, step: float) -> bool:
     speed, way = survey(nearby, state)
     if not speed < math.inf:
         return False
-    most, skin = limits[MOST], limits[SKIN]
+    most, skin = limits[MAX_REACH], limits[SKIN]
     if 2.0 * (way + most) > skin and refresh(
             nearby, state.position, skin) > nearby.pairs.shape[1]:
         return False
     least = least_reach(limits, speed)
     reach = find_reach(nearby, state.position, least, most)
-    if reach < least or step * ROOM * speed > reach:
+    if reach < least or step * REACH_FACTOR * speed > reach:
         return False
     frame = watch.frame
     frame[0] = time
@@ -105,5 +105,5 @@ def can_look_farther(watch: Watch | None, time: float) -> bool:
     """Check that a search from the positions at `time` [s] has a longer reach than the last."""
     if watch is None:
         return False
-    most = (1.0 - 1e-9) * watch.limits[MOST]
+    most = (1.0 - 1e-9) * watch.limits[MAX_REACH]
     return watch.frame[0] != time or watch.limits[LATE] < most * most

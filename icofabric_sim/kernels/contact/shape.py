@@ -50,17 +50,17 @@ OPPOSITE = np.argmin(NORMALS @ NORMALS.T, axis=1)
 # Unit vectors along the edges, one of each two parallel ones, and the same as whole vectors of
 # x, y and z, filled up with 0.
 EDGE_ENDS = np.ascontiguousarray(vertices(1.0)[EDGES])
-_WAYS = (EDGE_ENDS[:, 1] - EDGE_ENDS[:, 0]) / 2.0
+_DIRECTIONS = (EDGE_ENDS[:, 1] - EDGE_ENDS[:, 0]) / 2.0
 EDGE_WAYS = np.array([
-    way for k, way in enumerate(_WAYS)
-    if not any(abs(way @ other) > 0.999 for other in _WAYS[:k])])
+    way for k, way in enumerate(_DIRECTIONS)
+    if not any(abs(way @ other) > 0.999 for other in _DIRECTIONS[:k])])
 WAY_COUNT = len(EDGE_WAYS)
-WAYS = np.concatenate([EDGE_WAYS, np.zeros((AXIS_COUNT - WAY_COUNT, 3))]).T.ravel()
+WAY_ROWS = np.concatenate([EDGE_WAYS, np.zeros((AXIS_COUNT - WAY_COUNT, 3))]).T.ravel()
 # Edges 2 k and 2 k + 1 lie along EDGE_WAYS[k], opposite each other: their middles, faces (30, 2),
 # and a vector at right angles to both way and middle. Directions n from which an edge is farthest
 # have |n . EDGE_SLOPES| < n . EDGE_MIDDLES.
 _MIDDLES = EDGE_ENDS.mean(axis=1)
-_FIRST = np.array([np.flatnonzero(np.abs(_WAYS @ way) > 0.999)[0] for way in EDGE_WAYS])
+_FIRST = np.array([np.flatnonzero(np.abs(_DIRECTIONS @ way) > 0.999)[0] for way in EDGE_WAYS])
 EDGE_MIDDLES = np.stack([_MIDDLES[_FIRST], -_MIDDLES[_FIRST]], axis=1).reshape(30, 3)
 EDGE_FACES = np.argsort(-EDGE_MIDDLES @ NORMALS.T, axis=1, kind='stable')[:, :2].copy()
 _ACROSS = NORMALS[EDGE_FACES[:, 0]] - NORMALS[EDGE_FACES[:, 1]]

@@ -44,7 +44,7 @@ import numpy as np
 # were never tested.
 APART, AWAKE = 0.0, -1.0
 # Longest path in radii before the path restarts from 0; relative spacing of numbers near 1.
-_LONGEST, _ROUNDING = 1e3, 2.0**-52
+_MAX_PATH_RATIO, _ROUNDING = 1e3, 2.0**-52
 # Indices in Sleep.path: of all threads, and in the range of each thread.
 _PATH, _FIRST, _SQUARE = 0, 2, 1
 
@@ -92,7 +92,7 @@ def go_on(
     if before >= 0.0:
         # Rounded up.
         way = (before + math.sqrt(longest)) * (1.0 + _ROUNDING)
-    if way > _LONGEST * sleep.radius:
+    if way > _MAX_PATH_RATIO * sleep.radius:
         # Far from 0 the spacing of numbers is too large, as after a rejected step.
         wake_all(sleep.until, team)
         way = 0.0

@@ -59,7 +59,7 @@ import numpy as np
 # Volume of a body, over a^3.
 _VOLUME = float(sum(np.linalg.det(CORNERS[i]) for i in range(20))) / 6.0
 # Largest distance of a corner on a side: the polygon beyond is tested. More tests cost only time.
-_NEAR = 1e-12
+_TOLERANCE = 1e-12
 # A polygon exists; bits 0 to 5 of the same number are sides, the others pairs of sides.
 FOUND = 1 << 6
 
@@ -87,7 +87,7 @@ _DEPTHS, _WAITING_FACES, _TOTALS = 544, 560, 680
 # A pyramid gives a polygon 4 corners at most, and each of three sides of another one more.
 _NEXT, _CORNERS = 32, 4
 # Pairs in lanes (apex.py): one alone, pairs of edges, pairs of a vertex and a face.
-ALONE, EDGES, POINTS, _ROOM = 824, 1144, 1464, 1784
+ALONE, EDGES, POINTS, _SCRATCH_SIZE = 824, 1144, 1464, 1784
 # Faces, padded with 0 to whole vectors.
 _FACES = 24
 FACE_NORMALS = np.concatenate([NORMALS, np.zeros((_FACES - 20, 3))]).T.ravel()
@@ -101,7 +101,7 @@ _WAITING, _SEEN, EDGES_WAIT, POINTS_WAIT, _MARKS = 0, 400, 420, 428, 436
 
 def contact_scratch() -> Scratch:
     """Return scratch arrays for one thread."""
-    return Scratch(np.zeros(_ROOM), np.zeros(_MARKS, np.int64))
+    return Scratch(np.zeros(_SCRATCH_SIZE), np.zeros(_MARKS, np.int64))
 
 
 @compiled
@@ -127,8 +127,8 @@ def put_section(
         in0, in1, in2 = e0 < 0.0, e1 < 0.0, e2 < 0.0
     if not (in0 or in1 or in2):
         return 0, 0
-    sides = (5 if in0 or abs(e0) < _NEAR else 0) | (3 if in1 or abs(e1) < _NEAR else 0) | (
-        6 if in2 or abs(e2) < _NEAR else 0)
+    sides = (5 if in0 or abs(e0) < _TOLERANCE else 0) | (
+        3 if in1 or abs(e1) < _TOLERANCE else 0) | (6 if in2 or abs(e2) < _TOLERANCE else 0)
     at = POLYGON
     for k in range(3):
         if k == 0:
@@ -174,7 +174,7 @@ def clip(
         value = rx * room[at] + ry * room[at + 1] + rz * room[at + 2] - r
         room[VALUE + k] = value
         outside += 1 if value > 0.0 else 0
-        near += 1 if value > -_NEAR else 0
+        near += 1 if value > -_TOLERANCE else 0
     if outside == 0:
         return kept, count, near > 0
     if outside == count:
@@ -336,7 +336,7 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
     # If both faces have the same normal, equal depth holds nowhere or everywhere.
     nx, ny, nz = NORMALS[i, 0] - mx, NORMALS[i, 1] - my, NORMALS[i, 2] - mz
     square = nx * nx + ny * ny + nz * nz
-    if not square > _NEAR * _NEAR:
+    if not square > _TOLERANCE * _TOLERANCE:
         return 0
     scale = 1.0 / math.sqrt(square)
     nx, ny, nz = nx * scale, ny * scale, nz * scale
@@ -359,13 +359,13 @@ def add_polygon(room: np.ndarray, i: int, j: int, cx: float, cy: float, cz: floa
         own, other = 0, 0
         for k in range(3):
             if own_sides >> k & 1 and (
-                    RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_NEAR):
+                    RIDGES[i, k, 0] * x + RIDGES[i, k, 1] * y + RIDGES[i, k, 2] * z > -_TOLERANCE):
                 own |= 1 << k
-        if at_u and ux * x + uy * y + uz * z - u > -_NEAR:
+        if at_u and ux * x + uy * y + uz * z - u > -_TOLERANCE:
             other |= 1
-        if at_v and vx * x + vy * y + vz * z - v > -_NEAR:
+        if at_v and vx * x + vy * y + vz * z - v > -_TOLERANCE:
             other |= 2
-        if at_w and wx * x + wy * y + wz * z - w > -_NEAR:
+        if at_w and wx * x + wy * y + wz * z - w > -_TOLERANCE:
             other |= 4
         reached |= own | other << 3
         if own and other:
@@ -446,7 +446,7 @@ def highest(room: np.ndarray) -> int:
         most = max(most, room[HEIGHT + k])
     bits = 0
     for k in range(20):
-        bits |= (1 if room[HEIGHT + k] >= most - _NEAR else 0) << k
+        bits |= (1 if room[HEIGHT + k] >= most - _TOLERANCE else 0) << k
     return bits
 
 
@@ -583,9 +583,9 @@ def add_sections(
     d3 = where(two_in, d2, zero)
     square = fma(vx, vx, fma(vy, vy, vz * vz))
     # If the plane is parallel to the face, equal depth holds nowhere or everywhere.
-    some = where(square > splat(_NEAR * _NEAR), one, zero)
+    some = where(square > splat(_TOLERANCE * _TOLERANCE), one, zero)
     some = where(e0 > zero, some, zero)
-    scale = one / sqrt(where(square > splat(_NEAR * _NEAR), square, one))
+    scale = one / sqrt(where(square > splat(_TOLERANCE * _TOLERANCE), square, one))
     vx, vy, vz = vx * scale, vy * scale, vz * scale
     h = centre * scale
     facing = zero - fma(splat(nx), vx, fma(splat(ny), vy, splat(nz) * vz))
@@ -656,7 +656,7 @@ def add_section(
         return
     vx, vy, vz = NORMALS[i, 0] - nx, NORMALS[i, 1] - ny, NORMALS[i, 2] - nz
     length = math.sqrt(vx * vx + vy * vy + vz * vz)
-    if not length > _NEAR:
+    if not length > _TOLERANCE:
         return
     vx, vy, vz = vx / length, vy / length, vz / length
     add_integrals(room, 0, count, vx, vy, vz, (INNER - offset) / length)

@@ -11,7 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR_CONTACT, NO_ROOM
 from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
 from icofabric_sim.kernels.contact.forces import (
     deepest_overlap,
@@ -70,7 +70,7 @@ import numpy as np
 # step [s], 1 if slope 12 is that of the present state, the longest step [s], and the time [s] for
 # which the tolerance of a shorter step counts: if forces jump, the error rate does not fall with
 # the step.
-(START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST, HAS_LAST, LONGEST,
+(START, LENGTH, NEXT, GOAL, TOLERANCE, TOTAL, RATE, REFUSED, SHORTEST_STEP, HAS_LAST, LONGEST_STEP,
  SPARE) = range(12)
 # A step at most this long [s] is accepted with any error: there may be a kink in the forces, for
 # which no length meets the tolerance.
@@ -94,7 +94,7 @@ SCALES = 23
 CONTROL_COUNT = 27
 # Target of the error as a fraction of the tolerance (a step is rejected above the tolerance);
 # smallest and largest factor of the step length at once.
-_AIM, _SHRINK, _GROW = 0.4, 0.2, 4.0
+_AIM_RATIO, _SHRINK, _GROW = 0.4, 0.2, 4.0
 # Factor of the estimate of order 7, which was 30 to 200 times the error in all measured scenes.
 _ESTIMATE = 0.5
 # Number of shorter steps after a step that was rejected because of a possible contact, and its
@@ -125,9 +125,9 @@ class Pair(NamedTuple):
 
 
 # Time-dependent terms are evaluated at the sums of the weights; slope 12 is at the step's end.
-_ROWS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
+_STAGE_WEIGHTS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
 DOP8 = Pair(
-    nodes=np.array([math.fsum(row) for row in _ROWS]),
+    nodes=np.array([math.fsum(row) for row in _STAGE_WEIGHTS]),
     stages=tuple(np.array(row) for row in dop853.STAGES[1:]),
     step=np.array(dop853.STEP),
     error_5=np.array(dop853.ERROR_5),
@@ -322,9 +322,9 @@ def adaptive_pair(
     start, length, h = control[START], control[LENGTH], control[NEXT]
     total, rate, refused = control[TOTAL], control[RATE], control[REFUSED]
     clear_total, is_clear = control[CLEAR_TOTAL], control[IS_CLEAR]
-    goal, shortest = control[GOAL], control[SHORTEST]
+    goal, shortest = control[GOAL], control[SHORTEST_STEP]
     tolerance = max(control[TOLERANCE], control[FLOOR])
-    longest, spare, kink = control[LONGEST], control[SPARE], control[KINK]
+    longest, spare, kink = control[LONGEST_STEP], control[SPARE], control[KINK]
     close, held, hold = control[CLOSE], control[HELD], max(control[HOLD], _HOLD)
     meeting, resume = control[MEETING:MEETING + 1], control[RESUME]
     done, status, evaluations = 0, 0, 0
@@ -364,7 +364,7 @@ def adaptive_pair(
                 accepted = True
                 change = _GROW
             if 0.0 < error and error < np.inf:
-                change = min(change, max(_SHRINK, (_AIM * tolerance / error) ** (1.0 / 7.0)))
+                change = min(change, max(_SHRINK, (_AIM_RATIO * tolerance / error) ** (1.0 / 7.0)))
             elif not error <= tolerance:
                 change = _SHRINK
             finite = error < _ESTIMATE * _MISSED
@@ -409,7 +409,7 @@ def adaptive_pair(
                 if clear == NO_ROOM:
                     status = LIST_FULL
                     set_tests(model.contacts, team.member, tests)
-            elif clear == NEAR:
+            elif clear == NEAR_CONTACT:
                 held, hold = hold, min(2.0 * hold, _LONGEST_HOLD)
             elif unknown:
                 change = 0.5

@@ -29,6 +29,7 @@ from icofabric_sim.kernels.monitor import (
     judge_roughness,
     least_scale,
     note_own,
+    PENDING_STEPS,
     REGULAR,
     ROUGHER,
     ROUGHEST,
@@ -40,7 +41,6 @@ from icofabric_sim.kernels.monitor import (
     SWING_LIMIT,
     SWINGS,
     TOO_DEEP,
-    UNCOUNTED,
     UNSOUND,
 )
 from icofabric_sim.kernels.records import Contacts, Kinks, Loads, Model, State, Team, Watch, Work
@@ -271,7 +271,7 @@ def splitting(
             wait_for_all(team)
         if team.member == 0 and check_interval < NEVER:
             ledger[REGULAR] += ahead
-            ledger[UNCOUNTED] += ahead
+            ledger[PENDING_STEPS] += ahead
         examined = since_check >= check_interval
         watched = watch is not None and since_check % stride == 0
         status = 0

@@ -274,7 +274,7 @@ def _provide_runtime() -> None:
 
 # -- machine code -----------------------------------------------------------------------------
 
-_PART, _KERNEL = 'part', 'kernel'
+_PART_FORMAT, _KERNEL_FORMAT = 'part', 'kernel'
 _codegen = cpu_target.target_context.codegen()
 
 
@@ -304,7 +304,7 @@ class PartLibrary(JITCodeLibrary):
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
         """Return the content of a cache entry: the bitcode for linking."""
         self._ensure_finalized()
-        return self.name, _PART, self._get_module_for_linking().as_bitcode()
+        return self.name, _PART_FORMAT, self._get_module_for_linking().as_bitcode()
 
 
 class KernelLibrary(JITCodeLibrary):
@@ -331,14 +331,14 @@ class KernelLibrary(JITCodeLibrary):
         names = (
             one.name for kind in (module.functions, module.global_variables) for one in kind
             if not one.is_declaration)
-        return self.name, _KERNEL, (self._get_compiled_object(), tuple(names))
+        return self.name, _KERNEL_FORMAT, (self._get_compiled_object(), tuple(names))
 
 
 def _load_library(serialized: Any) -> Any:
     """Return the library of a cache entry of a part or a kernel."""
     name, kind, data = serialized
     library: Any
-    if kind == _PART:
+    if kind == _PART_FORMAT:
         library = PartLibrary(_codegen, name)
         library._final_module = library._shared_module = binding.parse_bitcode(data)
     else:
@@ -363,7 +363,7 @@ def use_libraries(class_of: Callable[[str], type | None]) -> None:
         return create(name, **options) if library is None else library(_codegen, name, **options)
 
     def load_library(serialized: Any) -> Any:
-        return (_load_library if serialized[1] in (_PART, _KERNEL) else load)(serialized)
+        return (_load_library if serialized[1] in (_PART_FORMAT, _KERNEL_FORMAT) else load)(serialized)
 
     def set_environment_of(name: str, environment: Any) -> None:
         # A part has no symbol for an environment.
@@ -390,7 +390,7 @@ _fix_target()
 
 
 def number_functions_from(first: int) -> None:
-    """Number the next functions that Numba compiles, of one name and type, from `first`."""
+    """Count the next functions that Numba compiles, of one name and type, from `first` on."""
     FunctionIdentity._unique_ids = itertools.count(first)
 
 

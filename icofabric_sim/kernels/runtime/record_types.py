@@ -32,7 +32,7 @@ from numba.extending import (
     unbox,
 )
 
-_WORD = ir.IntType(64)
+_WORD_TYPE = ir.IntType(64)
 
 
 class RecordType(types.Type):
@@ -100,25 +100,25 @@ def _read_field(context: Any, builder: Any, record: RecordType, pointer: Any, na
         array.meminfo = array.meminfo.type(None)
         array.parent = array.parent.type(None)
         array.data = _load(builder, pointer, place, array.data.type)
-        array.nitems = _load(builder, pointer, place + 1, _WORD)
-        array.itemsize = _load(builder, pointer, place + 2, _WORD)
+        array.nitems = _load(builder, pointer, place + 1, _WORD_TYPE)
+        array.itemsize = _load(builder, pointer, place + 2, _WORD_TYPE)
         place += 3
         for part in ('shape', 'strides'):
-            words = [_load(builder, pointer, place + k, _WORD) for k in range(kind.ndim)]
-            setattr(array, part, cgutils.pack_array(builder, words, ty=_WORD))
+            words = [_load(builder, pointer, place + k, _WORD_TYPE) for k in range(kind.ndim)]
+            setattr(array, part, cgutils.pack_array(builder, words, ty=_WORD_TYPE))
             place += kind.ndim
         return array._getvalue()
     wanted = context.get_value_type(kind)
     if isinstance(kind, RecordType):
         inner = _load(builder, pointer, place, wanted)
-        size = ir.Constant(_WORD, kind.size)
+        size = ir.Constant(_WORD_TYPE, kind.size)
         inner.set_metadata('dereferenceable', builder.module.add_metadata([size]))
         inner.set_metadata('nonnull', builder.module.add_metadata([]))
         return inner
     if kind is types.float64:
         return _load(builder, pointer, place, wanted)
-    value = _load(builder, pointer, place, _WORD)
-    return builder.trunc(value, wanted) if wanted.width < _WORD.width else value
+    value = _load(builder, pointer, place, _WORD_TYPE)
+    return builder.trunc(value, wanted) if wanted.width < _WORD_TYPE.width else value
 
 
 @lower_builtin(operator.is_, RecordType, types.NoneType)
@@ -128,14 +128,14 @@ def _is_absent(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     """
     if not signature.args[0].optional:
         return cgutils.false_bit
-    present = _load(builder, values[0], 0, _WORD)
-    return builder.icmp_unsigned('==', present, ir.Constant(_WORD, 0))
+    present = _load(builder, values[0], 0, _WORD_TYPE)
+    return builder.icmp_unsigned('==', present, ir.Constant(_WORD_TYPE, 0))
 
 
 def _load(builder: Any, pointer: Any, place: int, kind: Any) -> Any:
     """Load a word of a record: as a constant, because nothing writes into a record."""
     address = builder.gep(
-        builder.bitcast(pointer, _WORD.as_pointer()), [ir.Constant(ir.IntType(32), place)])
+        builder.bitcast(pointer, _WORD_TYPE.as_pointer()), [ir.Constant(ir.IntType(32), place)])
     value = builder.load(builder.bitcast(address, kind.as_pointer()))
     value.set_metadata('invariant.load', builder.module.add_metadata([]))
     return value

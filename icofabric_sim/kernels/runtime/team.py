@@ -27,7 +27,7 @@ import numpy as np
 _intrinsic: Any = intrinsic
 # Indices in Team.flags, one cache line apart. From the last index on each thread has a line: the
 # number of parts taken, then which of two shared values is used next.
-_ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN, _TAKEN = 0, 8, 16, 24, 32, 40
+_ARRIVED, _ROUND, _SHARED, _ASLEEP, _IN_VAIN, _TAKEN_PARTS = 0, 8, 16, 24, 32, 40
 _TURN, _LINE = 1, 8
 # A part taken from the back of a run adds this number to the count, one from the front adds 1.
 _BEHIND = 2**32
@@ -35,7 +35,7 @@ _BEHIND = 2**32
 TILE = 64
 # Polls of the flag before a thread sleeps: about 80 us, less than the time to wake a thread. After
 # _ENOUGH fruitless waits, the next _PAUSE waits poll for 0.5 us.
-_PATIENCE, _IMPATIENCE = 200_000, 1_000
+_MAX_POLL_COUNT, _MIN_POLL_COUNT = 200_000, 1_000
 _ENOUGH, _PAUSE = 8, 256
 # Number of futex(2) among the system calls of Linux, by processor; 0: threads yield instead.
 _FUTEX = {'x86_64': 202, 'aarch64': 98}.get(
@@ -46,7 +46,7 @@ _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 2**31 - 1
 
 def flag_count(size: int) -> int:
     """Return the number of flags that a team of such a size needs."""
-    return _TAKEN + _LINE * size
+    return _TAKEN_PARTS + _LINE * size
 
 
 def _address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -118,7 +118,7 @@ def _wait(flags: np.ndarray, count: int) -> None:
         return
     # If other processes compute, some threads may wait for a core, which polling would occupy.
     in_vain = flags[_IN_VAIN]
-    for _ in range(_PATIENCE if in_vain < _ENOUGH else _IMPATIENCE):
+    for _ in range(_MAX_POLL_COUNT if in_vain < _ENOUGH else _MIN_POLL_COUNT):
         if _read(flags, _ROUND) != present:
             flags[_IN_VAIN] = max(in_vain - 1, 0)
             return
@@ -146,7 +146,7 @@ def take_part(flags: np.ndarray, member: int, size: int, parts: int, before: int
     for turn in range(size):
         owner = (member + turn) % size
         first, last = parts * owner // size, parts * (owner + 1) // size
-        place = _TAKEN + _LINE * owner
+        place = _TAKEN_PARTS + _LINE * owner
         if _left(_read(flags, place), last - first):
             # Both ends are in one number, so that each part is given once.
             taken: int = _fetch_add(flags, place, 1 if turn == 0 else _BEHIND)
@@ -165,7 +165,7 @@ def _left(taken: int, parts: int) -> bool:
 def end_parts(team: Team) -> None:
     """Reset the count of parts taken from this thread's run."""
     if team.size > 1:
-        team.flags[_TAKEN + _LINE * team.member] = 0
+        team.flags[_TAKEN_PARTS + _LINE * team.member] = 0
 
 
 @compiled
@@ -173,7 +173,7 @@ def tell_all(team: Team, value: int) -> int:
     """Return the value of the first thread in all threads; also a barrier."""
     if team.size > 1:
         # Two flags in turn: one is written again only after all threads have read the other.
-        turn = _TAKEN + _LINE * team.member + _TURN
+        turn = _TAKEN_PARTS + _LINE * team.member + _TURN
         place = _SHARED + team.flags[turn]
         team.flags[turn] = 1 - team.flags[turn]
         if team.member == 0:

@@ -55,7 +55,7 @@ from icofabric_sim.kernels.wrap.path import (
 )
 import numpy as np
 
-_SMALLEST = 1e-150
+_SMALLEST_LENGTH = 1e-150
 
 
 class Band(NamedTuple):
@@ -192,7 +192,7 @@ def band_of(
         wrapping, far, edges[1], STRAIGHT, 0.0)
     p, q = leaving(wrapping, pose, edges[0], way, place), leaving(
         wrapping, far, edges[1], far_way, far_place)
-    straight, free = max(apart(a, b), _SMALLEST), max(apart(p, q), _SMALLEST)
+    straight, free = max(apart(a, b), _SMALLEST_LENGTH), max(apart(p, q), _SMALLEST_LENGTH)
     length = free + wound(wrapping, edges[0], way, place) + wound(
         wrapping, edges[1], far_way, far_place)
     old_pull, old_energy, _ = tabled_law(

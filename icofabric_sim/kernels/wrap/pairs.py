@@ -36,7 +36,7 @@ from icofabric_sim.kernels.wrap.path import (
 
 _ROUNDS, _NEWTON = 12, 40
 # A set of paths, the straight one first, takes three words of this number of bits.
-WORD = 62
+WORD_BITS = 62
 Found = tuple[int, float, int, float]
 Ways = tuple[int, int, int]
 
@@ -155,7 +155,7 @@ def candidates(
         if (below >> wrapping.faces[edge, way, 0]) & (
                 above >> wrapping.faces[edge, way, 1]) & 1 and least(
                 wrapping, edge, way, point) < shortest:
-            word, bit = divmod(way + 1, WORD)
+            word, bit = divmod(way + 1, WORD_BITS)
             if word == 0:
                 first |= 1 << bit
             elif word == 1:
@@ -168,7 +168,7 @@ def candidates(
 @compiled
 def is_member(ways: Ways, way: int) -> bool:
     """Check that a path is in a set."""
-    word, bit = divmod(way + 1, WORD)
+    word, bit = divmod(way + 1, WORD_BITS)
     return bool((ways[word] >> bit) & 1)
 
 

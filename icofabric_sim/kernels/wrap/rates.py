@@ -20,7 +20,7 @@ from icofabric_sim.kernels.wrap.pairs import taut
 from icofabric_sim.kernels.wrap.path import apart, leaving, Point, Pose, pose_of, wound
 import numpy as np
 
-_SMALLEST = 1e-150
+_SMALLEST_LENGTH = 1e-150
 
 
 class Run(NamedTuple):
@@ -57,7 +57,7 @@ def runs_between(
     way, place, far_way, far_place = taut(wrapping, pose, edge, far, far_edge)
     p = leaving(wrapping, pose, edge, way, place)
     q = leaving(wrapping, far, far_edge, far_way, far_place)
-    free = max(apart(p, q), _SMALLEST)
+    free = max(apart(p, q), _SMALLEST_LENGTH)
     x, y, z = (q[0] - p[0]) / free, (q[1] - p[1]) / free, (q[2] - p[2]) / free
     length = free + wound(wrapping, edge, way, place) + wound(
         wrapping, far_edge, far_way, far_place)
@@ -209,7 +209,7 @@ def straight_damping(
     uz = points[place + 2 * stride] - points[at + 2 * stride]
     wx, wy = speeds[place] - speeds[at], speeds[place + stride] - speeds[at + stride]
     wz = speeds[place + 2 * stride] - speeds[at + 2 * stride]
-    length = max(math.sqrt(ux * ux + uy * uy + uz * uz), _SMALLEST)
+    length = max(math.sqrt(ux * ux + uy * uy + uz * uz), _SMALLEST_LENGTH)
     rate = (ux * wx + uy * wy + uz * wz) / length
     pull = c * rate / length
     arm = (

@@ -16,14 +16,14 @@ from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_r
 from icofabric_sim.kernels.contact.displacement import (
     HORIZON,
     LATE,
-    LEAST,
     LIMIT_COUNT,
     longest_step,
-    MOST,
+    MAX_REACH,
+    MIN_REACH,
     MOST_STRIDE,
     OWN,
     pace,
-    ROOM,
+    REACH_FACTOR,
     set_reach,
     SKIN,
     SOON,
@@ -140,7 +140,7 @@ class BroadPhase:
         self._scratch = contact_scratch()
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
-        self.limits[[LEAST, MOST, SKIN]] = (
+        self.limits[[MIN_REACH, MAX_REACH, SKIN]] = (
             _LEAST * setup.smallest, self._lists.most, self._lists.skin)
         self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
         self._watch = Watch(
@@ -282,16 +282,16 @@ class BroadPhase:
         if time < self._wary_until:
             displacement = math.inf
         watch.frame[4:7] = 0.5 * self.setup.fall if self.setup.free else 0.0
-        limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * ROOM)
-        least = min(max(float(least_reach(limits, speed)), displacement), float(limits[MOST]))
+        limits[HORIZON] = self._caution * step * max(2.0 * steps, 1.1 * REACH_FACTOR)
+        least = min(max(float(least_reach(limits, speed)), displacement), float(limits[MAX_REACH]))
         np.copyto(watch.reference, state.position)
         np.copyto(watch.turned, state.orientation)
         self._take(self._lists.find(
-            state, least, limits[MOST], few_axes=self.lists_by_few_axes), least)
+            state, least, limits[MAX_REACH], few_axes=self.lists_by_few_axes), least)
         if time < self._wary_until:
             # Bodies may become so fast before the next search that a step leads to its reach.
             reach = math.sqrt(limits[LATE])
-            limits[SPEED] = max(speed, reach / (ROOM * self._wary_step))
+            limits[SPEED] = max(speed, reach / (REACH_FACTOR * self._wary_step))
 
     def make_room(self, state: State) -> None:
         """Room in the list for all that is near `state`; what was found stays."""
@@ -529,7 +529,7 @@ class BroadPhase:
             self._touching = max(tree.number('touching', 1.0), 1.0)
             self.touching_pairs = tree.count('touching_pairs')
         late, listed = tree.number('late', 0.0, finite=False), tree.number('listed', 0.0)
-        reach, most = math.sqrt(late), float(limits[MOST])
+        reach, most = math.sqrt(late), float(limits[MAX_REACH])
         if not reach <= 1.0001 * most:
             raise ValueError('watch.late is longer than any reach')
         reach = min(reach, most)

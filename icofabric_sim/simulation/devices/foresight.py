@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from icofabric_sim.kernels.contact.clearance import CLEAR, judge_clear, mean_velocity, way_between
-from icofabric_sim.kernels.contact.displacement import FREE, MOST
+from icofabric_sim.kernels.contact.displacement import FREE, MAX_REACH
 from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
 from icofabric_sim.kernels.records import Contacts, State, Team, Watch
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
@@ -76,7 +76,7 @@ class Foresight:
             mean = float(x), float(y), float(z)
         speed, moved = self._quickest(mean, float(time))
         needed = way_between(h, speed)
-        if needed <= 0.5 * watch.limits[MOST] and not (
+        if needed <= 0.5 * watch.limits[MAX_REACH] and not (
                 watch.limits[FREE] - moved**0.5 > needed):
             # It will be searched for.
             self._have_state(range(0))

@@ -30,8 +30,8 @@ class EmbeddedControl:
     clear_total = At(embedded.CLEAR_TOTAL)
     is_clear = At(embedded.IS_CLEAR)  # of the last step
     # Bounds of their length [s].
-    shortest = At(embedded.SHORTEST)
-    longest = At(embedded.LONGEST)
+    shortest = At(embedded.SHORTEST_STEP)
+    longest = At(embedded.LONGEST_STEP)
     close = At(embedded.CLOSE)  # where something may touch
     spare = At(embedded.SPARE)
     kink = At(embedded.KINK)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR, NO_ROOM
+from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR_CONTACT, NO_ROOM
 from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, LATE, ways_of
 from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
@@ -38,13 +38,13 @@ from icofabric_sim.kernels.integrators.embedded import (
     LAST,
     LENGTH,
     LIST_FULL,
-    LONGEST,
+    LONGEST_STEP,
     look,
     NEXT,
     RATE,
     REFUSED,
     SCALES,
-    SHORTEST,
+    SHORTEST_STEP,
     slope_at,
     START,
     TOLERANCE,
@@ -305,7 +305,7 @@ class ImplicitSteps:
                     if clear == NO_ROOM:
                         return LIST_FULL | TOO_FAR, done, since_check
                     hold = max(float(control[HOLD]), _HOLD)
-                    if clear == NEAR:
+                    if clear == NEAR_CONTACT:
                         accepted = False
                         control[HELD], control[HOLD] = hold, min(2.0 * hold, _LONGEST_HOLD)
                     else:
@@ -315,14 +315,14 @@ class ImplicitSteps:
                     self._accept(model, loads, state, work, control, error, start, h)
                 else:
                     control[REFUSED] += 1.0
-                    if h <= control[SHORTEST]:
+                    if h <= control[SHORTEST_STEP]:
                         status = TOO_SHORT
                     change = min(change, _LESS)
                 if tolerance < _ANY:
                     h = _even(h * change) if change < 1.0 or change >= _WORTH else h
                     if control[HELD] > 0.0:
                         h = min(h, _even(float(control[CLOSE])))
-                h = min(max(h, float(control[SHORTEST])), float(control[LONGEST]))
+                h = min(max(h, float(control[SHORTEST_STEP])), float(control[LONGEST_STEP]))
                 control[NEXT] = h
             if not status:
                 slope_at(
@@ -368,7 +368,7 @@ class ImplicitSteps:
         start: float, h: float, tolerance: float
     ) -> int:
         """
-        NEAR where a contact may go unseen in a step that is so long, and matters; else as it is.
+        Return NEAR_CONTACT if a step may miss a contact that matters, else as `find_clear`.
 
         One that begins and ends between two stages is no deeper than a hundredth of the way of
         bodies in the step, and they end that much beside where it would have led them.
@@ -376,7 +376,8 @@ class ImplicitSteps:
         clear = int(find_clear(
             watch, model.blocks, state, trail, len(self._tableau.stages), team, start, h, 0,
             len(model.blocks.slot)))
-        if clear == NEAR and _GRAZE * float(trail.speeds[0]) <= tolerance * self._half_edge:
+        if clear == NEAR_CONTACT and (
+                _GRAZE * float(trail.speeds[0]) <= tolerance * self._half_edge):
             return CLEAR
         return clear
 

@@ -111,7 +111,7 @@ class Ledger:
     # What the motion's roughness adds up to, see `AccuracyProbe`.
     steady_rough = At(monitor.STEADY_ROUGH)  # at the last check that knew it
     rough_sum = At(monitor.ROUGH_SUM)  # over steps
-    uncounted = At(monitor.UNCOUNTED)  # steps that are not in the sum yet
+    uncounted = At(monitor.PENDING_STEPS)  # steps that are not in the sum yet
 
     def __init__(self, packed: PackedScene, energy_limit: float) -> None:
         """Allow a balance error of `energy_limit` times the scale of the balance."""
@@ -133,11 +133,11 @@ class Ledger:
         """Forget the past: the state has jumped."""
         self.numbers[[
             monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
-            monitor.DEEPEST_EVER, monitor.NOISE, monitor.LOOKS]] = 0.0
+            monitor.DEEPEST_EVER, monitor.NOISE, monitor.CHECK_COUNT]] = 0.0
         self.lively = self.rough_limit = self.swing_limit = math.inf
         self.numbers[[
             monitor.REGULAR, monitor.ROUGHEST, monitor.SWING, monitor.STEADY_ROUGH,
-            monitor.ROUGH_SUM, monitor.UNCOUNTED]] = 0.0
+            monitor.ROUGH_SUM, monitor.PENDING_STEPS]] = 0.0
         self.swing_part = 1.0
         self.rough = -1.0
 

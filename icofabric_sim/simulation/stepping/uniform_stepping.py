@@ -394,7 +394,7 @@ class UniformStepping:
         if checks.since_check == 0:
             self._follow_touching(time)
         if checks.since_check == 0 and (
-            errors.probe.checks_left <= 0 or status & monitor.LIVELIER
+            errors.probe.checks_left <= 0 or status & monitor.KINETIC_HIGH
         ):
             pieces.choose_step(probe=True)
         return int(done)

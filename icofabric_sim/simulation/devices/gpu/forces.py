@@ -10,7 +10,13 @@ connectors, in the order of their numbers: nothing is scattered.
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.profiles import FAR, FAR_WEIGHT, MIDDLE_WEIGHT, NEAR, NEAR_WEIGHT
+from icofabric_sim.kernels.profiles import (
+    FAR_OFFSET,
+    FAR_WEIGHT,
+    MIDDLE_WEIGHT,
+    NEAR_OFFSET,
+    NEAR_WEIGHT,
+)
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
 from icofabric_sim.simulation.devices.gpu.rotations import (
     arm_on_axis,
@@ -31,7 +37,8 @@ _ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 
 _SMALLEST = wp.constant(_D(1e-300))
 # Of the Gauss rule by which the power of a wrench is averaged over a drift.
 _Five = wp.types.vector(length=5, dtype=_D)
-_NODES = wp.constant(_Five(0.5 - NEAR, 0.5 + NEAR, 0.5 - FAR, 0.5 + FAR, 0.5))
+_NODES = wp.constant(_Five(
+    0.5 - NEAR_OFFSET, 0.5 + NEAR_OFFSET, 0.5 - FAR_OFFSET, 0.5 + FAR_OFFSET, 0.5))
 _WEIGHTS = wp.constant(_Five(
     NEAR_WEIGHT, NEAR_WEIGHT, FAR_WEIGHT, FAR_WEIGHT, MIDDLE_WEIGHT))
 

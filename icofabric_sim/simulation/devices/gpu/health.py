@@ -104,7 +104,7 @@ class HealthCheck:
         if book.rate < book.low:
             status |= monitor.RATE_LOW
         if book.kinetic > book.lively:
-            status |= monitor.LIVELIER
+            status |= monitor.KINETIC_HIGH
         book.until_obstructed -= 1.0
         if book.until_obstructed <= 0.0:
             book.until_obstructed = book.obstructed_every
