@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     'parameters', 'scene', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures',
     'viewer', 'commands', 'ros', 'kernels')
-CEILINGS = {'docstrings': 336, 'constants': 78, 'words': 169, 'sections': 0}
+CEILINGS = {'docstrings': 315, 'constants': 69, 'words': 153, 'sections': 0}
 
 # Checks of numpydoc: a docstring (GL08) whose summary (SS01) ends with a period (SS03) and is
 # imperative (SS05); parameters as in the signature, in its order, with descriptions (PR01 to PR03,

@@ -363,7 +363,8 @@ def use_libraries(class_of: Callable[[str], type | None]) -> None:
         return create(name, **options) if library is None else library(_codegen, name, **options)
 
     def load_library(serialized: Any) -> Any:
-        return (_load_library if serialized[1] in (_PART_FORMAT, _KERNEL_FORMAT) else load)(serialized)
+        is_ours = serialized[1] in (_PART_FORMAT, _KERNEL_FORMAT)
+        return (_load_library if is_ours else load)(serialized)
 
     def set_environment_of(name: str, environment: Any) -> None:
         # A part has no symbol for an environment.
