@@ -1,14 +1,24 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of one length, many in a call of kernels.
+Steps of equal length, many in a kernel call.
 
-They end at origin + k h. Only inputs cut a step short; a state between two steps comes from a
-trial step, so outputs never touch the sequence.
+Steps end at origin + k h, and only inputs shorten a step. A trial step gives a state between two
+step ends, so outputs never change the sequence.
+
+The outcome of a batch, the steps of one kernel call, is one of four:
+
+    ACCEPTED  kernels save the state at health checks; errors are measured, and the step adapts
+    PASSED    shells may have passed through each other: search with larger speeds
+    SWUNG     contacts exchanged too much energy in a step: halve the step for contacts
+    ROUGH     the motion became rougher, and the error exceeds the tolerance: measure the error
+
+After all but the first, the run returns to the saved state, reacts, and takes the steps again.
 """
 
+from enum import Enum
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED
@@ -20,26 +30,43 @@ from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of
 import numpy as np
 
-# Above it steps cannot be counted in doubles.
-_MOST_STEPS = 2.0**53
+# Doubles cannot count more steps.
+_MAX_STEP_COUNT = 2.0**53
 # Ends of steps are rounded: 700 steps of 1e-3 s end one bit after 0.7 s.
-_ROUNDED_BITS = 2.0
+_MAX_ROUNDING_ULP = 2.0
+
+
+class Outcome(Enum):
+    """Outcome of a batch; see the module."""
+
+    ACCEPTED, PASSED, SWUNG, ROUGH = range(4)
+
+
+class Batch(NamedTuple):
+    """Steps of one kernel call."""
+
+    step: float  # [s]
+    step_before: float  # [s] of the trajectory; a batch with another step ends at an input
+    is_far: bool  # bodies may leave the region of the neighbour list in a given step
+    done: int
+    status: int
+    time: float  # [s] at the end
+    saved_time: float | None  # [s] of the state that kernels saved, if any
 
 
 def latest_end(time: float) -> float:
     """Return the latest end [s] of a step that counts as ended by `time` [s]."""
-    return time + _ROUNDED_BITS * math.ulp(time)
+    return time + _MAX_ROUNDING_ULP * math.ulp(time)
 
 
 class UniformStepping:
-    """Takes steps of the trajectory's length until the controller proposes another."""
+    """Steps of the trajectory's length, until the controller proposes another."""
 
     def __init__(self, pieces: Pieces) -> None:
         """Advance the trajectory of these `pieces`."""
         self._pieces = pieces
-        # Whether the last call of kernels led too far, so that the run went back.
-        self._is_back = False
-        # The farthest time [s] from which it went back in a call of `run_steps`.
+        self._outcome = Outcome.ACCEPTED  # of the last batch
+        # Latest time [s] from which the run returned to the saved state in `run_steps`.
         self._left_at = -math.inf
 
     @property
@@ -51,11 +78,11 @@ class UniformStepping:
         """Do nothing: the trajectory counts steps, and `errors` sums what they add."""
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors at the present time."""
+        """Set the `total` of errors at the present time."""
         self._pieces.errors.settle(total)
 
     def adopt(self, other: Stepping) -> None:
-        """Do nothing: `errors` measures anew."""
+        """Do nothing: `errors` measures again."""
 
     def forget(self) -> None:
         """Do nothing, likewise."""
@@ -68,7 +95,7 @@ class UniformStepping:
         trajectory = self._pieces.trajectory
         origin, step = trajectory.origin, trajectory.step
         count = (time - origin) / step
-        if not count < _MOST_STEPS:
+        if not count < _MAX_STEP_COUNT:
             reason = '' if self._pieces.trajectory.is_given else (
                 f'; {too_fast(trajectory.time, self._pieces.rates.fastest_term())}')
             trajectory.fail(
@@ -87,18 +114,17 @@ class UniformStepping:
 
     def _run(self, count: int) -> int:
         pieces = self._pieces
-        # Where the controller does not say when it measures again, up to the next health check.
-        due = max(pieces.errors.probe.checks_left, 1) * pieces.monitor.interval
-        due -= pieces.monitor.since_check
+        # Up to the next health check, or to that at which the controller measures again.
+        due = max(pieces.errors.probe.checks_left, 1) * pieces.monitor.interval - (
+            pieces.monitor.since_check)
         return self.take(pieces.trajectory.step, min(count, due, pieces.calls.portions.count))
 
     def run_steps(self, count: int, until: float) -> int:
         """
-        Take up to `count` steps that end by `until` [s], in one call; returns how many.
+        Take up to `count` steps that end by `until` [s], in one call; return their number.
 
-        Where one leads back, to be taken again in shorter steps, so many more that they come to
-        its end: what is shown at a time must not depend on steps beyond it, nor on how they were
-        asked for.
+        After a return to the saved state, steps are taken up to the time of that return. So a
+        state never depends on later steps, nor on the calls that requested them.
         """
         if until < math.inf:
             count = min(count, self.count_until(until))
@@ -107,10 +133,7 @@ class UniformStepping:
         self._left_at = -math.inf
         done = self._run(count)
         while self._pieces.trajectory.time < self._left_at and (
-                until == math.inf or self.count_until(until) > 0):
-            more = self._run(1)
-            if not more:
-                break
+                until == math.inf or self.count_until(until) > 0) and (more := self._run(1)):
             done += more
         return done
 
@@ -118,28 +141,28 @@ class UniformStepping:
         """
         Take a shorter step to `time` [s]; the next one starts there.
 
-        False: the step led too far, and the run is back at the saved state.
+        Return False if the run returned to the saved state instead.
         """
         trajectory = self._pieces.trajectory
         rest = time - trajectory.time
-        self._is_back = False
+        self._outcome = Outcome.ACCEPTED
         try:
             if rest > 0.0:
                 self.take(rest, 1)
         finally:
-            if trajectory.failure is None and not self._is_back:
+            if trajectory.failure is None and self._outcome is Outcome.ACCEPTED:
                 trajectory.begin_at(time)
-        if self._is_back:
+        if self._outcome is not Outcome.ACCEPTED:
             return False
         self._save_where_judged()
         return True
 
     def check_within(self, time: float) -> bool:
         """
-        Judge a state at `time` [s] within a step in which shells may pass through each other.
+        Return False if shells may have passed through each other by `time` [s], within a step.
 
-        So states within a step are judged as its end will be: a given step stops the run. False:
-        chosen ones have to be taken anew, by `go_back`.
+        The check is that of step ends: a run with a given step stops, and chosen steps have to be
+        taken again by `go_back`.
         """
         pieces, trajectory = self._pieces, self._pieces.trajectory
         if not self._is_judged:
@@ -147,84 +170,78 @@ class UniformStepping:
         rest = time - trajectory.time
         state = pieces.trials.take(rest, 1) if rest > 0.0 else trajectory.state
         if trajectory.take_force_failure() is not None:
-            # There is no state to judge; whether the run comes there is not known.
+            # No state could be computed, and the run may never reach this time.
             return True
         if rest > 0.0 and self._is_far(rest):
             pieces.contact.refuse_passing(trajectory.state, state, trajectory.time, time)
         elif pieces.contact.has_left(state, time):
-            # Of a chosen step the whole: the run must not depend on what is shown.
+            # All of a chosen step, as the run must not depend on requested states.
             return self._judge_steps(
                 trajectory.step if rest > 0.0 and not trajectory.is_given else rest)
         return True
 
     def go_back(self) -> None:
         """
-        Go on to where kernels ask how far bodies have moved, and back from there.
+        Continue to the next check of displacements, and return to the saved state from there.
 
-        A run of which no state is shown on the way does the same, so all that follows is the same.
+        A run without requested states returns at the same check, so the results are the same.
         """
-        pieces, trajectory, self._is_back = self._pieces, self._pieces.trajectory, False
+        pieces = self._pieces
         since, stride = pieces.monitor.since_check, pieces.contact.stride
-        self.take(trajectory.step, min(pieces.monitor.interval - since, stride - since % stride))
-        if not self._is_back:
+        self.take(pieces.trajectory.step, min(
+            pieces.monitor.interval - since, stride - since % stride))
+        if self._outcome is Outcome.ACCEPTED:
             # Bodies were far away in between only.
-            self._return()
+            self._retreat(Outcome.PASSED)
 
-    def _return(self) -> None:
-        """
-        Return to the saved state, and ask more often how far bodies have moved.
-
-        They became so fast in chosen steps that a contact may have been passed.
-        """
+    def _retreat(self, outcome: Outcome) -> None:
+        """Return to the saved state after an `outcome`, and choose the next step."""
         pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
-        contact, step = pieces.contact, trajectory.step
-        # The errors of what was shown up to there stay counted.
+        step, excess = trajectory.step, 1.0
+        if outcome is Outcome.ROUGH:
+            excess = pieces.controller.excess() or 1.0
+            errors.probe.take_back(pieces.monitor.interval)
+        # Errors up to here stay counted, as states up to here may have been output.
         errors.probe.close(trajectory.time)
-        self._left_at = max(self._left_at, trajectory.time)
+        self._outcome, self._left_at = outcome, max(self._left_at, trajectory.time)
         trajectory.return_to_saved()
         trajectory.return_work()
         trajectory.ledger.regular = 0.0
         errors.begin(trajectory.saved_time)
         pieces.monitor.since_check = 0
-        contact.follow_speeds(step, trajectory.saved_time + pieces.monitor.interval * step)
-        contact.search(trajectory.saved_time, *pieces.controller.outlook())
-        contact.forget_displacements()
-        pieces.choose_step(probe=True)
-        self._is_back = True
+        if outcome is Outcome.PASSED:
+            pieces.contact.follow_speeds(
+                step, trajectory.saved_time + pieces.monitor.interval * step)
+        elif outcome is Outcome.SWUNG:
+            pieces.controller.follow_swing()
+        else:
+            errors.returned_to = trajectory.saved_time
+        if outcome is not Outcome.ROUGH:
+            self._search(trajectory.saved_time)
+        pieces.choose_step(probe=outcome is not Outcome.SWUNG, shorter=excess)
 
-    def _take_again(self) -> None:
-        """Return to the saved state: collisions asked for shorter steps from there on."""
-        pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
-        # The errors of what was shown up to there stay counted.
-        errors.probe.close(trajectory.time)
-        self._left_at = max(self._left_at, trajectory.time)
-        trajectory.return_to_saved()
-        trajectory.return_work()
-        trajectory.ledger.regular = 0.0
-        errors.begin(trajectory.saved_time)
-        pieces.monitor.since_check = 0
-        pieces.controller.follow_swing()
-        pieces.contact.search(trajectory.saved_time, *pieces.controller.outlook())
-        pieces.contact.forget_displacements()
-        pieces.choose_step()
-        self._is_back = True
+    def _search(self, time: float) -> None:
+        """Find the candidate pairs of the present state, at `time` [s]."""
+        self._pieces.contact.search(time, *self._pieces.controller.outlook())
+        # Kernels may have noted some relative to the search before.
+        self._pieces.contact.forget_displacements()
 
     @property
     def _is_judged(self) -> bool:
-        """Whether steps may lead beyond a contact: those that no kernel refuses."""
+        """True if steps may pass through a contact, as no kernel rejects them."""
         pieces = self._pieces
         return pieces.contact.is_possible and pieces.trajectory.control is None
 
     def _save_where_judged(self) -> None:
-        """Save a state from which steps of one length under the same loads can be repeated."""
+        """Save a state from which equal steps under the same loads can be repeated."""
         if self._is_judged:
             self._save_sound()
 
     def _save_sound(self) -> None:
         """
-        Save the present state, to come back to; a run whose state is unsound ends instead.
+        Save the present state; a run whose state is unsound ends instead.
 
-        What a health check has just seen, or was saved already, is sound.
+        A state after a health check, or one that was saved before, is sound.
         """
         pieces, trajectory = self._pieces, self._pieces.trajectory
         if pieces.monitor.since_check and trajectory.saved_time != trajectory.time:
@@ -235,18 +252,17 @@ class UniformStepping:
 
     def _judge_steps(self, rest: float) -> bool:
         """
-        Whether no shells can have passed through each other since the saved state.
+        Return False if shells may have passed through each other since the saved state.
 
-        Where they may have, a run with a given step stops.
-
-        Kernels ask only after several steps how far bodies have moved, which may have become
-        faster. So these, and a part of the next one of `rest` [s], are repeated one by one.
+        A run with a given step stops then. Kernels check displacements only after several steps,
+        in which bodies may have become faster. So these steps, and `rest` [s] of the next one,
+        are repeated one by one.
         """
         pieces, trajectory, found = self._pieces, self._pieces.trajectory, ''
 
         def visit(before: State, after: State, start: float, end: float) -> None:
             nonlocal found
-            # What was before the last search was judged by the one before that.
+            # Displacements before the last search were checked then.
             if not found and 0.5 * (start + end) > pieces.contact.search_time:
                 found = pieces.contact.passing(
                     before, after, start, end, long=trajectory.is_given)
@@ -285,7 +301,7 @@ class UniformStepping:
         return state
 
     def follow_loads(self) -> None:
-        """The step follows other loads; none goes back to before them."""
+        """Adapt the step to other loads; no return to a state before them is possible."""
         self._pieces.trajectory.ledger.regular = 0.0
         self._pieces.errors.spoil()
         self._save_where_judged()
@@ -293,19 +309,19 @@ class UniformStepping:
             self._pieces.choose_step()
 
     def error_rate(self) -> float:
-        """Error that the method adds for each second, measured last."""
+        """Return the error that the method adds [1/s], measured last."""
         return self._pieces.errors.probe.present_rate
 
     def error_estimate(self, time: float) -> float:
-        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        """Return the errors added up to `time` [s], without amplification or decay."""
         return self._pieces.errors.estimate(time)
 
     def is_ready(self, *, touching: bool) -> bool:
-        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
         return self._pieces.calls.is_ready(touching=touching)
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add nothing: all that steps to come depend on is in the other pieces."""
+        """Add nothing: the other components have everything that later steps depend on."""
 
     def load_time(self, tree: StateTree) -> None:
         """Do nothing, likewise."""
@@ -314,29 +330,37 @@ class UniformStepping:
         """Do nothing, likewise."""
 
     def take(self, step: float, count: int) -> int:
-        """Take up to `count` steps of `step` [s], and act on what they met; returns how many."""
+        """Take up to `count` steps of `step` [s] and react to the outcome; return their number."""
+        batch = self._advance(step, count)
+        self._outcome = self._judge(batch)
+        if self._outcome is Outcome.ACCEPTED:
+            self._follow(batch)
+        else:
+            self._retreat(self._outcome)
+        return batch.done
+
+    def _advance(self, step: float, count: int) -> Batch:
+        """Take up to `count` steps of `step` [s] in one kernel call."""
         pieces, trajectory = self._pieces, self._pieces.trajectory
         checks, errors, ledger = pieces.monitor, pieces.errors, trajectory.ledger
-        touching, whole = errors.touching, trajectory.step
-        is_whole = step == whole
+        step_before, is_far = trajectory.step, self._is_far(step)
         first, before, ledger.saved_at = trajectory.index, checks.since_check, -1.0
-        far = self._is_far(step)
-        if far:
-            # One by one, each from a state to go back to.
+        if is_far:
+            # One by one, each from a saved state.
             count = 1
             self._save_sound()
-        if touching is not None:
-            count = touching.prepare(step, before, checks.interval, count)
-        # A step of another length is cut to end at an input.
+        if errors.touching is not None:
+            count = errors.touching.prepare(step, before, checks.interval, count)
+        is_whole = step == step_before
         origin, index = (trajectory.origin, first) if is_whole else (trajectory.time, 0)
         if not is_whole:
-            # Nor does a difference of the motion end with one.
+            # Differences of the motion need steps of equal length.
             ledger.regular = 0.0
         status, done, checks.since_check = pieces.calls.take(
             origin, index, step, count, before, checks.interval)
         trajectory.require_body_force()
-        if touching is not None:
-            touching.note()
+        if errors.touching is not None:
+            errors.touching.note()
         saved_at = int(ledger.saved_at)
         if is_whole:
             trajectory.index += done
@@ -350,66 +374,87 @@ class UniformStepping:
             trajectory.saved_time = saved_time
         trajectory.step_count += done
         errors.probe.checks_left -= (before + done) // checks.interval
-        if far and status & MISSED and not status & monitor.NOT_FINITE:
-            pieces.contact.refuse_passing(
-                trajectory.saved, trajectory.state, trajectory.saved_time, time)
-        elif self._is_judged and status & MISSED and not status & monitor.NOT_FINITE:
-            if not self._judge_steps(0.0 if is_whole else step):
-                self._return()
-                return int(done)
-        if (far or self._is_judged) and not status & monitor.NOT_FINITE:
-            if status & MISSED and checks.since_check == 0 and not status & monitor.UNSOUND:
-                trajectory.save(time)
-            # Nothing was missed, so the state is as good as any.
-            status &= ~MISSED
+        return Batch(
+            step, step_before, is_far, int(done), status, time,
+            saved_time if saved_at >= 0 else None)
+
+    def _judge(self, batch: Batch) -> Outcome:
+        """Return the outcome of a batch, and save its end if it is sound but kernels did not."""
+        pieces, trajectory, status = self._pieces, self._pieces.trajectory, batch.status
+        is_sound = not status & monitor.UNSOUND
+        if status & MISSED and self._checks_passing(batch):
+            if batch.is_far:
+                pieces.contact.refuse_passing(
+                    trajectory.saved, trajectory.state, trajectory.saved_time, batch.time)
+            elif not self._judge_steps(
+                    0.0 if batch.step == batch.step_before else batch.step):
+                return Outcome.PASSED
+            if pieces.monitor.since_check == 0 and is_sound:
+                trajectory.save(batch.time)
         if status & monitor.SWINGS:
-            self._take_again()
-            return int(done)
-        # An unsound state must not be saved: the run ends below.
-        rougher = status & monitor.ROUGHER and not status & monitor.UNSOUND
-        if rougher and not self._accept(time):
-            return int(done)
+            return Outcome.SWUNG
+        # An unsound state must not be saved: the run ends when it responds to the status.
+        if not (status & monitor.ROUGHER and is_sound):
+            return Outcome.ACCEPTED
+        excess = pieces.controller.excess()
+        if excess is not None and excess > 1.0 and (
+                trajectory.ledger.regular >= pieces.monitor.interval
+                and trajectory.saved_time != pieces.errors.returned_to):
+            return Outcome.ROUGH
+        trajectory.save(batch.time)
+        if excess is not None and batch.time == trajectory.time:
+            pieces.choose_step(probe=True)
+        return Outcome.ACCEPTED
+
+    def _checks_passing(self, batch: Batch) -> bool:
+        """Return True if the steps of a batch are checked for shells that passed each other."""
+        return (batch.is_far or self._is_judged) and not batch.status & monitor.NOT_FINITE
+
+    def _follow(self, batch: Batch) -> None:
+        """Measure the errors of an accepted batch, respond to its status, and adapt the step."""
+        pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
+        status, time, touching = batch.status, batch.time, pieces.errors.touching
         if touching is not None and checks.since_check == 0:
-            if saved_at >= 0 and not status & monitor.UNSOUND:
-                touching.end(saved_time, errors.probe.steady_rate)
-                if not trajectory.is_given:
-                    errors.report_excess(saved_time)
-            else:
+            if batch.saved_time is None or status & monitor.UNSOUND:
                 touching.begin(time)
-        elif touching is not None and saved_at >= 0:
-            # Where something is near a call ends at a health check: nothing was.
-            touching.begin(saved_time)
-        # Before another search: its list has not been looked at.
+            else:
+                touching.end(batch.saved_time, pieces.errors.probe.steady_rate)
+                if not trajectory.is_given:
+                    pieces.errors.report_excess(batch.saved_time)
+        elif touching is not None and batch.saved_time is not None:
+            # If shells were near each other the batch would end at a health check.
+            touching.begin(batch.saved_time)
+        # Before another search, whose list no health check has counted.
         if checks.since_check == 0 and self._counts_touching():
             pieces.contact.count_touching()
+        if self._checks_passing(batch):
+            # No contact was missed.
+            status &= ~MISSED
         if status:
             pieces.respond(status, time)
-        if checks.since_check and trajectory.step != whole:
+        if checks.since_check and trajectory.step != batch.step_before:
             # Steps of two lengths cannot be repeated from one state.
             self._save_where_judged()
-        if checks.since_check == 0 and time == trajectory.time and pieces.contact.calm(time):
-            pieces.contact.search(time, *pieces.controller.outlook())
-            pieces.contact.forget_displacements()
+        if checks.since_check:
+            return
+        if time == trajectory.time and pieces.contact.calm(time):
+            self._search(time)
             pieces.choose_step()
-        if checks.since_check == 0:
-            self._follow_touching(time)
-        if checks.since_check == 0 and (
-            errors.probe.checks_left <= 0 or status & monitor.KINETIC_HIGH
-        ):
+        self._follow_touching(time)
+        if pieces.errors.probe.checks_left <= 0 or status & monitor.KINETIC_HIGH:
             pieces.choose_step(probe=True)
-        return int(done)
 
     def _counts_touching(self) -> bool:
-        """Whether the step follows how many pairs touch."""
+        """Return True if the step follows the number of pairs in contact."""
         pieces = self._pieces
         return pieces.contact.contacts is not None and (
             pieces.trajectory.method.runs_through_contacts)
 
     def _follow_touching(self, time: float) -> None:
         """
-        At a health check at `time` [s]: let the step follow what touches, where it runs through.
+        Adapt steps that run through contacts to the pairs in contact at a health check.
 
-        And know the pairs of the stretch that begins, if that will be measured.
+        Search for candidate pairs at `time` [s] if the errors of the next interval are measured.
         """
         pieces = self._pieces
         contact, touching = pieces.contact, pieces.errors.touching
@@ -419,43 +464,11 @@ class UniformStepping:
             pieces.choose_step()
         if touching is not None and touching.needs_search and contact.searched < time:
             before = contact.rate
-            contact.search(time, *pieces.controller.outlook())
-            # Kernels may have noted some from where the search before was.
-            contact.forget_displacements()
+            self._search(time)
             if contact.rate != before and pieces.controller.follow_contacts():
                 pieces.choose_step()
             contact.pace(pieces.trajectory.step, alone=not pieces.controller.held_back)
 
     def _is_far(self, step: float) -> bool:
-        """Whether bodies may leave the region with known contacts in a given `step` [s]."""
+        """Return True if bodies may leave the region with known contacts in a given `step` [s]."""
         return self._pieces.trajectory.is_given and step > self._pieces.contact.longest_step
-
-    def _accept(self, time: float) -> bool:
-        """
-        The motion became rougher: measure anew, and go back if the error was too large.
-
-        Whether the run goes on from here; else it is back at the last health check.
-        """
-        pieces, trajectory, errors = self._pieces, self._pieces.trajectory, self._pieces.errors
-        excess = pieces.controller.excess()
-        if excess is None:
-            trajectory.save(time)
-            return True
-        whole = trajectory.ledger.regular >= pieces.monitor.interval
-        if excess > 1.0 and whole and trajectory.saved_time != errors.returned_to:
-            # The errors of what was shown up to there stay counted.
-            errors.probe.take_back(pieces.monitor.interval)
-            errors.probe.close(time)
-            self._left_at = max(self._left_at, time)
-            trajectory.return_to_saved()
-            errors.begin(trajectory.saved_time)
-            errors.returned_to = trajectory.saved_time
-            trajectory.return_work()
-            trajectory.ledger.regular = 0.0
-            pieces.choose_step(probe=True, shorter=excess)
-            self._is_back = True
-            return False
-        trajectory.save(time)
-        if time == trajectory.time:
-            pieces.choose_step(probe=True)
-        return True
