@@ -15,10 +15,11 @@ from icofabric_sim.simulation.devices.beside import (
     meter_room,
     squares_apart,
 )
+from icofabric_sim.simulation.devices.executor import Interval
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
 from icofabric_sim.simulation.devices.part_iteration import PartIteration
-from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
 from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
@@ -84,13 +85,13 @@ class HeldPart:
             wake(contacts, slice(None), remembered_by(contacts))
         self._steps.roughest = 0.0
 
-    def take(self, stretch: Stretch) -> None:
-        """Take steps."""
-        arrays = self._arrays(stretch.is_checked, stretch.beside)
-        self._steps.take(arrays, stretch)
-        if stretch.is_watched:
+    def take(self, interval: Interval) -> None:
+        """Take the steps of an interval."""
+        arrays = self._arrays(interval.is_checked, interval.beside)
+        self._steps.take(arrays, interval)
+        if interval.is_watched:
             requests = [self._transport.send(look_at(arrays.contacts, arrays.watch), 0)]
-            if stretch.is_guarded and arrays.contacts is not None:
+            if interval.is_guarded and arrays.contacts is not None:
                 own = self._steps.blocks
                 requests.append(self._transport.send(arrays.contacts.pushes[own], 0))
             self._transport.wait(requests)

@@ -16,35 +16,24 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.contact.displacement import farthest, SOON
-from icofabric_sim.kernels.contact.forces import deepest_overlap
 from icofabric_sim.kernels.contact.losses import save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
-from icofabric_sim.kernels.contact.stiffness import swing_of
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
     coarse_up_to,
     conclude,
-    DEEPEST_LIMIT,
     examine,
-    judge_roughness,
-    least_scale,
     LEDGER_COUNT,
     looks_inside,
-    ROUGHER,
     save,
-    SWING,
-    SWING_LIMIT,
-    SWINGS,
-    TOO_DEEP,
-    UNSOUND,
 )
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state, fastest_square
+from icofabric_sim.simulation.devices.executor import Call, Interval, take_steps
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
-from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch, Weights
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
     LOOK,
     look_at,
@@ -104,18 +93,14 @@ class SharedSteps:
         self._samples: list[np.ndarray] = []
         self._run: Arrays | None = None
         self._acted: Loads | None = None  # also where they are empty
+        self._is_gathered = False  # whether the state at the last step of a call is here
         self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
 
-    def advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
+    def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
         with self.together():
-            return self._advance(
-                model, loads, state, saved, work, origin, index, h, count, since_check,
-                check_interval, watch, ledger)
+            return take_steps(
+                self, self._weights.differences, self._weights.stages, model, *arguments)
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -180,18 +165,17 @@ class SharedSteps:
         own.refresh(run, time)
         self._is_stale = True
 
-    def examine(self, time: float, ledger: np.ndarray) -> None:
+    def fill_figures(self, time: float, ledger: np.ndarray) -> None:
         """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
         self._ledger = Ledger.over(ledger)
         self._examine(self.held[1], time, self._ledger)
 
-    def save(self, saved: State) -> bool:
+    def save_run(self, saved: State) -> bool:
         """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        # If ranks fail where a run restarts, the state here is the one that is left.
+        is_restarted = not self._is_moved and self._sharing.begun is None
         if not self.is_apart or self._run is None or self._acted is None or (
-                self._contacts is not None):
-            return False
-        if not self._is_moved and self._sharing.begun is None:
-            # Where a run begins again: should ranks fail, it is what is left.
+                self._contacts is not None) or is_restarted:
             return False
         self._sharing.save(
             self._run.state, self._run.work, self._acted, saved, keeps_work=True)
@@ -224,100 +208,68 @@ class SharedSteps:
             return True
         return False
 
-    def _advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
-        index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        of_run, contacts = check_interval < NEVER, model.contacts
+    def begin(self, call: Call) -> None:
+        """Distribute the state of the call, unless the ranks hold it already."""
+        contacts, loads, of_run = call.model.contacts, call.loads, call.steps.is_checked
         if not self._sharing.contacts.is_shared(contacts):
             self._share(contacts)
-        own = self._begin(model, loads, state, work, watch)
+        self._begin(call.model, loads, call.state, call.work, call.watch)
         if self._sharing.send_loads(loads, stages=0):
             self._is_out = False
-        mine = None if contacts is None else self._sharing.contacts.own(
-            contacts, self._sharing.parts[0], of_run=of_run)
-        arrays = Arrays(
-            loads if self._sharing.acts else None, state, work, mine, watch if of_run else None)
+        arrays = self._arrays = Arrays(
+            loads if self._sharing.acts else None, call.state, call.work,
+            None if contacts is None else self._sharing.contacts.own(
+                contacts, self._sharing.parts[0], of_run=of_run),
+            call.watch if of_run else None)
         if of_run:
-            self._run, self._ledger, self._contacts = arrays, Ledger.over(ledger), contacts
+            self._run, self._ledger, self._contacts = arrays, Ledger.over(call.ledger), contacts
             self._acted = loads
         if not (of_run and self._is_out):
             self._scatter(arrays, contacts, of_run=of_run)
         if of_run:
             self._is_out = self._is_stale = self._is_moved = True
-        blocks, done, book = len(model.blocks.slot), 0, Ledger.over(ledger)
-        is_watched = of_run and watch is not None
-        is_guarded_here = of_run and is_guarded(contacts, ledger)
-        while done < count:
-            ahead, stride = min(count - done, check_interval - since_check), 1
-            if is_watched:
-                # Read anew: a look on the way may change it.
-                stride = stride_of(watch, check_interval)
-                ahead = min(ahead, stride - since_check % stride)
-            if is_guarded_here:
-                # A collision that is damped much may be over within a few.
-                ahead = 1
-            looks = is_watched and (
-                is_guarded_here or (since_check + ahead) % stride == 0)
-            stretch = Stretch(
-                origin, index + done, h, ahead, since_check, check_interval,
-                int(book.regular), looks, is_guarded_here)
-            self._sharing.order('take', stretch)
-            own.take(arrays, stretch)
-            if contacts is not None:
-                contacts.tests[0] += own.take_touches() * len(contacts.pairs)
-            done += ahead
-            since_check += ahead
-            if not of_run:
-                continue
-            book.regular += ahead
-            book.uncounted += ahead
-            if looks:
-                self._look(arrays, contacts, watch, is_guarded=is_guarded_here)
-            examined, status = since_check >= check_interval, 0
-            # What contacts add up to is known here alone.
-            in_parts = examined and contacts is None
-            watched, since_check = looks and since_check % stride == 0, (
-                0 if examined else since_check)
-            if is_guarded_here:
-                ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
-                # Any limit that is too large for a number is none.
-                with np.errstate(over='ignore'):
-                    limit = ledger[SWING_LIMIT] * least_scale(ledger)
-                if ledger[SWING] > limit:
-                    status |= SWINGS
-            now = origin + (index + done) * h
-            if in_parts:
-                status |= self._examine(arrays, now, book)
-            elif examined:
-                self._gather(arrays, contacts, of_run=True, whole=False)
-                place_all(model, state, work, 0, blocks)
-                status |= examine(model, loads, state, work, now, ledger)
-            if examined:
-                status |= judge_roughness(
-                    work, ledger,
-                    self._weights.differences if self._weights.stages < 4 else check_interval)
-            if watched and watch is not None:
-                status |= self._judge_ways(
-                    arrays, contacts, watch, now, h, gathered=examined and not in_parts)
-                if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
-                    status |= TOO_DEEP
-            if examined and not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
-                book.saved_at = done
-                if in_parts:
-                    self._sharing.save(state, work, loads, saved, keeps_work=True)
-                else:
-                    self._sharing.forget_saved()
-                    save(model, state, saved, 0, blocks)
-                    if contacts is not None:
-                        save_stretches(contacts.losses, team_of_one())
-                    keep_work(loads, 0, blocks)
-            if status:
-                return int(status), done, since_check
-        if not of_run:
-            self._gather(arrays, contacts, of_run=False, whole=True)
-        return 0, done, since_check
+
+    def take(self, call: Call, interval: Interval) -> None:
+        """Take the steps of an interval with all ranks."""
+        assert self._own is not None
+        self._is_gathered = False
+        self._sharing.order('take', interval)
+        self._own.take(self._arrays, interval)
+        if call.model.contacts is not None:
+            call.model.contacts.tests[0] += self._own.take_touches() * len(
+                call.model.contacts.pairs)
+
+    def examine(self, call: Call, time: float) -> int:
+        """Return the status of a health check at `time` [s]."""
+        if call.model.contacts is None:
+            return self._examine(self._arrays, time, self._ledger)
+        # Only the first rank sums over contacts.
+        self._gather_run(call)
+        place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))
+        return int(examine(
+            call.model, call.loads, call.state, call.work, time, call.ledger))
+
+    def save(self, call: Call) -> None:
+        """Save the state that was just examined, on the ranks or after it was gathered."""
+        contacts, blocks = call.model.contacts, len(call.model.blocks.slot)
+        if contacts is None:
+            self._sharing.save(call.state, call.work, call.loads, call.saved, keeps_work=True)
+            return
+        self._sharing.forget_saved()
+        save(call.model, call.state, call.saved, 0, blocks)
+        save_stretches(contacts.losses, team_of_one())
+        keep_work(call.loads, 0, blocks)
+
+    def end(self, call: Call) -> None:
+        """Gather the state of a trial."""
+        if not call.steps.is_checked:
+            self._gather(self._arrays, call.model.contacts, of_run=False, whole=True)
+
+    def _gather_run(self, call: Call) -> None:
+        """Gather the state of the run at a step end, without what only later steps need."""
+        if not self._is_gathered:
+            self._gather(self._arrays, call.model.contacts, of_run=True, whole=False)
+            self._is_gathered = True
 
     def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
         """Status bits of the state at `now` [s], as `examine` finds them; ranks keep theirs."""
@@ -332,15 +284,11 @@ class SharedSteps:
             return int(conclude(
                 self._packed.model, arrays.state, arrays.work.figures, book.numbers))
 
-    def _look(
-        self, arrays: Arrays, contacts: Contacts | None, watch: Watch | None, *,
-        is_guarded: bool
-    ) -> None:
-        """Hear of all ranks how far their bodies have moved, and how deep shells overlap."""
-        if contacts is not None:
-            contacts.deepest[0] = 0.0
-        own = arrays.contacts
+    def exchange(self, call: Call, *, is_guarded: bool) -> None:
+        """Collect displacements, overlaps and impulses of contacts from all ranks."""
+        contacts, own = call.model.contacts, self._arrays.contacts
         if own is not None and contacts is not None:
+            contacts.deepest[0] = 0.0
             note_look(contacts, None, look_at(own, None))
             if is_guarded:
                 mine = slice(self._sharing.parts[0].first, self._sharing.parts[0].last)
@@ -348,22 +296,20 @@ class SharedSteps:
         for rank in self._sharing.others:
             look = np.zeros(LOOK)
             self._sharing.receive(look, rank)
-            note_look(contacts, watch, look)
+            note_look(contacts, call.watch, look)
             if is_guarded and contacts is not None:
                 part = self._sharing.parts[rank]
                 self._sharing.receive(contacts.pushes[part.first:part.last], rank)
 
-    def _judge_ways(
-        self, arrays: Arrays, contacts: Contacts | None, watch: Watch, now: float, h: float, *,
-        gathered: bool
-    ) -> int:
-        """What `judge_ways` says; where it has looked around, ranks watch from there on."""
+    def search(self, call: Call, time: float) -> int:
+        """Return the status of `judge_ways`; after its search, ranks watch from there on."""
+        watch = call.watch
+        assert watch is not None
         most = farthest(watch, 1)
         if not most > watch.limits[SOON]:
             return 0
-        if not gathered:
-            self._gather(arrays, contacts, of_run=True, whole=False)
-        status = int(judge_ways(watch, most, arrays.state, now, h))
+        self._gather_run(call)
+        status = int(judge_ways(watch, most, call.state, time, call.steps.step))
         if not status:
             self._sharing.order('watch', watch.frame.copy())
         return status

@@ -18,10 +18,8 @@ from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.group_sums import note_squares, note_sums
-from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
 from icofabric_sim.kernels.records import (
-    ContactLosses,
     Contacts,
     Kinks,
     Loads,
@@ -33,6 +31,7 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.simulation.devices.executor import Interval, sampled_batches
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.part_iteration import PartIteration
 from icofabric_sim.simulation.devices.rank_kernels import (
@@ -72,29 +71,6 @@ class Weights(NamedTuple):
     def stages(self) -> int:
         """Count the evaluations of the forces in a step."""
         return min(len(self.kicks), len(self.drifts))
-
-
-class Stretch(NamedTuple):
-    """Steps without a health check in between: what all ranks take together."""
-
-    origin: float  # [s]
-    first: int  # number of the first one from there
-    step: float  # [s]
-    steps: int
-    since_check: int
-    check_interval: int
-    # Steps of one length before.
-    regular: int = 0
-    # Whether ranks say at the end how far their bodies have moved, and what contacts do to them.
-    is_watched: bool = False
-    is_guarded: bool = False
-    # Of which trial, see beside.py; '': of the run, or of one whose state is on the first rank.
-    beside: str = ''
-
-    @property
-    def is_checked(self) -> bool:
-        """Whether they are steps of the run, not of a trial."""
-        return self.check_interval < NEVER
 
 
 class Arrays(NamedTuple):
@@ -146,30 +122,19 @@ class PartSteps:
         self._team: Team | None = None
         self._touching = model
 
-    def take(self, arrays: Arrays, stretch: Stretch) -> None:
-        """Take the steps of a stretch; samples of the roughness are taken on the way."""
-        differences, done, since = self._weights.differences, 0, stretch.since_check
-        while done < stretch.steps:
-            ahead, sampled = stretch.steps - done, -1
-            if differences and stretch.is_checked:
-                # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
-                # last before a health check.
-                sampled = (stretch.regular + done) % differences
-                if self._weights.stages < 4:
-                    sampled = since - (stretch.check_interval - differences)
-                ahead = 1 if sampled >= 0 else min(ahead, -sampled)
-            if sampled >= 0 and sampled % differences == 0:
+    def take(self, arrays: Arrays, interval: Interval) -> None:
+        """Take the steps of an interval, and sample the roughness of the motion."""
+        differences = self._weights.differences
+        for first, count, place in sampled_batches(interval, differences, self._weights.stages):
+            if place >= 0 and place % differences == 0:
                 self._sample(arrays, 0)
             if arrays.work.kinks is None:
-                self._steps(arrays, stretch, stretch.first + done, ahead)
+                self._steps(arrays, interval, first, count)
             else:
-                self._kinked_steps(
-                    arrays.work.kinks, arrays, stretch, stretch.first + done, ahead)
-            done += ahead
-            since += ahead
-            if sampled >= 0:
-                self._sample(arrays, sampled % differences + 1)
-        if stretch.is_guarded and arrays.contacts is not None:
+                self._kinked_steps(arrays.work.kinks, arrays, interval, first, count)
+            if place >= 0:
+                self._sample(arrays, place % differences + 1)
+        if interval.is_guarded and arrays.contacts is not None:
             note_pushes(
                 arrays.contacts, self._model, self._exchange.first, self._exchange.last)
 
@@ -310,12 +275,12 @@ class PartSteps:
             sample(no_slots, state.position, state.orientation, _room(0), work.weights, 0)
             roughness(work._replace(difference=_room(0)), self._ledger)
 
-    def _steps(self, arrays: Arrays, stretch: Stretch, index: int, count: int) -> None:
+    def _steps(self, arrays: Arrays, interval: Interval, index: int, count: int) -> None:
         """Take `count` steps from `index` on, as `steps` of splitting.py does."""
         exchange, (loads, state, work, contacts, _) = self._exchange, arrays
         model = self.model_with(contacts)
         kicks, drifts = self._weights.kicks, self._weights.drifts
-        origin, h = stretch.origin, stretch.step
+        origin, h = interval.origin, interval.step
         kick_first, stages = len(kicks) > len(drifts), self._weights.stages
         if kick_first:
             push_kept(
@@ -354,7 +319,8 @@ class PartSteps:
         if keep and kinks is not None:
             keep_drifted(model, kinks, state, order, 0, exchange.border)
         losses = None if contacts is None else contacts.losses
-        requests = self._send_poses(state) if losses is None else self._send_moving(state, losses)
+        requests = self._send_poses(state) if losses is None else self._send_motions(
+            state, losses.lead)
         if contacts is None:
             drift_and_push(
                 model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
@@ -367,7 +333,7 @@ class PartSteps:
             if losses is None:
                 self._put_poses(requests, arrays)
             else:
-                self._put_moving(requests, losses, arrays)
+                self._put_motions(requests, losses.lead, arrays)
             self._touch(model, contacts, state, h)
             drift_and_push(
                 model, loads, state, work, kinks, step_part, now, whole, after, kick, again, keep,
@@ -388,19 +354,19 @@ class PartSteps:
         self.touches += 1
 
     def _kinked_steps(
-        self, kinks: Kinks, arrays: Arrays, stretch: Stretch, index: int, count: int
+        self, kinks: Kinks, arrays: Arrays, interval: Interval, index: int, count: int
     ) -> None:
         """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py does."""
         exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
         model = self.model_with(contacts)
         first, last, order = exchange.first, exchange.last, exchange.drifts
         kicks, drifts = self._weights.kicks, self._weights.drifts
-        origin, h, stages = stretch.origin, stretch.step, self._weights.stages
+        origin, h, stages = interval.origin, interval.step, self._weights.stages
         place_all(model, state, work, first, last)
         for step in range(index, index + count):
             now, end = origin + step * h, origin + (step + 1) * h
             begin_kinked(model, loads, kinks, state, work, now, kicks[0] * h, first, last)
-            self._tell_motions(kinks, arrays, kicks[0] * h)
+            self._exchange_kick(kinks, arrays, kicks[0] * h)
             strike_foretold(model, loads, kinks, state, work, h, kicks[0] * h, first, last)
             step_part = 0.0
             for stage in range(stages):
@@ -412,7 +378,7 @@ class PartSteps:
                     ends)
                 now = after
             note_all_motion(model, kinks, state, work, -kicks[stages] * h, first, last)
-            self._tell_motions(kinks, arrays, -kicks[stages] * h)
+            self._exchange_kick(kinks, arrays, -kicks[stages] * h)
             if not self._transport.any(account_all(model, kinks, work, h, first, last)):
                 continue
             self.crossed += 1
@@ -442,33 +408,27 @@ class PartSteps:
         for _, slots, poses in self._needs:
             put_poses(self._model, arrays.state, arrays.work, slots, poses)
 
-    def _send_moving(self, state: State, losses: ContactLosses) -> list[Any]:
-        """The same with velocities."""
+    def _send_motions(self, state: State, more: np.ndarray) -> list[Any]:
+        """Start the exchange of poses and velocities, and of six numbers `more`, (6, s)."""
         transport = self._transport
         requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
         for rank, slots, motions in self._tells:
-            take_motions(state, losses.lead, slots, motions)
+            take_motions(state, more, slots, motions)
             requests.append(transport.send_poses(motions, rank))
         return requests
 
-    def _put_moving(
-        self, requests: list[Any], losses: ContactLosses, arrays: Arrays
-    ) -> None:
+    def _put_motions(self, requests: list[Any], more: np.ndarray, arrays: Arrays) -> None:
+        """Wait for the motions of other ranks, and store them."""
         self._transport.wait(requests)
         for _, slots, motions in self._hears:
-            put_motions(self._model, losses.lead, arrays.state, arrays.work, slots, motions)
+            put_motions(self._model, more, arrays.state, arrays.work, slots, motions)
 
-    def _tell_motions(self, kinks: Kinks, arrays: Arrays, kick: float) -> None:
-        """Exchange poses and velocities of the border, around a `kick` [s] as `note_motion`."""
-        transport, state, work = self._transport, arrays.state, arrays.work
-        requests = [transport.receive_poses(motions, rank) for rank, _, motions in self._hears]
-        for rank, slots, motions in self._tells:
-            take_motions(state, kinks.before, slots, motions)
-            requests.append(transport.send_poses(motions, rank))
-        transport.wait(requests)
-        for _, slots, motions in self._hears:
-            put_motions(self._model, kinks.before, state, work, slots, motions)
-            note_motions(self._model, kinks, state, work, kick, slots)
+    def _exchange_kick(self, kinks: Kinks, arrays: Arrays, kick: float) -> None:
+        """Exchange motions of the border around a `kick` [s], and note them as `note_motion`."""
+        self._put_motions(
+            self._send_motions(arrays.state, kinks.before), kinks.before, arrays)
+        for _, slots, _ in self._hears:
+            note_motions(self._model, kinks, arrays.state, arrays.work, kick, slots)
 
     def _sample(self, arrays: Arrays, number: int) -> None:
         if not len(self._exchange.samples):

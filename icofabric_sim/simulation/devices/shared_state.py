@@ -28,7 +28,7 @@ class SharedState:
         if not self._steps.is_apart:
             return False
         with self._steps.together():
-            return self._steps.save(saved)
+            return self._steps.save_run(saved)
 
     def put_begun(self, saved: State) -> bool:
         """Have the state in which the run began in `saved`, if no later one has been here."""
@@ -67,7 +67,7 @@ class SharedState:
     def examine(self, time: float, ledger: np.ndarray) -> None:
         """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
         with self._steps.together():
-            self._steps.examine(time, ledger)
+            self._steps.fill_figures(time, ledger)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
         """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""

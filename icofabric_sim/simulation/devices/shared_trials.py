@@ -11,8 +11,9 @@ from icofabric_sim.kernels.monitor import save
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.beside import AHEAD, HALF, meter_room, squares_apart
+from icofabric_sim.simulation.devices.executor import Interval
 from icofabric_sim.simulation.devices.leader import SharedSteps
-from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Stretch
+from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
@@ -53,10 +54,10 @@ class SharedTrials:
     def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
         """Take `count` steps of `step` [s] from number `first` after `origin` [s] on."""
         assert self._own is not None
-        stretch = Stretch(origin, first, step, count, 0, NEVER, beside=which)
+        interval = Interval(origin, first, step, count, 0, NEVER, beside=which)
         with self._steps.together():
-            self._sharing.order('take', stretch)
-            self._own.take(self._arrays[which], stretch)
+            self._sharing.order('take', interval)
+            self._own.take(self._arrays[which], interval)
 
     def apart(self) -> tuple[float, float]:
         """Return the largest squares of distances [m^2] and of differences of orientations."""

@@ -14,28 +14,19 @@ from importlib import import_module
 from typing import Any
 
 from icofabric_sim.kernels.contact.displacement import farthest, SOON
-from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
-from icofabric_sim.kernels.contact.stiffness import swing_of
+from icofabric_sim.kernels.contact.forces import set_tests, tests_of
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.monitor import (
-    DEEPEST_LIMIT,
-    examine,
-    judge_roughness,
-    least_scale,
-    ROUGHER,
-    roughness,
-    save,
-    SWING,
-    SWING_LIMIT,
-    SWINGS,
-    TOO_DEEP,
-    UNSOUND,
-)
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.monitor import examine, roughness, save
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.executor import (
+    Call,
+    Interval,
+    sampled_batches,
+    take_steps,
+)
 from icofabric_sim.simulation.devices.gpu.arrays import (
     bytes_of,
     copy_back,
@@ -118,7 +109,7 @@ class DeviceSteps:
         # What may touch, once something is watched for it.
         self._near: DeviceContacts | None = None
         self._contacts: Contacts | None = None
-        self._is_watching = False
+        self._is_watching = self._is_examined_there = False
         # Where the saved state belongs here, while it is on the device alone.
         self._saved_for: tuple[State, Loads] | None = None
 
@@ -137,16 +128,11 @@ class DeviceSteps:
         """Name of the device."""
         return self._device.name
 
-    def advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
+    def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
         """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
         with TURN, self._named_failure():
-            return self._advance(
-                model, loads, state, saved, work, origin, index, h, count, since_check,
-                check_interval, watch, ledger)
+            return take_steps(
+                self, self._differences, self._method.stages, model, *arguments)
 
     def take_over(self) -> bool:
         """Have the whole state of the run here; whether it was on the device until then."""
@@ -197,135 +183,89 @@ class DeviceSteps:
             self._steps(0, count)
             wp.synchronize_device(self._device.handle)
 
-    def _advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, origin: float,
-        index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        of_run = check_interval < NEVER
+    def begin(self, call: Call) -> None:
+        """Copy the state of the call to the device, unless the device holds it already."""
+        of_run, loads, watch = call.steps.is_checked, call.loads, call.watch
         if not of_run:
             self.take_over()
-        anew = not (of_run and self._is_out)
-        if anew:
-            self._put(model, loads, state, work)
-        contacts = self._contacts = model.contacts
-        guarded = is_guarded(contacts, ledger) and of_run
+        is_new = not (of_run and self._is_out)
+        if is_new:
+            self._put(call.model, loads, call.state, call.work)
+        self._contacts = call.model.contacts
         if watch is not None:
-            self._watch(contacts, watch, anew=anew)
-        # What trials note is not used.
+            if self._near is None:
+                self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
+            # The state may have been here for a search.
+            self._near.put(self._contacts, watch, anew=is_new)
+        # Displacements in trials are not used.
         self._is_watching = watch is not None and of_run
-        self._clock.start.assign(np.array([origin, h]))
+        self._clock.start.assign(np.array([call.steps.origin, call.steps.step]))
         if of_run:
-            self._run = loads, state, work
+            self._run = loads, call.state, call.work
             self._is_out = self._is_stale = True
-        blocks, done, status, book = len(model.blocks.slot), 0, 0, Ledger.over(ledger)
-        while done < count:
-            ahead, sampled = min(count - done, check_interval - since_check), -1
-            # Read anew: a look on the way may change it.
-            stride = stride_of(watch, check_interval)
-            ahead = min(ahead, stride - since_check % stride, 1 if guarded else count)
-            if of_run and self._differences:
-                # Windows as in `splitting`: step ends in sequence, and of the leapfrog only the
-                # last before a health check.
-                sampled = int(book.regular) % self._differences
-                if self._method.stages < 4:
-                    sampled = since_check - (check_interval - self._differences)
-                ahead = 1 if sampled >= 0 else min(ahead, -sampled)
-            if sampled >= 0 and sampled % self._differences == 0:
+
+    def take(self, call: Call, interval: Interval) -> None:
+        """Take the steps of an interval, and sample the roughness of the motion."""
+        model, work, differences = call.model, call.work, self._differences
+        for first, count, place in sampled_batches(interval, differences, self._method.stages):
+            if place >= 0 and place % differences == 0:
                 self._sample(model, work, 0)
-            self._steps(index + done, ahead)
-            done += ahead
-            since_check += ahead
-            if sampled >= 0:
-                number = sampled % self._differences + 1
-                self._sample(model, work, number)
-                if number == self._differences:
-                    copy_back(work.difference, self._difference)
-                    book.roughest = max(book.roughest, roughness(work, ledger))
-            watched = watch is not None and since_check % stride == 0
-            status = 0
-            if guarded:
-                status |= self._swing(contacts, h, ledger)
-            if of_run:
-                book.regular += ahead
-                book.uncounted += ahead
-            if since_check < check_interval:
-                if watched:
-                    status |= self._look(
-                        model, loads, state, work, watch, origin + (index + done) * h, h, ledger)
-                if status:
-                    break
-                continue
-            since_check = 0
-            is_there = self._health.can_examine(model, loads, ledger)
-            if is_there:
-                status |= self._health.examine(
-                    self._state, self._now, loads, self._acting, ledger)
-            else:
-                self._take(loads, state, work, whole=False)
-                place_all(model, state, work, 0, blocks)
-                status |= examine(
-                    model, loads, state, work, origin + (index + done) * h, ledger)
-            status |= judge_roughness(
-                work, ledger, self._differences if self._method.stages < 4 else check_interval)
-            if watched:
-                status |= self._look(
-                    model, loads, state, work, watch, origin + (index + done) * h, h, ledger)
-            if not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
-                book.saved_at = done
-                if is_there:
-                    self._state.save(
-                        self._now, self._acting.work if len(loads.work) else None)
-                    self._saved_for = saved, loads
-                else:
-                    save(model, state, saved, 0, blocks)
-                    keep_work(loads, 0, blocks)
-                    self._saved_for = None
-            if status:
-                break
-        if self._near is not None:
-            if watch is not None and of_run:
-                self._near.note_ways(watch)
-            self._near.note_depths(contacts)
-        if not of_run:
-            self._take(loads, state, work, whole=True)
-        return int(status), done, since_check
+            self._steps(first, count)
+            if place >= 0:
+                self._sample(model, work, place % differences + 1)
+            if place >= 0 and place % differences + 1 == differences:
+                copy_back(work.difference, self._difference)
+                book = Ledger.over(call.ledger)
+                book.roughest = max(book.roughest, roughness(work, call.ledger))
 
-    def _watch(self, contacts: Contacts | None, watch: Watch, *, anew: bool) -> None:
-        """
-        Have on the device what may touch, and where bodies were at the last search.
+    def exchange(self, call: Call, *, is_guarded: bool) -> None:
+        """Copy the impulses of contacts from the device; `search` copies the rest."""
+        if is_guarded and self._near is not None and call.model.contacts is not None:
+            self._near.note_pushes(call.model.contacts)
 
-        `anew`: the state was here, so there may have been one.
-        """
-        if self._near is None:
-            self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
-        self._near.put(contacts, watch, anew=anew)
+    def examine(self, call: Call, time: float) -> int:
+        """Return the status of a health check at `time` [s], on the device if it can."""
+        self._is_examined_there = self._health.can_examine(call.model, call.loads, call.ledger)
+        if self._is_examined_there:
+            return int(self._health.examine(
+                self._state, self._now, call.loads, self._acting, call.ledger))
+        self._take(call.loads, call.state, call.work, whole=False)
+        place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))
+        return int(examine(
+            call.model, call.loads, call.state, call.work, time, call.ledger))
 
-    def _swing(self, contacts: Contacts | None, h: float, ledger: np.ndarray) -> int:
-        """Judge the energy that contacts make swing in a step of `h` [s], as `splitting` does."""
-        assert self._near is not None and contacts is not None
-        self._near.note_pushes(contacts)
-        ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
-        return SWINGS if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger) else 0
-
-    def _look(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None,
-        time: float, step: float, ledger: np.ndarray
-    ) -> int:
-        """Judge how far bodies have come, and how deep shells are in each other."""
-        near = self._near
+    def search(self, call: Call, time: float) -> int:
+        """Return the status of `judge_ways`, which needs the state if bodies have moved far."""
+        near, watch, status = self._near, call.watch, 0
         assert near is not None and watch is not None
         near.note_ways(watch)
-        most, status = farthest(watch, 1), 0
+        most = farthest(watch, 1)
         if most > watch.limits[SOON]:
-            # A look from here needs the state.
-            self._take(loads, state, work, whole=False)
-            status = int(judge_ways(watch, most, state, time, step))
-            near.put(model.contacts, watch, anew=False)
-        near.note_depths(model.contacts)
-        if deepest_overlap(model.contacts, 1) > ledger[DEEPEST_LIMIT]:
-            status |= TOO_DEEP
+            self._take(call.loads, call.state, call.work, whole=False)
+            status = int(judge_ways(watch, most, call.state, time, call.steps.step))
+            near.put(call.model.contacts, watch, anew=False)
+        near.note_depths(call.model.contacts)
         return status
+
+    def save(self, call: Call) -> None:
+        """Save the state that was just examined, where it was examined."""
+        if self._is_examined_there:
+            self._state.save(self._now, self._acting.work if len(call.loads.work) else None)
+            self._saved_for = call.saved, call.loads
+            return
+        blocks = len(call.model.blocks.slot)
+        save(call.model, call.state, call.saved, 0, blocks)
+        keep_work(call.loads, 0, blocks)
+        self._saved_for = None
+
+    def end(self, call: Call) -> None:
+        """Copy displacements and overlaps from the device, and the state of a trial."""
+        if self._near is not None:
+            if call.watch is not None and call.steps.is_checked:
+                self._near.note_ways(call.watch)
+            self._near.note_depths(call.model.contacts)
+        if not call.steps.is_checked:
+            self._take(call.loads, call.state, call.work, whole=True)
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
         """Have state and loads on the device."""
