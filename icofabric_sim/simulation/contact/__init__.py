@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which shells can touch: broad phase, neighbour list, friction state."""
+"""Candidate pairs of shells for contact: broad phase, neighbour list, friction state."""

@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Says when shells can touch, and which.
+Broad phase of contact: when to search for candidate pairs, and which pairs they are.
 
-While no pair can touch before the next search nothing of contact is computed. Kernels note how far
-bodies have moved wherever forces are evaluated (kernels/contact/displacement.py, where the bound
-is proved), and request the next search in time.
+While no pair can touch before the next search, kernels compute no contacts. Wherever forces are
+evaluated, kernels record the displacements of bodies (kernels/contact/displacement.py, with a
+proof of the bound) and request the next search in time.
 """
 
+from dataclasses import dataclass
 import logging
 import math
 from typing import Any, NamedTuple
@@ -53,29 +54,37 @@ from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
-# The reach of a neighbour search, in parts of a: at least.
-_LEAST = 0.01
-# Evaluations of the forces until the next search, about, where shells are near: a search
-# costs as much as some ten.
+# Approximate number of force evaluations between two searches if shells are near: a search takes
+# as long as about ten evaluations.
 LOOK_AFTER = 32
-# Overlaps, in parts of a, that are reported once, and of the inscribed radius that end a run.
-_REPORTED, _DEEPEST = 0.01, 0.2
-# A test of a pair takes as long as to follow the bodies of so many slots.
+# Number of slots whose bodies are tracked in the time that the test of a pair takes.
 SLOTS_OF_A_PAIR = 16
 
 
+@dataclass(frozen=True)
+class SearchSettings:
+    """Tunables of the search for candidate pairs, and limits of overlaps."""
+
+    min_reach_ratio: float = 0.01  # shortest reach of a search, over a
+    reported_overlap_ratio: float = 0.01  # overlap over a that is reported once
+    max_overlap_ratio: float = 0.2  # overlap over the inscribed radius that stops a run
+
+
+_SETTINGS = SearchSettings()
+
+
 class Overlap(NamedTuple):
-    """Two shells, or a shell and a plane, that overlap by more than they are meant to."""
+    """Two shells, or a shell and a plane, whose overlap exceeds the intended one."""
 
     time: float  # [s]
     first: int
     second: int  # -1 - k: plane k
     depth: float  # [m]
-    part: float  # of a
-    plane: str  # its name; '': a body
+    part: float  # depth over a
+    plane: str  # name of the plane; '': a body
 
     def __str__(self) -> str:
-        """Sentence for logs, summaries and bags."""
+        """Return a sentence for logs, summaries and bags."""
         other = f'plane {self.plane}' if self.plane else f'body {self.second}'
         return (
             f'body {self.first} and {other} overlap by {self.depth:.3g} m at t = '
@@ -83,19 +92,19 @@ class Overlap(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """The pairs that touch in one state."""
+    """The pairs in contact in one state."""
 
     bodies: np.ndarray  # (m, 2) int32; the second one -1 - k: plane k
     point: np.ndarray  # (m, 3) [m], world
     force: np.ndarray  # (m, 3) [N] on the first body, along the normal of the contact
     overlap: np.ndarray  # (m,) [m]
     planes: tuple[str, ...]  # names
-    # (m, 3) [N] on the first body, along the surfaces, of the springs of friction as of the last
-    # step: all of it where nothing slips.
+    # (m, 3) [N] on the first body, along the surfaces, by the friction springs of the last step;
+    # the whole friction force while sticking.
     spring: np.ndarray
 
     def describe(self, number: int) -> str:
-        """Name the bodies of one pair."""
+        """Return the names of the bodies of a pair."""
         first, second = (int(body) for body in self.bodies[number])
         other = f'plane {self.planes[-1 - second]}' if second < 0 else f'body {second}'
         return f'body {first} and {other}'
@@ -107,33 +116,33 @@ NOTHING_TOUCHES = Touching(
 
 
 class BroadPhase:
-    """Searches for what can touch, when bodies have moved far enough to matter."""
+    """Search for candidate pairs, repeated when bodies have moved far enough."""
 
     def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
-        """Watch the bodies of a `layout` for `threads` threads."""
+        """Track the bodies of a `layout` for `threads` threads."""
         self.setup, self._layout, self._threads = setup, layout, threads
         self._lists = NeighbourList(setup, layout)
         self._radius = circumscribed_radius(setup.largest)
-        # Contacts that may happen before the next search; None: there are none.
+        # Contacts that may occur before the next search; None: no pair is near.
         self.contacts: Contacts | None = None
-        # Bound of what they add to the squared frequency [1/s^2].
+        # Bound of the contribution of contacts to the squared frequency [1/s^2].
         self.rate = 0.0
         self.passing = setup.smallest
-        self.deepest = _DEEPEST * inscribed_radius(setup.smallest)
-        self.reported = _REPORTED * setup.smallest
+        self.deepest = _SETTINGS.max_overlap_ratio * inscribed_radius(setup.smallest)
+        self.reported = _SETTINGS.reported_overlap_ratio * setup.smallest
         self.found: Overlap | None = None
         self._announced = False
         self._bodies = np.zeros((0, 2), np.int32)
         self._caution = 1.0
         self._listed, self._missed = 0.0, False
-        # Longest step [s] up to a time [s]: bodies became faster there than a search had seen.
+        # Longest step [s] until a time [s], after bodies exceeded the speed of a search.
         self._wary_step, self._wary_until = math.inf, -math.inf
-        # Whether all that is listed counts for the frequency, or only what touches; how many
-        # contacts as stiff as any a body had at the last health check, at least one.
+        # True: all listed pairs contribute to the frequency; False: only pairs in contact. Then
+        # the number of stiffest contacts of a body at the last health check, at least one.
         self.counts_listed, self._touching = True, 1.0
-        # Pairs of all bodies together that touched then.
+        # Number of pairs in contact at the last health check.
         self.touching_pairs = 0
-        # Whether more may be listed than can touch: steps do not follow what is listed.
+        # True if additional pairs may be listed, because steps do not depend on listed pairs.
         self.lists_by_few_axes = False
         self._mobility = float(model.inverse_mass), float(model.inverse_inertia)
         self._sums = np.zeros(layout.slot_count)
@@ -141,26 +150,26 @@ class BroadPhase:
         shape = (4, layout.slot_count) if not layout.cosines else (3, 3, layout.slot_count)
         self.limits = np.zeros(LIMIT_COUNT)
         self.limits[[MIN_REACH, MAX_REACH, SKIN]] = (
-            _LEAST * setup.smallest, self._lists.most, self._lists.skin)
+            _SETTINGS.min_reach_ratio * setup.smallest, self._lists.most, self._lists.skin)
         self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
         self._watch = Watch(
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
             self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
-        # What trial steps note is not used.
+        # Displacements of trial steps are discarded.
         unused = self.limits.copy()
         unused[STRIDE] = 2.0**62
         self._trial_watch = self._watch._replace(far=np.zeros(8 * threads), limits=unused)
-        # Bound of what one contact adds to the squared frequency of its bodies [1/s^2].
+        # Bound of the contribution of one contact to the squared frequency of its bodies [1/s^2].
         self.stretches = FrictionState(setup, lightest(model, setup))
         self.least_rate = self.stretches.least_rate
         self._rows = aligned_empty((6, layout.slot_count if layout.body_count else 0))
-        # The last ones that were made, of which the next take over what stays.
+        # The last contacts, from which the next ones copy constant fields.
         self._made: Contacts | None = None
-        # Pairs that were tested in the steps of the trajectory.
+        # Number of pairs tested in the steps of the trajectory.
         self.tests = 0
 
     def has_touched(self) -> bool:
-        """Whether anything touched since this was asked last, whatever for it was evaluated."""
+        """Return True if a pair touched in any evaluation since the last call."""
         if self.contacts is None:
             return False
         deepest = self.contacts.deepest[1::8]
@@ -170,18 +179,18 @@ class BroadPhase:
 
     @property
     def evaluated(self) -> int:
-        """Pairs that kernels have tested since the last search, in any step."""
+        """Number of pairs that kernels have tested since the last search, in all steps."""
         return 0 if self.contacts is None else int(self.contacts.tests.sum())
 
     @property
     def velocity_rate(self) -> float:
         """
-        Rate [1/s] at which contacts change velocities by velocities, at depths as they should be.
+        Rate [1/s] at which dissipative contact forces change velocities at intended overlaps.
 
         The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
-        derivatives of the energy have K grad delta grad delta in them. Steps that run through
-        contacts bound the damping themselves (kernels/contact/losses.py); what touches are then
-        mostly vertices and edges, far below the bound.
+        derivatives of the energy contain K grad delta grad delta. Steps through contacts bound the
+        damping themselves (kernels/contact/losses.py); the contacts are then mostly vertices and
+        edges, far below the bound.
         """
         if not self.rate > 0.0:
             return 0.0
@@ -192,33 +201,34 @@ class BroadPhase:
 
     @property
     def watch(self) -> Watch:
-        """The limits that kernels check."""
+        """Displacement limits that kernels check."""
         if self._watch.nearby is not self._lists.nearby:
             self._watch = self._watch._replace(nearby=self._lists.nearby)
         return self._watch
 
     @property
     def trial_watch(self) -> Watch:
-        """The same for trial steps, whose notes are not used."""
+        """Displacement limits for trial steps, whose displacements are discarded."""
         if self._trial_watch.nearby is not self._lists.nearby:
             self._trial_watch = self._trial_watch._replace(nearby=self._lists.nearby)
         return self._trial_watch
 
     @property
     def fall(self) -> float:
-        """Acceleration [m/s^2] of free bodies towards what is held."""
+        """Acceleration [m/s^2] of free bodies towards held bodies."""
         return 0.0 if self.setup.free else float(np.linalg.norm(self.setup.fall))
 
     @property
     def longest_step(self) -> float:
-        """Longest step [s] in which no body moves too far."""
+        """Longest step [s] in which no body moves beyond the reach of a search."""
         return float(longest_step(self.limits))
 
     def pace(self, step: float, stages: int, *, alone: bool) -> None:
         """
-        Say for a `step` [s] after how many of them displacements are checked.
+        Set the number of steps of `step` [s] between two checks of displacements.
 
-        `alone`: kernels may search by themselves, as the step need not follow.
+        If `alone`, kernels may search without the caller, because the step size does not depend on
+        the result.
         """
         self.limits[MOST_STRIDE] = max(LOOK_AFTER // stages, 1)
         pace(self.limits, step)
@@ -227,25 +237,25 @@ class BroadPhase:
 
     @property
     def is_wary(self) -> bool:
-        """Whether steps are kept short, as bodies became faster than a search had seen."""
+        """True while steps are kept short because bodies exceeded the speed of the last search."""
         return self._wary_until > -math.inf
 
     @property
     def wary_until(self) -> float:
-        """Time [s] up to which that is so; -inf: it is not."""
+        """Time [s] until which steps are kept short; -inf if they are not."""
         return self._wary_until
 
     @property
     def stride(self) -> int:
-        """Steps after which displacements are checked."""
+        """Number of steps between two checks of displacements."""
         return int(self.limits[STRIDE])
 
     def be_wary(self, step: float, until: float) -> None:
         """
-        Ask after each step how far bodies have moved, until a time `until` [s].
+        Check displacements after each step until the time `until` [s].
 
-        They became faster than a search had seen, in steps of `step` [s]. Where these were asked
-        about one by one already they become a quarter as long.
+        Bodies exceeded the speed of the last search in steps of `step` [s]. If each of these steps
+        was checked already, steps become a quarter as long.
         """
         if not self.limits[STRIDE] > 1.0:
             step *= 0.25
@@ -253,12 +263,12 @@ class BroadPhase:
         self._wary_until = max(until, self._wary_until)
 
     def calm(self) -> None:
-        """Let steps be as long again as the speeds of a search allow."""
+        """Allow steps as long as the speeds of a search permit."""
         self._wary_step, self._wary_until = math.inf, -math.inf
 
     @property
     def displacement(self) -> float:
-        """The largest displacement [m] since the last search that a step has led to."""
+        """Largest displacement [m] since the last search, recorded by a step."""
         return math.sqrt(self._watch.far.max(initial=0.0))
 
     def search(
@@ -266,10 +276,10 @@ class BroadPhase:
         displacement: float = 0.0
     ) -> None:
         """
-        Find what can touch from `state` on at `time` [s].
+        Find candidate pairs from `state` on at `time` [s].
 
-        Within so many `steps` of `step` [s], as contacts ask for; at least until the next search,
-        and for a `displacement` [m] as far as any search reaches.
+        The search covers `steps` steps of `step` [s], at least the time until the next search, and
+        a `displacement` [m] up to the longest reach.
         """
         velocity, limits = np.empty(3), self.limits
         speed = self._lists.survey(state, velocity)
@@ -289,12 +299,12 @@ class BroadPhase:
         self._take(self._lists.find(
             state, least, limits[MAX_REACH], few_axes=self.lists_by_few_axes), least)
         if time < self._wary_until:
-            # Bodies may become so fast before the next search that a step leads to its reach.
+            # Before the next search, bodies may become so fast that a step covers its reach.
             reach = math.sqrt(limits[LATE])
             limits[SPEED] = max(speed, reach / (REACH_FACTOR * self._wary_step))
 
     def make_room(self, state: State) -> None:
-        """Room in the list for all that is near `state`; what was found stays."""
+        """Enlarge the list for all pairs near `state`; listed pairs remain."""
         self._lists.make_room(state.position)
 
     def _take(self, near: Near, least: float) -> None:
@@ -306,7 +316,7 @@ class BroadPhase:
         if self.contacts is None:
             self.stretches.forget()
         elif not self.contacts.touch_address:
-            # Others hear that there are contacts where that has to be compiled.
+            # Compilation of these kernels is reported.
             touch, gap = self._called(self.contacts)
             self.contacts = self._made = self.contacts._replace(
                 touch_address=address_of(*touch), gap_address=address_of(*gap))
@@ -314,8 +324,8 @@ class BroadPhase:
         if len(near.pairs) and not self.counts_listed:
             self.rate = self.least_rate * self._touching
         elif len(near.pairs):
-            # The form of a pair is at most that times the kinetic form of its two bodies, so all
-            # together are for each body at most as many times that as it has pairs.
+            # The quadratic form of a pair is at most `least_rate` times the kinetic form of its
+            # two bodies; so the sum is at most `least_rate` times the largest number of pairs.
             pair = near.pairs[:, 1] >= 0
             share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
             self.rate = self.least_rate * float(share.max())
@@ -326,11 +336,11 @@ class BroadPhase:
         return float(self._watch.frame[0])
 
     def has_left(self, state: State, time: float) -> bool:
-        """Whether a body is farther from where the last search found it than its list is valid."""
+        """Return True if a body has moved beyond the displacement for which the list is valid."""
         unpack, watch = self._layout.unpack, self._watch
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
         now, since = unpack(state), time - watch.frame[0]
-        # Numbers that run away have left; a health check says why.
+        # Overflowing positions are out of reach; a health check reports the reason.
         with np.errstate(over='ignore', invalid='ignore'):
             shift = since * (watch.frame[1:4] + since * watch.frame[4:7])
             way = np.linalg.norm(now.position - shift - looked.position, axis=1)
@@ -341,17 +351,18 @@ class BroadPhase:
         self, before: State, after: State, start: float, end: float, *, long: bool
     ) -> str:
         """
-        Name what may have passed through each other in one step between two times [s]; '': none.
+        Return a text on bodies that may have passed through each other in a step; or none.
 
-        `long`: also what is listed may pass between two evaluations; where bodies move against
-        each other by more than a in this step that is so anyway.
+        The step lasts from `start` to `end` [s]. If `long`, listed pairs may pass, too, between
+        two evaluations. The same holds if bodies move by more than a relative to each other in the
+        step.
         """
         unpack, watch = self._layout.unpack, self._watch
         looked = unpack(State(watch.reference, watch.turned, watch.reference, watch.reference))
         first, last, length = unpack(before), unpack(after), end - start
         frame, since = watch.frame, np.array([start, end])[:, None] - watch.frame[0]
         third, reach = length / 3.0, math.sqrt(self.limits[LATE])
-        # Numbers that run away end the run at a health check, which says why.
+        # A health check stops the run on overflow and reports the reason.
         with np.errstate(over='ignore', invalid='ignore'):
             places = since * (frame[1:4] + since * frame[4:7])
             speeds = frame[1:4] + 2.0 * since * frame[4:7]
@@ -374,29 +385,30 @@ class BroadPhase:
             f'body {found.second}' if found.second >= 0
             else f'plane {self.setup.names[-1 - found.second]}')
         return (
-            f'body {found.first} and {other} may pass through each other unseen between t = '
+            f'body {found.first} and {other} may pass through each other undetected between t = '
             f'{start:.9g} s and {end:.9g} s: they move by {found.way:.3g} m against each other '
             f'in one step of {length:.6g} s, and contacts are known for displacements of '
             f'{reach:.3g} m')
 
     def miss(self, way_out: str) -> None:
         """
-        Bodies have moved beyond where contacts were known: search farther from now on.
+        Search farther from now on: bodies have moved beyond the reach of the last search.
 
-        `way_out`: what makes steps shorter.
+        `way_out` names a remedy that shortens steps.
         """
         self._caution = min(2.0 * self._caution, 2.0**20)
         if not self._missed:
             self._missed = True
             _LOGGER.warning(
                 'bodies moved so far in one step (up to %.3g m/s) that a contact may have been '
-                'seen late: %s', self.limits[SPEED], way_out)
+                'detected late: %s', self.limits[SPEED], way_out)
 
     def count_touching(self, state: State) -> None:
         """
-        Let the pairs count that touch in a `state` that was looked at, as stiff as they are.
+        Bound the contact frequency by the pairs in contact in an evaluated `state`.
 
-        Only where not all that is listed counts. What touches next may be as stiff as any.
+        This applies only if the bound does not include all listed pairs. The next contact may have
+        the largest stiffness.
         """
         if self.contacts is None or self.counts_listed or not len(self._bodies):
             return
@@ -408,7 +420,7 @@ class BroadPhase:
         self.rate = self.least_rate * self._touching
 
     def forget_displacements(self) -> None:
-        """Judge none that were noted before the last search."""
+        """Discard displacements recorded before the last search."""
         self._watch.far[:] = 0.0
 
     @property
@@ -418,7 +430,7 @@ class BroadPhase:
 
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
         """
-        Energy [J] of the contacts in a state near the last search, and in the springs of friction.
+        Return energies [J] of contacts and of friction springs in a state near the last search.
         """
         if self.contacts is None:
             return 0.0, 0.0
@@ -427,18 +439,20 @@ class BroadPhase:
 
     @property
     def bodies(self) -> np.ndarray:
-        """The pairs that are listed, (p, 2); the second one -1 - k: plane k."""
+        """Listed pairs, (p, 2); the second body is -1 - k for plane k."""
         return self._bodies
 
     def touching(self, state: State, stretches: np.ndarray | None = None) -> Touching:
-        """What touches in a state near the last search, with `stretches` of friction springs."""
+        """
+        Return the contacts of a state near the last search; `stretches` are of friction springs.
+        """
         if self.contacts is None:
             return NOTHING_TOUCHES
         contact_look(self.contacts, state)
         which = self.contacts.aside[:, 9] > 0.0
         found, bodies = self.contacts.aside[which], self._bodies[which]
         place = state.position[:, self._layout.slot].T
-        # From the middle of both centres, or from that of a body on a plane.
+        # From the midpoint of both centres, or from the centre of a body on a plane.
         other = np.where(bodies[:, 1] >= 0, bodies[:, 1], bodies[:, 0])
         point = found[:, 15:18] + 0.5 * (place[bodies[:, 0]] + place[other])
         force, spring = self.setup.stiffness * found[:, 0:3], np.zeros((len(bodies), 3))
@@ -449,7 +463,7 @@ class BroadPhase:
         return Touching(bodies, point, force, found[:, 11], self.setup.names, spring)
 
     def note(self, time: float, state: State) -> Overlap | None:
-        """Describe the deepest overlap in a state."""
+        """Return the deepest overlap in a state."""
         if self.contacts is None or not len(self._bodies):
             return None
         contact_look(self.contacts, state)
@@ -462,33 +476,32 @@ class BroadPhase:
             float(depth[number]) / self.setup.smallest, name)
 
     def forget(self) -> None:
-        """Search as if nothing had come close yet."""
+        """Reset the search to the beginning of a run."""
         self.found, self._announced = None, False
         self._caution, self._missed = 1.0, False
         self.calm()
         self.tests, self._touching, self.touching_pairs = 0, 1.0, 0
 
     def announce(self) -> None:
-        """Warn of what was found, once."""
+        """Warn once of an overlap that exceeds the intended one."""
         if self.found is not None and not self._announced:
             self._announced = True
             _LOGGER.warning(
-                '%s: more than the 1 %% that contact is meant for; give a larger '
-                'contact.stiffness', self.found)
+                '%s: more than the intended 1 %%; give a larger contact.stiffness', self.found)
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Restart at another `time` [s], without displacements."""
         self._watch.frame[0] = time
         if self.found is not None:
             self.found = self.found._replace(time=time)
 
     def take_over(self, found: Overlap | None) -> None:
-        """Go on where another watch of the same motion stands, which has warned already."""
+        """Continue after another search of the same motion, which has issued its warning."""
         if found is not None:
             self.found, self._announced = found, True
 
     def state_tree(self) -> dict[str, Any]:
-        """The state of the last search, its purpose, and what was found and reported."""
+        """Return the state and purpose of the last search, and the reported overlap."""
         gather, watch, limits = self._layout.gather, self._watch, self.limits
         tree: dict[str, Any] = {
             'reference': gather(watch.reference), 'turned': gather(watch.turned),
@@ -508,7 +521,7 @@ class BroadPhase:
         return tree
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the search from a checkpoint."""
         layout, watch, limits = self._layout, self._watch, self.limits
         watch.reference[:] = 0.0
         watch.reference[:, layout.slot] = tree.array('reference', (layout.body_count, 3)).T
@@ -549,7 +562,9 @@ class BroadPhase:
             self.stretches.load_state(tree.part('stretches'))
 
     def _judged(self, entry: list[Any]) -> Overlap:
-        """What was found, from a list of numbers."""
+        """
+        Return the overlap that a list of values describes; raise ValueError for an invalid list.
+        """
         if len(entry) == 6:
             time, first, second, depth, part, plane = entry
             bodies, planes = range(self._layout.body_count), len(self.setup.names)
@@ -562,12 +577,12 @@ class BroadPhase:
         raise ValueError('watch.found is not a time, a pair of bodies and an overlap')
 
     def is_ready(self) -> bool:
-        """Whether what kernels call for the pairs that are near need not be compiled."""
+        """Return True if the kernels called for candidate pairs are compiled."""
         return all(
             kernel.is_ready(*arguments) for kernel, *arguments in self._called(self.nothing()))
 
     def _called(self, contacts: Contacts) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """What kernels call by address for such contacts, with arguments of the same types."""
+        """Return the kernels that contacts call by address, with arguments of the same types."""
         watch, scratch, place = self._watch, contacts.scratch, contacts.first[0]
         return (
             (touch_some, contacts, watch.reference, watch.turned, scratch, contacts.result,
@@ -576,11 +591,15 @@ class BroadPhase:
              place[1:], scratch))
 
     def nothing(self) -> Contacts:
-        """Empty contacts, of the type that others have; only while there are none."""
+        """
+        Return empty contacts, of the type of all contacts; valid only without candidate pairs.
+        """
         return self._pack(Near(0.0, np.zeros((0, 2), np.int32)))
 
     def _pack(self, near: Near) -> Contacts:
-        """Contacts for the kernels: each pair once, and what acts on each block, in order."""
+        """
+        Return contacts for the kernels: each pair once, and the entries of each block in order.
+        """
         layout, count = self._layout, len(near.pairs)
         slots, room = np.empty((count, 2), np.int32), np.empty(layout.slot_count, np.int64)
         entries = count + int(np.count_nonzero(near.pairs[:, 1] >= 0))
@@ -599,7 +618,7 @@ class BroadPhase:
             'sleep': self._sleep(count),
             'losses': self.stretches.room(near.pairs, rows.shape[1], slot)}
         if self._made is None:
-            # To replace what changes takes half of the time of a record that is made anew.
+            # Replacing fields takes half of the time of a new record.
             self._made = Contacts(
                 stiffness=self.setup.stiffness, half_edge=self.setup.half_edge,
                 planes=self.setup.planes, rows=rows, turns=self._turns(),
@@ -612,7 +631,7 @@ class BroadPhase:
         return self._made
 
     def _half_edges(self) -> np.ndarray | None:
-        """Half edges [m] of all slots, where they differ."""
+        """Return the half edges [m] of all slots; None if all bodies are equal."""
         if self.setup.half_edges is None:
             return None
         edges = np.full(self._layout.slot_count, self.setup.half_edge)
@@ -620,14 +639,14 @@ class BroadPhase:
         return edges
 
     def _turns(self) -> np.ndarray:
-        """Places of the blocks among all, by their first slots over LANES."""
+        """Return the index of the block of each slot number over LANES."""
         slots = self._layout.blocks.slot
         turns = np.full(max(self._layout.slot_count // LANES, 1), -1, np.int32)
         turns[slots // LANES] = np.arange(len(slots))
         return turns
 
     def _sleep(self, count: int) -> Sleep:
-        """Let pairs sleep where it takes less to follow all bodies than to test `count` pairs."""
+        """Let pairs sleep if tracking all bodies is cheaper than testing `count` pairs."""
         layout = self._layout
         blocks, rows = layout.blocks, self._watch.turned.shape[:-1]
         followed = layout.slot_count

@@ -5,19 +5,19 @@ Second derivatives of the contact potential by the motions of both bodies, in cl
 
     delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
 
-(kernels/contact/pair.py). Each depth p is the least of p_i = h_i - n_i . x over the faces of its
-body, and moves with it: dp_i = alpha_i . dq, alpha_i = (n_i, (x - x_A) x n_i) by displacements and
-rotation vectors. M_0 changes by what its faces sweep, M_1 by what the region sweeps in which p_A
-is the smaller. So by a motion of A and one of B, which move each their own part of a border
-(Reynolds' transport theorem),
+(kernels/contact/pair.py). Each depth p is the minimum of p_i = h_i - n_i . x over the faces of its
+body and moves with the body: dp_i = alpha_i . dq, alpha_i = (n_i, (x - x_A) x n_i) by
+displacements and rotation vectors. M_0 changes by the volume that its faces sweep. M_1 changes by
+the volume that the boundary of the region p_A < p_B sweeps. A motion of A and one of B each move
+their share of the boundary. With Reynolds' transport theorem,
 
     M_0,AB = sum over edges between a face i of A and j of B, of integral alpha_i beta_j^T /
              |n_i x n_j| dl,
     M_1,AB = sum over the surface p_i = p_j, of integral alpha_i beta_j^T / |n_j - n_i| dA.
 
-All are polynomials of second degree over segments and polygons: the rules of Simpson and of the
-middles of edges are exact. Derivatives by motions of one body twice follow, as a motion of both
-changes nothing (pair_forces.py).
+All integrands are polynomials of second degree over segments and polygons: Simpson's rule and the
+midpoint rule of edges are exact. Second derivatives by motions of one body follow, because a
+common motion of both bodies does not change the energy (pair_forces.py).
 """
 
 from icofabric_sim.geometry.icosahedron import face_geometry
@@ -25,22 +25,20 @@ from icofabric_sim.kernels.contact.shape import INNER
 from icofabric_sim.kernels.runtime.compiled import compiled
 import numpy as np
 
-# Numbers of a pair: the volume M_0 [m^3], its derivatives by both motions (12), and M_0,AB and
+# Results of a pair: the volume M_0 [m^3], its derivatives by both motions (12), and M_0,AB and
 # M_1,AB, 36 each.
 VOLUME, SWEPT, BY_EDGES, BY_SURFACE, COUNT = 0, 1, 13, 49, 85
-# Planes of two bodies; corners of a polygon at most.
-_PLANES, _CORNERS = 40, 48
-# Nearest planes with which a pair begins, and how many more come at a time.
-_FIRST = 8
-# Half the side of the square that is cut, in parts of a: beyond both bodies. Planes that meet at a
-# smaller sine are parallel.
-_WIDE, _PARALLEL = 8.0, 1e-12
+_PLANE_COUNT = 40  # of two bodies
+_MAX_CORNERS = 48  # of a polygon
+_FIRST_PLANE_COUNT = 8  # nearest planes of the first cut
+_SQUARE_SIZE_RATIO = 8.0  # half the side of the clipped square over a: it exceeds both bodies
+_MIN_SINE = 1e-12  # of the angle between planes that are not parallel
 _NORMALS = np.ascontiguousarray(face_geometry(1.0).normals)
 
 
 def curvature_room() -> np.ndarray:
-    """Working memory of a thread."""
-    return np.zeros((_PLANES + 3, _CORNERS, 4))
+    """Return the working memory of a thread."""
+    return np.zeros((_PLANE_COUNT + 3, _MAX_CORNERS, 4))
 
 
 @compiled
@@ -49,14 +47,14 @@ def pair_curvatures(
     point: np.ndarray, normal: np.ndarray, offset: float, room: np.ndarray, out: np.ndarray
 ) -> None:
     """
-    Volumes and derivatives (n, COUNT) of n pairs that overlap, see above.
+    Compute volumes and derivatives (n, COUNT) of n overlapping pairs, as in the module docstring.
 
-    Half edges [m] (n, 2), places [m] (n, 3), matrices from body to world axes (n, 3, 3), and a
-    `point` [m] (n, 3) within each overlap. Of shells, or with a `normal` (3,) that is not 0 of
-    shells A and the plane at this `offset` [m].
+    Arguments are half edges [m] (n, 2), positions [m] (n, 3), matrices from body to world axes (n,
+    3, 3), and a `point` [m] (n, 3) within each overlap. With a nonzero `normal` (3,), the pairs
+    are shells A and the plane at `offset` [m].
     """
-    planes, order = np.zeros((_PLANES, 4)), np.zeros(_PLANES, np.int64)
-    count = np.zeros(_PLANES, np.int64)
+    planes, order = np.zeros((_PLANE_COUNT, 4)), np.zeros(_PLANE_COUNT, np.int64)
+    count = np.zeros(_PLANE_COUNT, np.int64)
     is_plane = normal[0] != 0.0 or normal[1] != 0.0 or normal[2] != 0.0
     for p in range(xa.shape[0]):
         own = 0
@@ -78,7 +76,7 @@ def pair_curvatures(
                     height += n * (x[p, k] - point[p, k])
                 planes[own, 3] = height
                 own += 1
-        # Wide enough for either: the overlap is within both.
+        # The half edge of either body suits: the overlap is within both.
         curvature(
             planes, own, order, count, half_edge[p, 0], xa[p], xb[p], point[p], room, out[p])
 
@@ -88,7 +86,9 @@ def curvature(
     planes: np.ndarray, total: int, order: np.ndarray, count: np.ndarray, half_edge: float,
     xa: np.ndarray, xb: np.ndarray, point: np.ndarray, room: np.ndarray, out: np.ndarray
 ) -> None:
-    """The same of one pair: planes (n, 4) about the point, 20 of the first body."""
+    """
+    Compute volume and derivatives of a pair with planes (n, 4) about the point, 20 of body A.
+    """
     for k in range(total):
         order[k] = k
     # The nearest first.
@@ -98,7 +98,7 @@ def curvature(
             order[j] = order[j - 1]
             j -= 1
         order[j] = number
-    near = min(_FIRST, total)
+    near = min(_FIRST_PLANE_COUNT, total)
     while True:
         reach = cut_faces(planes, order, near, half_edge, room, count)
         more = near
@@ -132,7 +132,9 @@ def cut_faces(
     planes: np.ndarray, order: np.ndarray, near: int, half_edge: float, room: np.ndarray,
     count: np.ndarray
 ) -> float:
-    """Faces of the overlap by its nearest planes; returns how far its corners are [m], squared."""
+    """
+    Cut the faces of the overlap with its nearest planes; return the largest corner distance [m].
+    """
     reach = 0.0
     for a in range(near):
         i = order[a]
@@ -155,7 +157,9 @@ def cut_faces(
 def begin(
     nx: float, ny: float, nz: float, height: float, half_edge: float, corners: np.ndarray
 ) -> int:
-    """A square in the plane n . x = height, wide enough; returns its corners."""
+    """
+    Write a sufficiently wide square in the plane n . x = height; return its number of corners.
+    """
     ux, uy, uz = 0.0, 0.0, 0.0
     if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
         ux, uy, uz = 0.0, -nz, ny
@@ -163,7 +167,7 @@ def begin(
         ux, uy, uz = nz, 0.0, -nx
     else:
         ux, uy, uz = -ny, nx, 0.0
-    scale = _WIDE * half_edge / np.sqrt(ux * ux + uy * uy + uz * uz)
+    scale = _SQUARE_SIZE_RATIO * half_edge / np.sqrt(ux * ux + uy * uy + uz * uz)
     ux, uy, uz = scale * ux, scale * uy, scale * uz
     vx, vy, vz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
     for k in range(4):
@@ -181,11 +185,11 @@ def cut(
     number: float
 ) -> int:
     """
-    Keep what of a polygon has c . x + rest >= 0 (Sutherland and Hodgman 1974, CACM 17, 32).
+    Clip a polygon to c . x + rest >= 0 (Sutherland and Hodgman 1974, CACM 17, 32).
 
-    The fourth number of a corner says which plane the edge after it lies on.
+    The fourth value of a corner is the number of the plane of the edge after the corner.
     """
-    corners, kept, spare = room[row], 0, room[_PLANES + 2]
+    corners, kept, spare = room[row], 0, room[_PLANE_COUNT + 2]
     lowest = highest = 0.0
     for k in range(count):
         value = cx * corners[k, 0] + cy * corners[k, 1] + cz * corners[k, 2] + rest
@@ -195,7 +199,7 @@ def cut(
         return count
     if highest <= 0.0:
         return 0
-    target = room[_PLANES + 1]
+    target = room[_PLANE_COUNT + 1]
     for k in range(count):
         after = k + 1 if k + 1 < count else 0
         here, there = spare[k, 3], spare[after, 3]
@@ -240,7 +244,7 @@ def sweep(
 
 @compiled
 def triangle(corners: np.ndarray, k: int) -> float:
-    """Area of the first corner and of number k and the next."""
+    """Return the area of the triangle of the first corner, corner k and the next corner."""
     ax, ay, az = (corners[k, 0] - corners[0, 0], corners[k, 1] - corners[0, 1],
                   corners[k, 2] - corners[0, 2])
     bx, by, bz = (corners[k + 1, 0] - corners[0, 0], corners[k + 1, 1] - corners[0, 1],
@@ -259,7 +263,7 @@ def add_edge(
     cy = planes[i, 2] * planes[j, 0] - planes[i, 0] * planes[j, 2]
     cz = planes[i, 0] * planes[j, 1] - planes[i, 1] * planes[j, 0]
     sine = np.sqrt(cx * cx + cy * cy + cz * cz)
-    if not sine > _PARALLEL:
+    if not sine > _MIN_SINE:
         return
     dx, dy, dz = end[0] - begin_[0], end[1] - begin_[1], end[2] - begin_[2]
     weight = np.sqrt(dx * dx + dy * dy + dz * dz) / (6.0 * sine)
@@ -276,24 +280,26 @@ def add_between(
     half_edge: float, xa: np.ndarray, xb: np.ndarray, point: np.ndarray, room: np.ndarray,
     out: np.ndarray
 ) -> None:
-    """Add what of the surface p_i = p_j is between both bodies, by the middles of edges."""
+    """Add the surface p_i = p_j between both bodies, by the midpoints of edges."""
     gx, gy, gz = (planes[j, 0] - planes[i, 0], planes[j, 1] - planes[i, 1],
                   planes[j, 2] - planes[i, 2])
     size = np.sqrt(gx * gx + gy * gy + gz * gz)
-    if not size > _PARALLEL:
+    if not size > _MIN_SINE:
         return
     corners = begin(
         gx / size, gy / size, gz / size, (planes[j, 3] - planes[i, 3]) / size, half_edge,
-        room[_PLANES])
+        room[_PLANE_COUNT])
     corners = cut(
-        room, _PLANES, corners, -planes[i, 0], -planes[i, 1], -planes[i, 2], planes[i, 3], -2.0)
+        room, _PLANE_COUNT, corners, -planes[i, 0], -planes[i, 1], -planes[i, 2], planes[i, 3],
+        -2.0)
     for b in range(near):
         k = order[b]
         if corners and k != i and k != j and count[b] >= 3:
             corners = cut(
-                room, _PLANES, corners, planes[i, 0] - planes[k, 0], planes[i, 1] - planes[k, 1],
-                planes[i, 2] - planes[k, 2], planes[k, 3] - planes[i, 3], -2.0)
-    found = room[_PLANES]
+                room, _PLANE_COUNT, corners, planes[i, 0] - planes[k, 0],
+                planes[i, 1] - planes[k, 1], planes[i, 2] - planes[k, 2],
+                planes[k, 3] - planes[i, 3], -2.0)
+    found = room[_PLANE_COUNT]
     for k in range(1, corners - 1):
         weight = triangle(found, k) / (3.0 * size)
         for side in range(3):
@@ -310,7 +316,7 @@ def add_product(
     planes: np.ndarray, i: int, j: int, x: float, y: float, z: float, weight: float,
     xa: np.ndarray, xb: np.ndarray, point: np.ndarray, out: np.ndarray, base: int
 ) -> None:
-    """Add alpha_i beta_j^T at a place, times a weight."""
+    """Add alpha_i beta_j^T at a point, times a weight."""
     a0, a1, a2, a3, a4, a5 = rate(planes, i, x, y, z, xa, point)
     b0, b1, b2, b3, b4, b5 = rate(planes, j, x, y, z, xb, point)
     row = base
@@ -330,7 +336,7 @@ def rate(
     planes: np.ndarray, i: int, x: float, y: float, z: float, centre: np.ndarray,
     point: np.ndarray
 ) -> tuple[float, float, float, float, float, float]:
-    """How fast the depth below a face grows at a place with the motion of its body."""
+    """Return the derivative of the depth below a face at a point by the motion of its body."""
     nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
     rx, ry, rz = x + point[0] - centre[0], y + point[1] - centre[1], z + point[2] - centre[2]
     return nx, ny, nz, ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which pairs can touch before long, from where the bodies are."""
+"""Neighbour list: pairs of bodies that can touch soon, from the positions of the bodies."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
@@ -12,17 +13,26 @@ from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import Layout
 import numpy as np
 
-# Fabrics of up to so many bodies have long lists; for larger ones these would take much memory.
-SMALL = 20_000
-# The longest reach, in parts of a: at least, for small fabrics, and for large ones.
-_MOST, _MOST_LARGE = 1.0, 0.4
-# How far spheres around bodies of a list are apart at most, in parts of the longest reach.
-_SKIN = 4.0
 _NO_PAIRS = np.zeros((0, 2), np.int32)
 
 
+@dataclass(frozen=True)
+class ListSettings:
+    """Tunables of the neighbour list."""
+
+    # Most bodies of a small fabric, which has a long list; long lists of larger fabrics would need
+    # much memory.
+    small_body_count: int = 20_000
+    max_reach_ratio: float = 1.0  # longest reach over a of small fabrics, at least
+    large_max_reach_ratio: float = 0.4  # longest reach over a of large fabrics
+    skin_ratio: float = 4.0  # largest gap of listed bounding spheres over the longest reach
+
+
+_SETTINGS = ListSettings()
+
+
 class Near(NamedTuple):
-    """What can touch before any body has moved by `reach`."""
+    """Candidate pairs until any body has moved by `reach`."""
 
     reach: float  # [m]
     pairs: np.ndarray  # (p, 2) int32 bodies, the lower number first; -1 - k: plane k
@@ -30,19 +40,20 @@ class Near(NamedTuple):
 
 class NeighbourList:
     """
-    Bodies whose spheres are close, found again once they have moved far; and axes of each pair.
+    Pairs of bodies with close bounding spheres, updated after long displacements, and their axes.
 
-    What is returned depends on the state alone: an axis kept for a pair is one of those that are
-    searched, and only spares the search.
+    The result depends on the state alone: a cached separating axis of a pair is one of the axes of
+    the search and only saves time.
     """
 
     def __init__(self, setup: ContactSetup, layout: Layout) -> None:
-        """Start without any."""
+        """Start with an empty list."""
         a, count = setup.half_edge, layout.body_count
-        self.is_small = count <= SMALL
-        # As woven nothing is closer than setup.gap: no reach beyond half of that is of use.
-        self.most = max(_MOST * a, 0.5 * setup.gap) if self.is_small else _MOST_LARGE * a
-        self.skin = _SKIN * self.most
+        self.is_small = count <= _SETTINGS.small_body_count
+        # As woven, gaps are at least setup.gap: small fabrics use a reach of half this gap.
+        self.most = max(_SETTINGS.max_reach_ratio * a, 0.5 * setup.gap) if (
+            self.is_small) else _SETTINGS.large_max_reach_ratio * a
+        self.skin = _SETTINGS.skin_ratio * self.most
         self.nearby = Nearby(
             slots=layout.slot,
             half_edge=a,
@@ -68,9 +79,10 @@ class NeighbourList:
 
     def survey(self, state: State, frame: np.ndarray) -> float:
         """
-        Largest speed of a point of a body [m/s] beside the mean velocity, which goes into `frame`.
+        Return the largest speed [m/s] of a point of a body relative to the mean velocity.
 
-        NaN where any of the state is. Notes how far bodies have moved.
+        The mean velocity is written to `frame`. The result is NaN if any value of the state is.
+        The displacements of bodies are recorded.
         """
         speed, self._way = survey(self.nearby, state)
         frame[:] = self.nearby.velocity
@@ -78,10 +90,10 @@ class NeighbourList:
 
     def find(self, state: State, least: float, most: float, *, few_axes: bool = False) -> Near:
         """
-        Pairs that can touch before a body of the state surveyed last has moved by `least` [m].
+        Return pairs that can touch before a body of the surveyed state has moved by `least` [m].
 
-        Where there is none the reach is longer, up to `most`: as long as there is none.
-        `few_axes`: more may be listed, in a tenth of the time.
+        Without such a pair, the reach extends up to `most`, as far as no pair can touch.
+        `few_axes` allows additional pairs, in a tenth of the time.
         """
         self._refresh(state.position, most)
         nearby = self.nearby
@@ -102,7 +114,7 @@ class NeighbourList:
         return Near(reach, pairs)
 
     def _list(self, position: np.ndarray, least: float) -> np.ndarray:
-        """Pairs that few axes do not show to be apart by twice `least` [m]."""
+        """Return pairs that a few axes do not separate by twice `least` [m]."""
         while (count := int(list_pairs(
                 self.nearby, position, least, self._listed)[0])) > len(self._listed):
             self._listed = np.zeros((count + count // 4, 2), np.int32)
@@ -110,9 +122,9 @@ class NeighbourList:
 
     def _refresh(self, position: np.ndarray, most: float) -> None:
         """
-        Search for close bodies again where others may have come close.
+        Search again for close bodies if further bodies may have come close.
 
-        Bodies that are in no pair were 2 R + skin apart, and are still 2 R + 2 most where none
+        Bodies without a pair were 2 R + skin apart. They remain 2 R + 2 most apart while no body
         has moved by more than skin / 2 - most.
         """
         if self._is_made and 2.0 * (self._way + most) <= self.skin:
@@ -120,14 +132,14 @@ class NeighbourList:
         self.make_room(position)
 
     def make_room(self, position: np.ndarray) -> None:
-        """Find close bodies anew, with room for all of them."""
+        """Search for close bodies, and enlarge the list for all of them."""
         self._is_made = True
         while (found := refresh(
                 self.nearby, position, self.skin)) > (room := len(self.nearby.gaps)):
             self._extend(found + found // 4 if self.is_small else found, room)
 
     def _extend(self, room: int, before: int) -> None:
-        """Room for more pairs; those of `before` stay."""
+        """Enlarge the list to `room` pairs; the first `before` pairs remain."""
         nearby = self.nearby
         pairs, codes = np.zeros((2, room, 2), np.int32), np.zeros((2, room), np.int32)
         pairs[:, :before], codes[:, :before] = nearby.pairs, nearby.codes

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forces of pairs of shells that touch, and of shells on planes, many at a time; their derivatives.
+Forces and their derivatives of many pairs in contact: shells with shells or planes.
 
-For searches of rest and for implicit steps, which need both in configurations of their choice.
+Equilibrium solves and implicit steps need both in arbitrary configurations.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
 from icofabric_sim.geometry.rotations import rotate_axes
@@ -29,40 +30,50 @@ from icofabric_sim.simulation.contact.curvature import (
 from icofabric_sim.simulation.contact.setup import ContactSetup
 import numpy as np
 
-# Pairs of shells; other groups are numbers of planes.
+# Group of pairs of shells; other groups are numbers of planes.
 PAIRS = -1
-# Step of differences of forces, in parts of a and in rad, at most; and in parts of the overlap, so
-# that what touches does so at all of them.
-_STEP, _WITHIN = 1e-6, 0.1
-# Overlap, or gap, below which shells are at their first touch, in parts of a.
+# Overlap or gap over a below which shells are at first contact.
 FIRST_TOUCH = 1e-9
-# Overlap, in parts of a, at which it is asked how shells that are open would meet.
-_MEETS = 1e-6
+
+
+@dataclass(frozen=True)
+class ContactDifferenceSettings:
+    """Tunables of differences of contact forces, and of the contact of open pairs."""
+
+    max_step: float = 1e-6  # over a and in rad
+    # Largest step over the overlap, so that pairs remain in contact in all evaluations.
+    max_step_ratio: float = 0.1
+    probe_overlap_ratio: float = 1e-6  # overlap over a at which open pairs are evaluated
+
+
+_SETTINGS = ContactDifferenceSettings()
 
 
 class PairForces:
-    """How shells and planes of a scene push each other; without damping and friction."""
+    """Contact forces between shells and planes of a scene, without damping and friction."""
 
     def __init__(self, setup: ContactSetup) -> None:
-        """See simulation/contact/setup.py."""
+        """Use the contact constants of simulation/contact/setup.py."""
         self._setup = setup
         self.stiffness = setup.stiffness  # K [N/m] in use
         self._scratch, self._room = contact_scratch(), curvature_room()
         self._reach = 2.0 * circumscribed_radius(setup.largest)
 
     def near(self, position: np.ndarray) -> np.ndarray:
-        """Pairs (m, 2) of bodies at a `position` (n, 3) whose circumscribed spheres meet."""
+        """
+        Return pairs (m, 2) of bodies at `position` (n, 3) whose circumscribed spheres overlap.
+        """
         from scipy.spatial import cKDTree
 
         return np.asarray(
             cKDTree(position).query_pairs(self._reach, output_type='ndarray'), np.int64)
 
     def half_edges(self, bodies: np.ndarray) -> np.ndarray:
-        """Half edges [m] of bodies, in the shape of their numbers."""
+        """Return the half edges [m] of bodies, in the shape of their numbers."""
         return self._setup.edges(bodies)
 
     def near_planes(self, position: np.ndarray) -> list[np.ndarray]:
-        """Bodies whose circumscribed spheres meet each of the planes."""
+        """Return the bodies whose circumscribed spheres overlap each plane."""
         return [
             np.flatnonzero(position @ plane[:3] - plane[3] < 0.5 * self._reach)
             for plane in self._setup.planes]
@@ -72,18 +83,18 @@ class PairForces:
         axes: np.ndarray, *, smoothed: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Second derivatives by pairs: rows of two bodies, (m, 2), and of 12 x 12 numbers.
+        Return pairs in contact (m, 2) and their second derivatives (m, 12, 12).
 
-        Of those `pairs` (p, 2), and those bodies near each of the `planes`, that touch where
-        bodies are at a `position` (n, 3) with `axes` (n, 3, 3), body axes as rows.
+        Candidates are `pairs` (p, 2) and, for each of the `planes`, the bodies near the plane, at
+        `position` (n, 3) with `axes` (n, 3, 3), body axes as rows.
 
-        In closed form (curvature.py) of what one body does by the motion of the other, from which
-        the rest follows. Where shells are at their first touch the push has a kink: it
-        resists one way only, and is left out. A torque on a turned body is seen from other axes:
-        half of its turn is taken out, so that the derivative is symmetric as that of the
-        connectors is. A contact with a plane is a pair of a body and itself, with the first 6 x 6
-        numbers. `smoothed`: by differences over 1e-6 of a and rad instead, which see what lies
-        just beyond where the overlap gains or loses a corner.
+        The mixed derivative by the motion of both bodies has a closed form (curvature.py), from
+        which the rest follows. At first contact the force has a kink: the contact resists in one
+        direction only and is left out. The axes of a torque turn with the body. Half of this
+        rotation is removed, so that the derivative is symmetric like that of the connectors. A
+        contact with a plane is a pair of a body with itself and uses the first 6 x 6 values.
+        `smoothed` selects differences over 1e-6 of a and rad, which include a change of the
+        corners of the overlap just beyond the configuration.
         """
         groups: list[tuple[np.ndarray, int]] = [(pairs, PAIRS)]
         groups += [
@@ -99,7 +110,7 @@ class PairForces:
             part = (self._smoothed if smoothed else self._curvatures)(
                 position[pairs], axes[pairs], which, edges, out)
             freedoms = 12 if which == PAIRS else 6
-            # The plane feels the opposite, and stays where it is.
+            # A plane does not move.
             part[:, freedoms:] = part[:, :, freedoms:] = 0.0
             bodies.append(pairs)
             blocks.append(0.5 * (part + np.swapaxes(part, 1, 2)))
@@ -110,9 +121,9 @@ class PairForces:
         out: np.ndarray
     ) -> np.ndarray:
         """
-        Second derivatives (m, 12, 12) of the energy of pairs that touch, from `out` of `met`.
+        Return second derivatives (m, 12, 12) of the energy of contacts, from `out` of `met`.
 
-        By the motion of a plane, too, about the point where it touches.
+        They include the motion of a plane about the contact point.
         """
         setup, delta = self._setup, out[:, 10, None, None]
         point = np.ascontiguousarray(places.mean(axis=1) + out[:, 15:18])
@@ -127,7 +138,7 @@ class PairForces:
         arm = second - places[:, 0]
         wrenches = np.hstack([
             out[:, :6], -out[:, :3], np.cross(arm, out[:, :3]) - out[:, 3:6]])
-        # Of delta = 4 M_1 / M_0 by the motions of both.
+        # Derivatives of delta = 4 M_1 / M_0 by the motions of both bodies.
         slope = -wrenches[:, :, None] / delta
         swept = found[:, SWEPT:BY_EDGES, None]
         mixed = [
@@ -144,10 +155,11 @@ class PairForces:
         self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray,
         out: np.ndarray
     ) -> np.ndarray:
-        """The same by differences of forces on what the first body does."""
+        """Return second derivatives by differences of forces over motions of the first body."""
         part, a = np.zeros((len(places), 12, 12)), self._setup.half_edge
-        # Of each pair, in parts of a and in rad.
-        step = np.minimum(_STEP, _WITHIN * out[:, 11] / a)[:, None]
+        # Steps of each pair, over a and in rad.
+        step = np.minimum(
+            _SETTINGS.max_step, _SETTINGS.max_step_ratio * out[:, 11] / a)[:, None]
         for k in range(6):
             sides = []
             for sign in (1.0, -1.0):
@@ -170,10 +182,11 @@ class PairForces:
         self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Wrenches on both (m, 12), energies [J], overlaps [m] and whether they touch, of pairs.
+        Return wrenches on pairs (m, 12), their energies [J], overlaps [m] and contact flags.
 
-        `places` (m, 2, 3), `axes` (m, 2, 3, 3); `which`: PAIRS, or the number of a plane that
-        pushes the first; half `edges` [m] (m, 2), None: that of the scene.
+        `places` are (m, 2, 3), `axes` (m, 2, 3, 3). `which` is PAIRS, or the number of the plane
+        in contact with the first body. `edges` are half edges [m] (m, 2); None selects that of the
+        scene.
         """
         touching, out = self.met(places, axes, which, edges)
         out[~touching] = 0.0
@@ -184,12 +197,12 @@ class PairForces:
         self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """
-        Find which pairs touch, or are closer than `reach` [m], and by how much.
+        Find pairs in contact or closer than `reach` [m], with their depths.
 
-        `places` (m, 2, 3), `axes` (m, 2, 3, 3), `which` and `edges` as in `wrenches`. Returns
-        their numbers (p,), depths delta [m], those of open ones below 0, first derivatives
-        (p, 12), and whether they touch. Open ones are as they would be where the first has been
-        moved on to the second.
+        `places` (m, 2, 3), `axes` (m, 2, 3, 3), `which` and `edges` are as in `wrenches`. Returns
+        the numbers of the pairs (p,), depths delta [m], negative for open pairs, first derivatives
+        (p, 12), and contact flags. Depths and derivatives of open pairs are those after the first
+        body has moved to contact.
         """
         a = self._setup.half_edge
         touching, out = self.met(places, axes, which, edges)
@@ -202,7 +215,8 @@ class PairForces:
             gap = (corners @ plane[:3]).min(axis=1) - plane[3]
             toward = np.broadcast_to(-plane[:3], shift.shape)
         open_yet = ~touching & (gap < reach)
-        shift[open_yet] = (gap + _MEETS * a)[open_yet, None] * toward[open_yet]
+        distance = gap + _SETTINGS.probe_overlap_ratio * a
+        shift[open_yet] = distance[open_yet, None] * toward[open_yet]
         moved = places.copy()
         moved[:, 0] += shift
         met, there = self.met(moved[open_yet], axes[open_yet], which, edges[open_yet])
@@ -220,7 +234,9 @@ class PairForces:
         self, places: np.ndarray, axes: np.ndarray, edges: np.ndarray, chosen: np.ndarray,
         reach: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Distances [m] of `chosen` pairs, infinite above `reach`, and directions (m, 3)."""
+        """
+        Return distances [m] of `chosen` pairs, infinite above `reach`, and directions (m, 3).
+        """
         turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
         ends = [np.ascontiguousarray(part) for part in (
             places[:, 0], turns[:, 0], places[:, 1], turns[:, 1])]
@@ -228,7 +244,7 @@ class PairForces:
         axis = apart / np.linalg.norm(apart, axis=1, keepdims=True)
         gap, distance = np.zeros(len(places)), np.full(len(places), np.inf)
         separations_on(edges, *ends, axis, gap)
-        # They are at least so far apart.
+        # `gap` is a lower bound of the distance.
         few = np.flatnonzero(chosen & (gap < reach))
         found, toward = np.zeros(len(few)), np.zeros((len(few), 3))
         signed_distances(
@@ -239,11 +255,11 @@ class PairForces:
     def met(
         self, places: np.ndarray, axes: np.ndarray, which: int, edges: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Whether pairs touch, and what the kernels say of them for 1 N/m, (m, 20)."""
+        """Return contact flags of pairs, and the results of kernels for 1 N/m, (m, 20)."""
         setup, count = self._setup, len(places)
         if edges is None:
             edges = np.full((count, 2), setup.half_edge)
-        # From body to world.
+        # From body to world axes.
         turns = np.ascontiguousarray(np.swapaxes(axes, 2, 3))
         first, second = (np.ascontiguousarray(places[:, end]) for end in range(2))
         touching, out = np.zeros(count, bool), np.zeros((count, OUT_SIZE))
@@ -261,10 +277,10 @@ class PairForces:
 
 def _completed(across: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """
-    All second derivatives (m, 12, 12), from those by one motion of either body (m, 6, 6).
+    Return all second derivatives (m, 12, 12) from the mixed ones of both bodies (m, 6, 6).
 
-    To move both changes nothing, and to turn both about the first turns the `wrenches` (m, 12) and
-    moves the second by its `arm` (m, 3) from the first.
+    Forces do not change if both bodies move. If both rotate about the first, the `wrenches` (m,
+    12) rotate and the second moves by its `arm` (m, 3) from the first.
     """
     part = np.zeros((len(across), 12, 12))
     part[:, :6, 6:], part[:, 6:, :6] = across, np.swapaxes(across, 1, 2)
@@ -278,7 +294,9 @@ def _completed(across: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> np.
 
 
 def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> None:
-    """Fill in, likewise, what the second body does, (m, 12, 6 of 12), by what the first does."""
+    """
+    Complete the derivatives (m, 12, 12) by motions of the second body from those of the first.
+    """
     part[:, :, 6:9] = -part[:, :, :3]
     for k, axis in enumerate(np.eye(3)):
         turned = np.cross(axis, wrenches.reshape(-1, 4, 3)).reshape(-1, 12)
@@ -287,7 +305,7 @@ def _follow_second(part: np.ndarray, wrenches: np.ndarray, arm: np.ndarray) -> N
 
 
 def _with_half_turns(part: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
-    """Derivatives (m, 12, 12) with torques seen from axes that have turned half as far."""
+    """Return derivatives (m, 12, 12) of torques relative to axes that rotate half as far."""
     for freedom in range(12):
         end, k = divmod(freedom, 6)
         if k >= 3:

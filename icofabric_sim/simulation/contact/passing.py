@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether shells may have passed through each other unseen within one long step.
+Test whether shells may have passed through each other undetected within one long step.
 
-A search finds all pairs that can touch before a body has moved by its reach. Where bodies move
-farther in one step, the displacement of each pair is bounded instead: the cubic through the
-places and velocities at both ends of the step lies within the hull of its Bezier points, and so
-does the difference of two.
+A search finds all pairs that can touch before a body has moved by its reach. If bodies move
+farther in one step, the relative displacement of each pair is bounded instead. The cubic through
+the positions and velocities at both ends of the step lies within the hull of its Bezier points,
+and so does the difference of two cubics.
 """
 
 from typing import NamedTuple
@@ -14,15 +14,15 @@ from typing import NamedTuple
 from icofabric_sim.scene.initial import InitialState
 import numpy as np
 
-# Pairs that are compared at once, which bounds temporary arrays.
-_PIECE = 1 << 18
+# Pairs of a batch: bounds the temporary arrays.
+_BATCH_SIZE = 1 << 18
 
 
 class Course(NamedTuple):
-    """Where bodies are within a step."""
+    """Paths of bodies within a step."""
 
-    points: np.ndarray  # (4, n, 3) Bezier points of the centres [m], beside a common motion
-    turned: np.ndarray  # (n,) turned since the search at most [rad], or 2
+    points: np.ndarray  # (4, n, 3) Bezier points of the centres [m], relative to a common motion
+    turned: np.ndarray  # (n,) bound of rotation angles since the search [rad], at most 2
 
 
 class Passing(NamedTuple):
@@ -30,11 +30,11 @@ class Passing(NamedTuple):
 
     first: int
     second: int  # -1 - k: plane k
-    way: float  # [m] that they moved against each other
+    way: float  # [m] relative displacement
 
 
 def bezier_points(before: InitialState, after: InitialState, length: float) -> np.ndarray:
-    """Points (4, n, 3) of the cubics from one state to another one `length` [s] later."""
+    """Return the points (4, n, 3) of the cubics from a state to another one `length` [s] later."""
     third = length / 3.0
     return np.stack([
         before.position, before.position + third * before.linear_velocity,
@@ -45,9 +45,10 @@ def turned_at_most(
     look: np.ndarray, before: InitialState, after: InitialState, length: float
 ) -> np.ndarray:
     """
-    Bound (n,) of the angles [rad] since the orientations (n, 4) at `look`; 2 where more.
+    Bound the rotation angles [rad] since the orientations (n, 4) at `look`, (n,), at most 2.
 
-    A point that turns by an angle x about a centre moves by 2 sin(x / 2), at most min(x, 2) radii.
+    A point that rotates by an angle x about a centre moves by 2 sin(x / 2), at most min(x, 2)
+    radii.
     """
     spin = np.maximum(*(
         np.linalg.norm(state.angular_velocity, axis=1) for state in (before, after)))
@@ -61,14 +62,14 @@ def first_passing(
     radius: np.ndarray, seen: np.ndarray | None = None
 ) -> Passing | None:
     """
-    Return the first bodies that may have met unseen since the search at `look` (n, 3); or None.
+    Return the first bodies that may have met undetected since the search at `look` (n, 3).
 
-    Of a pair that was not listed then the gap was at least twice the `reach` [m], so it is closed
-    only where the two move by more than that beside each other; and they touch only where the
-    spheres of `radius` (n,) [m] around them do. What is listed is computed, and seen. `planes` are
-    (k, 4) normals and offsets [m]; `shift` (4, 3) [m] is what was taken off the points. `seen`:
-    pairs (m, 2) that are listed and meet in many steps, which evaluate their contact; a second one
-    of -1 - k is plane k.
+    The result is None without such bodies. The gap of a pair that was not listed was at least
+    twice the `reach` [m]. The gap can close only if the relative displacement exceeds twice the
+    reach, and the bodies touch only if their spheres of `radius` (n,) [m] do. `planes` are (k, 4)
+    normals and offsets [m]; `shift` (4, 3) [m] was subtracted from the points. `seen` are listed
+    pairs (m, 2) whose contact is evaluated in each of many steps; a second body of -1 - k is plane
+    k.
     """
     seen = np.zeros((0, 2), np.int32) if seen is None else seen
     points, turned = course.points, radius * course.turned
@@ -81,9 +82,9 @@ def first_passing(
         if (height < offset).any():
             body = int(fallers[np.argmin(height)])
             return Passing(body, -1 - plane, float(own[body]))
-    piece = max(1, _PIECE // max(len(own), 1))
-    for start in range(0, len(movers), piece):
-        some = movers[start:start + piece]
+    batch = max(1, _BATCH_SIZE // max(len(own), 1))
+    for start in range(0, len(movers), batch):
+        some = movers[start:start + batch]
         apart = points[:, None, :] - points[:, some, None]
         way = np.linalg.norm(apart - (look - look[some, None]), axis=3).max(axis=0)
         way += turned + turned[some, None]
@@ -102,9 +103,10 @@ def first_passing(
 
 def _least_distance(apart: np.ndarray) -> np.ndarray:
     """
-    Lower bound (m, n) of the distances from the origin of cubics with Bezier points (4, m, n, 3).
+    Return a lower bound (m, n) of the distance of cubics from the origin.
 
-    That of the chord, less the most by which such a cubic leaves it.
+    The cubics have Bezier points (4, m, n, 3). The bound is the distance of the chord minus the
+    largest deviation of such a cubic from the chord.
     """
     start, chord = apart[0], apart[3] - apart[0]
     square = (chord * chord).sum(axis=-1)

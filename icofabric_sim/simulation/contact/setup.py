@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a scene says of contact: between which shells and planes, and how stiff it is."""
+"""Contact constants of a scene: shells and planes in contact, stiffness and dissipation."""
 
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -10,14 +11,22 @@ from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
-# The overlap, in parts of a, that the own stiffness is meant for.
-_OVERLAP = 0.005
-# Strain of connectors that press shells together; stiffness beside that of the connectors; way
-# between two outputs, in parts of a, where neither motion nor forces are known.
-_STRAIN, _BESIDE_CONNECTORS, _WAY = 0.1, 20.0, 1.0 / 6.0
-# Gap between faces of neighbours as woven, over a, below which a weave is dense: where it lies on
-# a floor with friction some faces begin or cease to touch at nearly every moment.
-_DENSE_GAP_RATIO = 0.05
+
+@dataclass(frozen=True)
+class StiffnessSettings:
+    """Tunables of the automatic contact stiffness, and the limit of dense weaves."""
+
+    overlap_ratio: float = 0.005  # intended overlap over a
+    strain: float = 0.1  # of connectors that load contacts
+    connector_stiffness_ratio: float = 20.0  # least stiffness over that of connectors
+    # Displacement over a between two outputs, if neither motion nor forces are known.
+    output_displacement_ratio: float = 1.0 / 6.0
+    # Gap between faces of woven neighbours over a below which a weave is dense. On a floor with
+    # friction, contacts of faces in a dense weave open or close nearly all the time.
+    dense_gap_ratio: float = 0.05
+
+
+_SETTINGS = StiffnessSettings()
 
 
 class ContactSetup(NamedTuple):
@@ -29,16 +38,16 @@ class ContactSetup(NamedTuple):
     friction: float  # mu
     planes: np.ndarray  # (k, 4) unit normals and offsets [m]
     names: tuple[str, ...]  # of the planes
-    always: bool  # computed also where nothing can touch
-    free: bool  # nothing is held: a motion that all have in common counts for nothing
-    fall: np.ndarray  # (3,) acceleration that all have in common [m/s^2]
-    expected: str  # why contacts are expected; '': they need not happen
-    gap: float = 0.0  # between shells as woven [m], or less
-    is_dense: bool = False  # faces of neighbours all but touch as woven
-    half_edges: np.ndarray | None = None  # (n,) [m], of each body, where they differ
+    always: bool  # evaluated even if no pair can touch
+    free: bool  # no body is held: common motions have no effect
+    fall: np.ndarray  # (3,) common acceleration [m/s^2]
+    expected: str  # reason to expect contacts; '': not expected
+    gap: float = 0.0  # lower bound of gaps between shells as woven [m]
+    is_dense: bool = False  # faces of woven neighbours nearly touch
+    half_edges: np.ndarray | None = None  # (n,) [m] of bodies that differ in size
 
     def edges(self, bodies: np.ndarray) -> np.ndarray:
-        """Half edges [m] of bodies, in the shape of their numbers."""
+        """Return the half edges [m] of bodies, in the shape of their numbers."""
         if self.half_edges is None:
             return np.full(bodies.shape, self.half_edge)
         return self.half_edges[bodies]
@@ -55,7 +64,7 @@ class ContactSetup(NamedTuple):
 
     @property
     def spends(self) -> bool:
-        """Whether contacts take energy from the motion."""
+        """True if contacts dissipate energy."""
         return self.damping > 0.0 or self.friction > 0.0
 
 
@@ -63,9 +72,9 @@ def pack_contact(
     scene: Scene, fall: np.ndarray, *, moving: bool = True
 ) -> ContactSetup | None:
     """
-    Constants of contact; None where it is switched off, or nothing is there to touch.
+    Return the constants of contact; None if contact is disabled or impossible.
 
-    Where nothing is `moving` the own stiffness is for forces alone.
+    Unless bodies are `moving`, the automatic stiffness depends on forces alone.
     """
     parameters = scene.parameters
     names = tuple(parameters.names('planes'))
@@ -92,7 +101,9 @@ def pack_contact(
 
 
 def _woven_gap(scene: Scene) -> float:
-    """Gap [m] between the spheres around neighbours in the weave, 0 where there are none."""
+    """
+    Return the gap [m] between the spheres around neighbours in the weave; 0 without neighbours.
+    """
     if not scene.connector_count:
         return 0.0
     woven = scene.body_half_edges[:len(scene.weave.position)]
@@ -101,24 +112,24 @@ def _woven_gap(scene: Scene) -> float:
 
 
 def _is_dense(scene: Scene) -> bool:
-    """Return True if faces of neighbours in the weave are closer than _DENSE_GAP_RATIO."""
+    """Return True if faces of neighbours in the weave are closer than in a sparse weave."""
     if not scene.connector_count:
         return False
-    # The normal of the faces that meet (eq 54) times the way between the centres of neighbours.
+    # Normal of opposite faces (eq 54) times the vector between the centres of neighbours.
     largest = float(scene.body_half_edges[:len(scene.weave.position)].max())
     gap = math.sqrt(5.0 / 3.0) * scene.geometry.pitch - 2.0 * inscribed_radius(largest)
-    return gap < _DENSE_GAP_RATIO * largest
+    return gap < _SETTINGS.dense_gap_ratio * largest
 
 
 def _expected(scene: Scene) -> str:
-    """Name what makes contacts likely."""
+    """Return the reason why contacts are likely; an empty text if they are not."""
     if scene.parameters.names('planes'):
         return 'shells may fall on planes'
     if not scene.connector_count:
         return 'loose shells may meet'
     if scene.parameters['contact.mode'] == 'always':
         return 'contact.mode is always'
-    # Between neighbours there is less room than they take up themselves, and something moves them.
+    # Gaps between neighbours are smaller than the bodies, and a cause of motion exists.
     spacing = math.sqrt(2.0) * scene.geometry.pitch
     driven = any(scene.parameters['gravity']) or scene.drives
     if driven and _woven_gap(scene) < 0.5 * spacing:
@@ -128,18 +139,18 @@ def _expected(scene: Scene) -> str:
 
 def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> float:
     """
-    Stiffness [N/m] with which shells are expected to overlap by less than 1 % of a.
+    Return the stiffness [N/m] with which shells are expected to overlap by less than 1 % of a.
 
-    Where two bodies meet with the largest speed that is expected, each with v, their energy
-    M v^2 = K delta^2 / 2 asks for K = 2 M v^2 / delta^2; what presses them together with a force f
-    for K = f / delta. Speeds come from the start, the drives, and what weight and loads give a
-    body over the height of the scene; forces from weight, loads and strained connectors. Where
-    nothing is `moving` only these count.
+    Two bodies that collide at the largest expected speed v each have the energy M v^2 = K delta^2
+    / 2, which requires K = 2 M v^2 / delta^2. A normal force f requires K = f / delta. Speeds
+    follow from the initial state, the drives, and the work of weight and loads over the height of
+    the scene. Forces follow from weight, loads and strained connectors. Unless bodies are
+    `moving`, only forces count.
     """
-    # Of several sizes the smallest overlaps by the largest part of itself.
+    # The smallest body has the largest relative overlap.
     parameters, a = scene.parameters, float(scene.body_half_edges.min(initial=math.inf))
     largest = float(scene.body_half_edges.max(initial=0.0))
-    # The heaviest presses hardest.
+    # The heaviest body has the largest weight.
     mass = float(scene.masses.mass.max())
     initial, electric = scene.initial, scene.electric
     speed = float(np.sqrt((initial.linear_velocity**2).sum(axis=1).max(initial=0.0)))
@@ -154,23 +165,26 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
         part = 1.0 / max(share, 1) if parameters[f'loads.{name}.share'] == 'total' else 1.0
         force += part * math.hypot(*parameters[f'loads.{name}.force'])
     square = speed * speed + 2.0 * force * height / mass
-    # A column of bodies as high as the scene rests on one.
+    # One body carries a column of bodies as high as the scene.
     pressed = force * max(height / (2.0 * inscribed_radius(a)), 1.0)
-    stiffness = 2.0 * mass * square / (_OVERLAP * a) ** 2 if moving else 0.0
+    stiffness = 2.0 * mass * square / (_SETTINGS.overlap_ratio * a) ** 2 if moving else 0.0
     if scene.connector_count:
         laws = scene.connectors.laws
         k = float(max(laws.extension.max(), laws.compression.max()))
-        # A press may take up all of their length.
-        strain = 1.0 if scene.drives else _STRAIN
+        # Drives may compress connectors by their whole length.
+        strain = 1.0 if scene.drives else _SETTINGS.strain
         pressed += k * strain * float(laws.natural_length.max())
-        stiffness = max(stiffness, _BESIDE_CONNECTORS * k)
-    # Where nothing says how fast or how hard, inputs will.
-    return max(stiffness, pressed / (_OVERLAP * a)) or (
-        2.0 * mass * (_WAY * parameters['publish_rate'] / _OVERLAP) ** 2)
+        stiffness = max(stiffness, _SETTINGS.connector_stiffness_ratio * k)
+    # Without known speeds and forces, inputs cause the motion.
+    speed_ratio = _SETTINGS.output_displacement_ratio * parameters['publish_rate']
+    return max(stiffness, pressed / (_SETTINGS.overlap_ratio * a)) or (
+        2.0 * mass * (speed_ratio / _SETTINGS.overlap_ratio) ** 2)
 
 
 def _height(position: np.ndarray, planes: np.ndarray) -> float:
-    """How far a body can fall [m]: the largest extent of the scene, or distance from a plane."""
+    """
+    Return the height [m] of a possible fall: the extent of the scene or distance from a plane.
+    """
     height = float(np.ptp(position, axis=0).max(initial=0.0)) if len(position) else 0.0
     for plane in planes:
         height = max(height, float(np.abs(position @ plane[:3] - plane[3]).max(initial=0.0)))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The anchors of a run that can break: at which lengths, which have, and since when."""
+"""Breakage of the anchors of a run: length limits, broken anchors and times of breakage."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,10 +11,10 @@ import numpy as np
 
 
 class AnchorBreaks:
-    """Part of what acts on a fabric: a broken anchor pulls nothing any more."""
+    """Length limits and breakage of anchors; a broken anchor exerts no force."""
 
     def __init__(self, anchors: Mapping[str, Anchor]) -> None:
-        """All `anchors` of the scene are whole."""
+        """Start with all `anchors` of the scene unbroken."""
         self.names = tuple(anchors)
         rows = anchors.values()
         self.body = np.array([anchor.body for anchor in rows])
@@ -26,12 +26,12 @@ class AnchorBreaks:
 
     @property
     def broken(self) -> np.ndarray:
-        """Which anchors are broken, (a,) bool."""
+        """Broken anchors, (a,) bool."""
         return ~np.isnan(self.since)
 
     @property
     def left(self) -> np.ndarray:
-        """Numbers of the anchors that may still break."""
+        """Numbers of the unbroken anchors with a length limit."""
         return np.flatnonzero(
             np.isnan(self.since) & ((self.longest < np.inf) | (self.shortest > 0.0)))
 
@@ -40,11 +40,13 @@ class AnchorBreaks:
         self.since[numbers] = time
 
     def mend(self) -> None:
-        """Make all of them whole."""
+        """Reset all anchors to unbroken."""
         self.since[:] = np.nan
 
     def adopt(self, other: 'AnchorBreaks | None') -> None:
-        """Break what is broken in an earlier scene, where the same edge has that anchor here."""
+        """
+        Break the anchors that were broken in an earlier scene, if name and body are the same.
+        """
         if other is None:
             return
         for there in np.flatnonzero(other.broken):
@@ -55,12 +57,12 @@ class AnchorBreaks:
                     self.since[here] = other.since[there]
 
     def state_tree(self) -> dict[str, Any]:
-        """The broken ones, by their numbers."""
+        """Return the numbers of the broken anchors and their times of breakage."""
         gone = np.flatnonzero(self.broken)
         return {'anchor': gone.astype(float), 'time': self.since[gone]}
 
     def load_state(self, tree: StateTree | None) -> None:
-        """Go on with these, or with all whole."""
+        """Restore the broken anchors; None stands for no broken anchor."""
         self.mend()
         if tree is None:
             return

@@ -1,8 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Where the drives of a run stand: on the paths of the scene, or taken over by a received twist.
-"""
+"""Present motion of the drives of a run: the paths of the scene, or a received twist instead."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -22,16 +20,16 @@ import numpy as np
 
 
 class DriveRow(NamedTuple):
-    """Bodies on a piece of a path, at times of the run."""
+    """Bodies on a segment of a path, at times of the run."""
 
     bodies: np.ndarray  # (m,) int32
     middle: np.ndarray  # (3,) [m] mean of their centres at the start
     piece: PathPiece
-    moves: np.ndarray  # (4,) bool: along x, y, z, and turning
+    moves: np.ndarray  # (4,) bool: translation along x, y, z, and rotation
 
 
 class DrivePack(NamedTuple):
-    """What kernels need of all drives."""
+    """All drives for the kernels."""
 
     rows: tuple[DriveRow, ...]
     arm: np.ndarray  # (n, 3) [m] from the middle to each body at the start
@@ -39,41 +37,43 @@ class DrivePack(NamedTuple):
 
 
 class Driving:
-    """The drives of a scene, the timetable of their paths, and the twists that took over."""
+    """
+    Drives of a scene, with the timetable of their paths and the twists that replace the paths.
+    """
 
     def __init__(
         self, drives: Mapping[str, Drive], start: InitialState, timetable: Timetable
     ) -> None:
-        """Begin on the paths of the scene; `start` is its initial state."""
+        """Start on the paths of the scene; `start` is its initial state."""
         self._drives = {DriveTarget(name): drive for name, drive in drives.items()}
         self._start, self._timetable = start, timetable
-        # Pages of memory that are never written take no room.
+        # Memory pages that are never written to use no memory.
         self._arm = np.zeros(start.position.shape)
         for drive in drives.values():
             self._arm[drive.bodies] = start.position[drive.bodies] - drive.middle
         self.taken: dict[DriveTarget, PathPiece] = {}
-        # Numbers of the pieces, or the twists, that were packed last.
+        # Numbers of the segments, or the twists, that were packed last.
         self._packed: dict[DriveTarget, int | PathPiece] = {}
 
     def take_over(self, target: DriveTarget, time: float, twist: Twist) -> None:
-        """Go on with one twist from where a drive is at `time` [s]."""
+        """Continue the motion of a drive from `time` [s] with a constant twist."""
         pose = self.taken.get(target, self._timetable.piece(target)).pose_at(time)
         self.taken[target] = PathPiece.constant_twist(time, pose, twist.linear, twist.angular)
 
     def adopt(self, other: 'Driving') -> None:
-        """Take over the twists of a run that goes on here."""
+        """Adopt the twists of a run that continues in this scene."""
         self.taken = {
             target: piece for target, piece in other.taken.items() if target in self._drives}
 
     def pack(self) -> DrivePack | None:
-        """What moves them now."""
+        """Return the present motion of the drives."""
         self._packed = {
             target: self._timetable.numbers.get(target, 0) for target in self._drives}
         self._packed.update(self.taken)
         return self.pack_again()
 
     def pack_again(self) -> DrivePack | None:
-        """What was packed last."""
+        """Return the motion that was packed last."""
         if not self._drives:
             return None
         rows = []
@@ -85,7 +85,7 @@ class Driving:
         return DrivePack(tuple(rows), self._arm, self._start)
 
     def state_tree(self) -> dict[str, Any]:
-        """The twists that rule, and what was packed."""
+        """Return the active twists and the motion that was packed last."""
         return {
             'taken': [
                 [stored_target(target), *_numbers(self.taken[target])]
@@ -96,7 +96,7 @@ class Driving:
         }
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the motion from a checkpoint."""
         taken: dict[DriveTarget, PathPiece] = {}
         packed: dict[DriveTarget, int | PathPiece] = {}
         for entry in tree.entries('taken'):
@@ -126,5 +126,5 @@ class Driving:
 
 
 def _numbers(piece: PathPiece) -> list[float]:
-    """Start, displacement, quaternion and twist of a piece with a constant twist."""
+    """Return start, displacement, quaternion and twist of a path segment with a constant twist."""
     return [piece.start, *piece.shift, *piece.turn, *piece.cubic[1]]

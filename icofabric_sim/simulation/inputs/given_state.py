@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges a state that is given from outside."""
+"""Validation of a state that a caller sets."""
 
 from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import unit_quaternions
@@ -16,10 +16,10 @@ def complete_state(
     now: Snapshot, given: dict[str, np.ndarray | None], half_edge: float
 ) -> InitialState:
     """
-    Return the `given` parts, and those of `now` where None is given; quaternions of unit length.
+    Return the `given` arrays, with those of `now` in place of None, and unit quaternions.
 
-    Raises TypeError or ValueError that names the part and the body, also where it moves faster
-    than time steps resolve for shells of a `half_edge` [m].
+    Raises TypeError or ValueError with the name of the array and the body. The same holds for a
+    body that moves faster than time steps resolve for shells of a `half_edge` [m].
     """
     count = len(now.position)
     values = {}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs as types: a channel, a body or a drive that they act on, a wrench or twist they carry."""
+"""Types of inputs: targets (a channel, a body or a drive) and values (a wrench or a twist)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class DriveTarget:
 
 @dataclass(frozen=True, slots=True)
 class PullTarget:
-    """One body, which a hand draws towards a point."""
+    """One body under a drag force towards a point."""
 
     number: int
 
@@ -61,22 +61,24 @@ Target = LoadTarget | DriveTarget | PullTarget
 
 
 class Wrench(NamedTuple):
-    """A force and a torque on the axes of their channel."""
+    """A force and a torque in the axes of their channel."""
 
     force: np.ndarray  # (3,) [N]
     torque: np.ndarray  # (3,) [N m]
 
     @classmethod
     def checked(cls, force: Vector, torque: Vector) -> Self:
-        """Make a wrench of arguments; TypeError or ValueError names the wrong one."""
+        """
+        Return a validated wrench; raise TypeError or ValueError with the name of a wrong argument.
+        """
         return cls(checks.array('force', force, (3,)), checks.array('torque', torque, (3,)))
 
     def is_zero(self) -> bool:
-        """Whether it does nothing."""
+        """Return True if force and torque are zero."""
         return not (self.force.any() or self.torque.any())
 
     def same(self, other: 'Wrench') -> bool:
-        """Whether both have the same values."""
+        """Return True if both wrenches have the same values."""
         return bool((self.force == other.force).all() and (self.torque == other.torque).all())
 
 
@@ -88,25 +90,29 @@ class Twist(NamedTuple):
 
     @classmethod
     def checked(cls, linear: Vector, angular: Vector) -> Self:
-        """Make a twist of arguments; TypeError or ValueError names the wrong one."""
+        """
+        Return a validated twist; raise TypeError or ValueError with the name of a wrong argument.
+        """
         return cls(checks.array('linear', linear, (3,)), checks.array('angular', angular, (3,)))
 
 
 class Pull(NamedTuple):
-    """Where a body is pulled to, world frame; three times NaN lets it go."""
+    """Target point of a drag force, world frame; three NaN release the body."""
 
     point: np.ndarray  # (3,) [m]
 
     @classmethod
     def checked(cls, point: Vector) -> Self:
-        """Make a pull of an argument; TypeError or ValueError where it is wrong."""
+        """
+        Return a validated target point; raise TypeError or ValueError if the argument is wrong.
+        """
         if np.shape(point) == (3,) and all(number != number for number in point):
             return cls(np.full(3, np.nan))
         return cls(checks.array('point', point, (3,)))
 
     @property
     def is_release(self) -> bool:
-        """Whether it lets go."""
+        """True if the body is released."""
         return bool(np.isnan(self.point).all())
 
 
@@ -114,14 +120,14 @@ Value = Wrench | Twist | Pull
 
 
 def has_target(scene: 'Scene', target: Target) -> bool:
-    """Whether the scene has that channel, body or drive."""
+    """Return True if the scene has the channel, body or drive."""
     if isinstance(target, (BodyTarget, PullTarget)):
         return 0 <= target.number < scene.body_count
     return target.name in (scene.loads if isinstance(target, ChannelTarget) else scene.drives)
 
 
 def require_target(scene: 'Scene', target: Target) -> None:
-    """Refuse a target that the scene lacks; the ValueError lists those that it has."""
+    """Raise ValueError with the known targets if the scene lacks the target."""
     if has_target(scene, target):
         return
     if isinstance(target, (BodyTarget, PullTarget)):
@@ -136,7 +142,7 @@ def require_target(scene: 'Scene', target: Target) -> None:
 
 
 def load_order(target: LoadTarget) -> tuple[bool, str | int]:
-    """Key that sorts channels by name, then bodies by number."""
+    """Return a sort key: channels by name, followed by bodies by number."""
     if isinstance(target, BodyTarget):
         return True, target.number
     return False, target.name
@@ -144,9 +150,10 @@ def load_order(target: LoadTarget) -> tuple[bool, str | int]:
 
 def stored_target(target: LoadTarget | DriveTarget) -> str | int:
     """
-    Return what a checkpoint holds for a target.
+    Return the form of a target in checkpoints.
 
-    A channel by its name, a drive as drives.NAME, a body by its number; names have no dots.
+    A channel is stored by its name, a drive as drives.NAME, a body by its number. Names contain no
+    dots.
     """
     if isinstance(target, ChannelTarget):
         return target.name
@@ -154,7 +161,7 @@ def stored_target(target: LoadTarget | DriveTarget) -> str | int:
 
 
 def restored_target(stored: Any) -> LoadTarget | DriveTarget:
-    """The target that a checkpoint holds, whether the scene has it or not."""
+    """Return a target from its form in checkpoints; the scene may lack the target."""
     if type(stored) is int:
         return BodyTarget(stored)
     if not isinstance(stored, str):

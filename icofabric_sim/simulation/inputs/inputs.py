@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Inputs of a simulation: those that act now, and the queue of later ones (queue.py).
+Inputs of a simulation: the active ones, and the queue of later ones (queue.py).
 
-A received message is kept after it has acted, until the run takes it to record it.
+A received message is kept after it has acted until the run takes and records the message.
 """
 
 from collections.abc import Callable, Mapping
@@ -53,25 +53,27 @@ from icofabric_sim.simulation.model.tractions import (
 )
 import numpy as np
 
-_ZERO = np.zeros(3)
+_ZERO_VECTOR = np.zeros(3)
 
 
 class Inputs:
-    """Active wrenches of all channels and bodies, the motion of drives, and what is to come."""
+    """
+    Active wrenches of channels and bodies, the motion of drives, and the queue of later inputs.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        """Start with the scene's own loads."""
+        """Start with the loads of the scene."""
         self.scene = scene
         self.active: dict[LoadTarget, Wrench] = {}
         self.expiry: dict[LoadTarget, float] = {}
         self.received: set[LoadTarget] = set()
         self.queue = InputQueue()
         self.pulls = Pulls(scene)
-        # Messages that have acted, for the caller that records them.
+        # Messages that have acted, for a caller that records messages.
         self._acted: list[Any] = []
-        # What the loads are made of that were packed last.
+        # Wrenches of the loads that were packed last.
         self.packed: dict[LoadTarget, Wrench] = {}
-        # Which pieces of the profiles they followed.
+        # Numbers of the profile segments of these loads.
         self._packed_pieces: dict[Follower, int] = {}
         self._channels = {
             ChannelTarget(name): channel for name, channel in scene.loads.items()}
@@ -86,7 +88,7 @@ class Inputs:
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
         self.timetable = Timetable({**profiles, **paths})
         self.driving = Driving(scene.drives, scene.initial, self.timetable)
-        # None where no anchor breaks.
+        # None if no anchor can break.
         self.anchor_breaks = AnchorBreaks(scene.anchors) if scene.anchors_break else None
         self._varying = any(not profile.is_plain for profile in profiles.values())
         self._sums: dict[str, BodyTraction] = {}
@@ -94,26 +96,26 @@ class Inputs:
 
     @property
     def message_count(self) -> int:
-        """Return the number of received messages that wait for their time."""
+        """Number of received messages that wait for their time."""
         return self.queue.message_count
 
     @property
     def waiting_count(self) -> int:
-        """Return the number of waiting inputs and ends of holds, without received messages."""
+        """Number of waiting inputs and ends of holds, without received messages."""
         return len(self.queue) - self.queue.message_count
 
     @property
     def pulled_bodies(self) -> list[int]:
-        """Return the numbers of the bodies that drag forces act on."""
+        """Numbers of the bodies under drag forces."""
         return self.pulls.bodies
 
     def put(
         self, time: float, target: Target, value: Value | None, message: Any = None
     ) -> None:
         """
-        Add a validated input that acts at `time` [s], once the simulation advances to it.
+        Add a validated input that acts at `time` [s], once the simulation advances to this time.
 
-        `message` is what was received; `take_acted` returns it after it has acted.
+        `message` is the received message; `take_acted` returns the message after it has acted.
         """
         self.queue.put(time, target, value, message)
 
@@ -127,7 +129,7 @@ class Inputs:
         return acted
 
     def reset(self, time: float) -> None:
-        """Forget all that was received; what the scene does itself begins anew at `time` [s]."""
+        """Discard all received inputs; loads of the scene restart at `time` [s]."""
         self.queue.refill(())
         self.expiry.clear()
         self.received.clear()
@@ -139,13 +141,13 @@ class Inputs:
         self._begin(time, time)
 
     def _begin(self, epoch: float, now: float) -> None:
-        """Let the scene's own loads act where nothing was received in their place."""
+        """Activate the loads of the scene on channels without a received wrench."""
         self.timetable.begin(epoch, now)
         for target in self._channels:
             self._follow(target)
 
     def _follow(self, target: ChannelTarget) -> bool:
-        """Put the scene's own load on a channel, or take it off; whether that changes anything."""
+        """Set or remove the load of the scene on a channel; return True if the wrench changes."""
         channel = self._channels[target]
         if target in self.received or not (channel.force.any() or channel.torque.any()):
             return False
@@ -156,16 +158,16 @@ class Inputs:
         return True
 
     def pulse_step(self) -> float:
-        """Longest step [s] within the pulses that were packed last; infinite: any."""
+        """Return the longest step [s] within the packed pulses; infinite without a limit."""
         return self.timetable.part_length(self._packed_pieces)
 
     def acting(self) -> dict[LoadTarget, Wrench]:
-        """Return what acts now: channels by name, then bodies by number."""
+        """Return the active wrenches: channels by name, followed by bodies by number."""
         return {target: self.active[target] for target in sorted(self.active, key=load_order)}
 
     @property
     def next_time(self) -> float:
-        """Time [s] at which something changes next; infinite where nothing will."""
+        """Time [s] of the next change; infinite without one."""
         return min(self._next_change, self.pulls.due)
 
     @property
@@ -174,11 +176,13 @@ class Inputs:
 
     @property
     def pulls_are_next(self) -> bool:
-        """Whether that is the forces of pulls, which follow all else of their time."""
+        """
+        True if the next change is an update of drag forces, the last of simultaneous changes.
+        """
         return self.pulls.due < self._next_change
 
     def apply_next(self) -> bool:
-        """Let that happen; returns whether anything changed for the bodies."""
+        """Apply the next change; return True if forces or motions change."""
         if self.timetable.next_time > self._next_change:
             return self._apply(self.queue.take())
         changes = [
@@ -188,15 +192,15 @@ class Inputs:
 
     def adopt(self, other: 'Inputs', now: float, *, anew: bool) -> None:
         """
-        Take over what still makes sense from the inputs of an earlier scene, at time `now` [s].
+        Adopt the inputs of an earlier scene at time `now` [s], as far as their targets exist.
 
-        `anew`: what the scene does itself begins now; else it goes on.
+        If `anew`, the loads of the scene restart now; else they continue.
         """
 
         def known(target: Target) -> bool:
             return has_target(self.scene, target)
 
-        # What was received goes on, also that it was cleared; other loads are the scene's.
+        # Received wrenches remain, zero ones included; other loads are those of the scene.
         self.received = {target for target in other.received if known(target)}
         self.active.clear()
         self._begin(now if anew else other.timetable.epoch, now)
@@ -215,7 +219,7 @@ class Inputs:
         self.queue.refill(event for event in other.queue if known(event.target))
 
     def _apply(self, event: Event) -> bool:
-        """Let an event act; returns whether anything changed for the bodies."""
+        """Apply an event; return True if forces or motions change."""
         target, value = event.target, event.value
         if event.message is not None:
             self._acted.append(event.message)
@@ -226,11 +230,11 @@ class Inputs:
         if isinstance(target, PullTarget):
             assert isinstance(value, Pull)
             self.pulls.take(target, value, event.time)
-            return False  # their forces follow
-        before = self.active.get(target, Wrench(_ZERO, _ZERO))
+            return False  # an update of the forces follows
+        before = self.active.get(target, Wrench(_ZERO_VECTOR, _ZERO_VECTOR))
         if value is None:
             if self.expiry.get(target) != event.time:
-                return False  # held on by a later wrench
+                return False  # a later wrench extends the hold
             del self.expiry[target]
             self.active.pop(target, None)
             return not before.is_zero()
@@ -248,7 +252,7 @@ class Inputs:
         return not value.same(before)
 
     def pack(self, layout: Layout, *, stages: int = 0) -> Loads:
-        """Rows for the kernels of what acts now."""
+        """Pack the present loads for the kernels."""
         self.packed = dict(self.active)
         self._packed_pieces = {
             name: number for name, number in self.timetable.numbers.items()
@@ -259,9 +263,10 @@ class Inputs:
 
     def pack_again(self, layout: Layout, *, stages: int = 0) -> Loads:
         """
-        The rows that were packed last.
+        Return the loads that were packed last.
 
-        Channels by name, single bodies by number, the electric field, pulls, surface forces.
+        The order is: channels by name, single bodies by number, the electric field, drag forces,
+        surface forces.
         """
         return pack_loads(
             self._own_rows(), layout, stages=stages, varying=self._varying,
@@ -269,7 +274,7 @@ class Inputs:
             drives=self.driving.pack_again(), anchors=self._pack_anchors())
 
     def packed_rows(self) -> list[WrenchRow]:
-        """The wrenches that were packed last; of surface forces those of every face."""
+        """Return the wrenches that were packed last, with surface forces for each face."""
         return self._own_rows() + [
             WrenchRow(*wrench[:-1], piece, wrench.normal)
             for name, piece in self._traction_pieces()
@@ -284,16 +289,20 @@ class Inputs:
         return rows + self._field_rows() + self.pulls.packed_rows()
 
     def _field_rows(self, piece: Piece | None = None) -> list[WrenchRow]:
-        """What the electric field does; `piece`: of its profile, None: the one that rules."""
+        """
+        Return the wrenches of the electric field with a segment of its profile, by default now.
+        """
         if not self._field:
             return []
         piece = self._piece(FieldProfile()) if piece is None else piece
         return [] if piece.is_zero else [
-            WrenchRow(wrench.bodies, False, wrench.force, _ZERO, wrench.point, piece)
+            WrenchRow(wrench.bodies, False, wrench.force, _ZERO_VECTOR, wrench.point, piece)
             for wrench in self._field]
 
     def _traction_pieces(self) -> list[tuple[str, Piece]]:
-        """Surface forces that act, by name, with the piece of the profile of each."""
+        """
+        Return the names of active surface forces, each with the present segment of its profile.
+        """
         pieces = [(name, self._piece(TractionProfile(name))) for name in self.scene.tractions]
         return [(name, piece) for name, piece in pieces if not piece.is_zero]
 
@@ -308,7 +317,7 @@ class Inputs:
             list(self._sums.values()))
 
     def pack_strongest(self, layout: Layout) -> Loads:
-        """Rows of all that the scene does itself, each at its strongest, as if at one time."""
+        """Pack all loads of the scene, each at its maximum, as if simultaneous."""
         rows = [
             self._row(target, Wrench(channel.force, channel.torque), channel.profile.strongest)
             for target, channel in self._channels.items()]
@@ -331,13 +340,13 @@ class Inputs:
 
     def anchor_points(self, time: float) -> np.ndarray:
         """
-        Where the points of the anchors are at a `time` [s] of the present pieces, (a, 3) [m].
+        Return the points of the anchors, (a, 3) [m], at a `time` [s] of the present path segments.
         """
         pieces = [self.timetable.piece(AnchorPath(name)) for name in self.scene.anchors]
         return np.array([piece.at(time)[:3] for piece in pieces]).reshape(-1, 3)
 
     def _piece(self, name: Any) -> Any:
-        """The piece of a profile that ruled when the loads were packed last."""
+        """Return the segment of a profile when loads were packed last."""
         return self.timetable.piece(name, self._packed_pieces.get(name))
 
     def _row(self, target: LoadTarget, wrench: Wrench, piece: Piece) -> WrenchRow:
@@ -350,7 +359,7 @@ class Inputs:
             channel.point, piece)
 
     def state_tree(self) -> dict[str, Any]:
-        """What acts, what acts still, and what is to come, in an order of its own."""
+        """Return active, held and waiting inputs in a sorted order."""
         queue = [
             [event.time, event.rank, stored_target(event.target), *_numbers(event.value)]
             for event in self.queue
@@ -374,7 +383,7 @@ class Inputs:
         }
 
     def load_state(self, tree: StateTree, now: float) -> None:
-        """Go on from there; nothing is to come before `now` [s]."""
+        """Restore the inputs from a checkpoint; no input may start before `now` [s]."""
         self.timetable.load_state(tree.part('timetable'), now)
         pieces = self.timetable.known_numbers(tree.entries('packed_pieces'))
         self.driving.load_state(tree.part('driving'))
@@ -436,7 +445,7 @@ def _numbers(value: Value | None) -> list[Any]:
 
 
 def _value(target: Target, first: Any, second: Any) -> Wrench | Twist:
-    """The wrench or twist that a file holds for a target; ValueError where it is none."""
+    """Return the stored wrench or twist of a target; raise ValueError for invalid values."""
     try:
         if isinstance(target, DriveTarget):
             return Twist.checked(first, second)

@@ -1,25 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Pulls: a hand that draws a body towards a point of the world, as a spring with a damper.
+Drag forces that pull a body towards a world point, as a spring with a damper.
 
 The law is that of the mouse spring of MuJoCo, K = 100 / s^2 times a mass and damping ratio 0.5.
-The mass lies between that of the body, too little to move a fabric, and that of all that is
-connected with the body, which would tear the body out: their geometric mean. The spring draws no
-harder than from `LARGEST_DISTANCE`, so that a hand that is flung far away does not break the
-fabric, and the force is capped at the same value: both caps only take energy out.
+The mass of the body would be too small to move a fabric; the mass of all connected bodies would
+tear the body out. The law uses the geometric mean of both. The spring force does not increase
+beyond `LARGEST_DISTANCE`, so that a distant target does not break the fabric. The total force has
+the same limit. Both limits only dissipate energy.
 
-The force acts at the centre of the body, so the inertia of the body has no part in the law.
+The force acts at the centre of the body, so the inertia of the body does not enter the law.
 
-A force is computed every few steps of the trajectory and held between: its lag of half that time
-feeds vibrations. So the force is computed at least once in a radian of the fastest vibration of
-the fabric, and ten times in a radian of the body on the spring, which costs 0.05 of the damping
-ratio at most; and the damping is limited to what the free body is stable under. A free body of any
-mass overshoots by less than a quarter and comes to rest. All of this follows from the state and
-the times at which the targets came, so a record repeats the forces.
+A force is computed every few steps of the trajectory and held constant between. The mean delay of
+half this time excites vibrations. So the force is updated at least once per radian of the fastest
+vibration of the fabric, and ten times per radian of the body on the spring, which reduces the
+damping ratio by at most 0.05. The damping is limited to keep the free body stable. A free body of
+any mass overshoots by less than a quarter and comes to rest. The forces depend only on the state
+and the times of the targets, so a replay repeats them.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -29,61 +30,71 @@ from icofabric_sim.simulation.inputs.input_types import Pull, PullTarget
 from icofabric_sim.simulation.model.packing import WrenchRow
 import numpy as np
 
-STIFFNESS = 100.0  # of a pull of strength 1, by its mass [1/s^2]
+STIFFNESS = 100.0  # over the mass of the law at strength 1 [1/s^2]
 DAMPING_RATIO = 0.5
-LARGEST_ACCELERATION = 50.0  # of its mass, at strength 1 [m/s^2]
-# Beyond this distance [m] the spring draws no harder.
+LARGEST_ACCELERATION = 50.0  # force limit over the mass of the law at strength 1 [m/s^2]
+# Distance [m] beyond which the spring force is constant.
 LARGEST_DISTANCE = LARGEST_ACCELERATION / STIFFNESS
-# The longest that a force is held: simulated time [s], radians of the fastest vibration of the
-# fabric, and radians of the body on its spring.
-_LONGEST_HOLD_S, _FABRIC_RADIANS, _SPRING_RADIANS = 0.01, 1.0, 0.1
-# Ratio of the velocity of a free body that the damping may take away in that time.
-_LARGEST_DAMPING_RATIO = 0.25
-# Farther is no distance [m]: lengths of it would overflow, and the cap make NaN of that.
-_FARTHEST = 1e100
+
+
+@dataclass(frozen=True)
+class PullSettings:
+    """Tunables of the updates of drag forces."""
+
+    # Longest time between two updates: simulated time [s], radians of the fastest vibration of
+    # the fabric, and radians of the body on its spring.
+    max_hold_s: float = 0.01
+    max_fabric_angle: float = 1.0
+    max_spring_angle: float = 0.1
+    # Largest fraction of the velocity of a free body that damping removes between two updates.
+    max_velocity_loss_ratio: float = 0.25
+    max_distance: float = 1e100  # [m] of a target: norms of longer vectors overflow
+
+
+_SETTINGS = PullSettings()
 
 # Position [m] and velocity [m/s] of a body.
 BodyMotion = Callable[[int], tuple[np.ndarray, np.ndarray]]
 
 
 class Pulls:
-    """What is pulled where to, and the forces that are held until `due` [s]."""
+    """Targets of drag forces, and the forces that are held until `due` [s]."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin with no pull."""
+        """Start without drag forces."""
         self._scene = scene
         self._strength = float(scene.parameters['pull.strength'])
         self._targets: dict[int, np.ndarray] = {}  # (3,) [m] by body
-        self._masses: dict[int, float] = {}  # [kg], set where a pull begins
+        self._masses: dict[int, float] = {}  # [kg], set at the first target of a body
         self._forces: dict[int, np.ndarray] = {}  # (3,) [N] held now
         self._packed: dict[int, np.ndarray] = {}  # the forces that kernels have
         self.due = math.inf
 
     def __bool__(self) -> bool:
-        """Whether anything is pulled, or kernels still have the force of a pull."""
+        """Return True if a body has a target, or kernels still apply a drag force."""
         return bool(self._targets or self._packed)
 
     @property
     def bodies(self) -> list[int]:
-        """The bodies that are pulled, by number."""
+        """Numbers of the bodies with a target, sorted."""
         return sorted(self._targets)
 
     @property
     def forces(self) -> dict[int, np.ndarray]:
-        """Force [N] of each pull, world axes, by body."""
+        """Drag forces [N] by body, world axes."""
         return {body: self._forces[body].copy() for body in sorted(self._forces)}
 
     @property
     def targets(self) -> dict[int, np.ndarray]:
-        """Where each body is pulled to [m], by body."""
+        """Target points [m] by body."""
         return {body: self._targets[body].copy() for body in self.bodies}
 
     def mass(self, body: int) -> float:
-        """The mass [kg] that the law of a body's pull is scaled by."""
+        """Return the mass [kg] that scales the drag force of a body."""
         return self._masses[body]
 
     def take(self, target: PullTarget, value: Pull, time: float) -> None:
-        """Begin, aim or end a pull; the forces follow at `time` [s]."""
+        """Set or release the target of a body; forces are updated at `time` [s]."""
         body = target.number
         if not value.is_release:
             self._targets[body] = value.point
@@ -95,13 +106,13 @@ class Pulls:
         self.due = time
 
     def clear(self) -> None:
-        """End all of them; what kernels have is packed anew by the caller."""
+        """Remove all targets and forces; the caller packs the loads again."""
         for held in (self._targets, self._masses, self._forces):
             held.clear()
         self.due = math.inf
 
     def adopt(self, other: 'Pulls', now: float) -> None:
-        """Go on with the pulls of another scene on bodies that are here too."""
+        """Adopt the targets of another scene for bodies of this scene."""
         self.clear()
         for body in other.bodies:
             if body < self._scene.body_count:
@@ -111,27 +122,31 @@ class Pulls:
         self, time: float, motion: BodyMotion, rate: float, connected: Callable[[int], float]
     ) -> float:
         """
-        Compute the forces of `time` [s]; returns for how long [s] they may be held at most.
+        Compute the forces at `time` [s]; return how long [s] the forces may be held.
 
-        `rate` [rad/s]: of the fastest vibration. `connected`: mass [kg] of all bodies that hang
-        together with a body, queried where its pull begins.
+        `rate` [rad/s] is that of the fastest vibration. `connected` returns the mass [kg] of all
+        bodies connected with a body; a new target requires this mass.
         """
-        held = min(_LONGEST_HOLD_S, _FABRIC_RADIANS / rate if rate > 0.0 else math.inf)
+        held = _SETTINGS.max_hold_s
+        if rate > 0.0:
+            held = min(held, _SETTINGS.max_fabric_angle / rate)
         for body in self.bodies:
             own = self._scene.masses.mass_of(body)
             if body not in self._masses:
                 self._masses[body] = math.sqrt(own * connected(body))
             stiffness = self._strength * STIFFNESS * self._masses[body]
-            held = min(held, _SPRING_RADIANS * math.sqrt(own / stiffness))
+            held = min(held, _SETTINGS.max_spring_angle * math.sqrt(own / stiffness))
         self._forces = {}
         for body in self.bodies:
             mass = self._masses[body]
             stiffness = self._strength * STIFFNESS * mass
+            loss = _SETTINGS.max_velocity_loss_ratio
             damping = min(
                 2.0 * DAMPING_RATIO * math.sqrt(stiffness * mass),
-                _LARGEST_DAMPING_RATIO * self._scene.masses.mass_of(body) / held)
+                loss * self._scene.masses.mass_of(body) / held)
             position, velocity = motion(body)
-            away = np.clip(self._targets[body] - position, -_FARTHEST, _FARTHEST)
+            farthest = _SETTINGS.max_distance
+            away = np.clip(self._targets[body] - position, -farthest, farthest)
             self._forces[body] = _capped(
                 stiffness * _capped(away, LARGEST_DISTANCE) - damping * velocity,
                 stiffness * LARGEST_DISTANCE)
@@ -140,22 +155,22 @@ class Pulls:
 
     @property
     def is_packed(self) -> bool:
-        """Whether kernels have a row for each pull, and for no other."""
+        """True if kernels have one row for each drag force."""
         return self._packed.keys() == self._forces.keys()
 
     def repack(self) -> np.ndarray:
-        """Take the present forces as what kernels have; (p, 3) [N] in the order of the rows."""
+        """Pack the present forces; return them in the order of the rows, (p, 3) [N]."""
         self._packed = dict(self._forces)
         return np.array([self._packed[body] for body in sorted(self._packed)]).reshape(-1, 3)
 
     def packed_rows(self) -> list[WrenchRow]:
-        """Rows of what was packed last, by number of the body."""
+        """Return the rows that were packed last, by number of the body."""
         return [
             WrenchRow(np.array([body], np.int32), False, self._packed[body], np.zeros(3))
             for body in sorted(self._packed)]
 
     def state_tree(self) -> dict[str, Any]:
-        """All that the forces to come depend on."""
+        """Return the state that future forces depend on."""
         return {
             'due': self.due,
             'pulled': [
@@ -166,7 +181,7 @@ class Pulls:
         }
 
     def load_state(self, tree: StateTree | None, now: float) -> None:
-        """Go on from there, or without any pull; nothing is due before `now` [s]."""
+        """Restore the drag forces, or none; no update is due before `now` [s]."""
         self.clear()
         self._packed = {}
         if tree is None:
@@ -204,9 +219,10 @@ class Pulls:
 
 def connected_mass(scene: Scene, broken: np.ndarray | None, body: int) -> float:
     """
-    Return the mass [kg] of the bodies that hang together with a body, itself included.
+    Return the mass [kg] of all bodies connected with a body, itself included.
 
-    `broken` (c,): when each connector broke [s]; NaN: it is whole. None: all are.
+    `broken` (c,) are the times [s] of breakage of the connectors, NaN while unbroken. None stands
+    for no broken connector.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

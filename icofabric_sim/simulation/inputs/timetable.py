@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""When the pieces of the profiles and paths of a scene begin, and which of them rule now."""
+"""Times at which segments of profiles and paths start, and the present segments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -41,53 +41,60 @@ class FieldProfile:
         return 'field.electric'
 
 
-# A pulse is half a wave of a sine, or less. One that lasts fewer given steps than the first gets
-# shorter ones, with which a method misses about the second, a part of its impulse.
-_HALF_WAVE = math.pi * (1.0 + 1e-9)
-_FEW_STEPS, _MISSED_IMPULSE = 8, 1e-5
-# Radians of a longer sine in a given step, at most, whatever is stable.
-_LARGEST_ANGLE = 2.0 * math.pi
+@dataclass(frozen=True)
+class PulseSettings:
+    """Tunables of given steps through pulses and sines."""
 
-# What follows a profile or a path.
+    max_pulse_angle: float = math.pi * (1.0 + 1e-9)  # a pulse is at most half a period of a sine
+    # A pulse of fewer given steps is divided into intervals with shorter steps.
+    min_steps: int = 8
+    impulse_error_ratio: float = 1e-5  # approximate relative error of the impulse of such a pulse
+    max_angle: float = 2.0 * math.pi  # largest angle [rad] of a sine in a given step
+
+
+_SETTINGS = PulseSettings()
+
+# Types that follow a profile or a path.
 Follower = ChannelTarget | DriveTarget | TractionProfile | AnchorPath | FieldProfile
 
 
 class Timetable:
-    """Profiles by what follows them, counted from the time at which the motion began."""
+    """Profiles and paths by their followers, at times since the start of the motion."""
 
     def __init__(self, profiles: Mapping[Follower, Profile | Path]) -> None:
-        """Begin at time 0."""
+        """Start at time 0."""
         self._pieces: dict[Follower, tuple[Any, ...]] = {
             name: profile.pieces for name, profile in profiles.items() if len(profile.pieces) > 1}
-        # When they begin [s]; a pulse in parts is there once for each of them.
+        # Start times [s] of segments; a divided pulse has one entry for each interval.
         self._starts = {
             name: tuple(piece.start for piece in pieces) for name, pieces in self._pieces.items()}
         self._by_stored_name = {_stored(name): name for name in self._pieces}
         self._steady = {
             name: profile.pieces[0] for name, profile in profiles.items()
             if len(profile.pieces) == 1}
-        self.epoch = 0.0  # [s] when the motion began
+        self.epoch = 0.0  # [s] start of the motion
         self.numbers: dict[Follower, int] = {}
         self.begin(0.0)
 
     def follow(self, step: float, order: int, stability: float) -> None:
         """
-        Have a given `step` [s] follow the profiles: a pulse of few steps is taken in parts.
+        Adapt the profiles to a given `step` [s]: divide a pulse of few steps into intervals.
 
-        `order` and `stability` (radians in a step) of the method. Call before the motion begins;
-        ValueError names a sine that the step cannot follow.
+        `order` and `stability` (radians in a step) are those of the method. Call before the motion
+        starts; raises ValueError with the name of a sine that the step cannot resolve.
         """
-        angle = min(stability, _LARGEST_ANGLE)
-        count = max(_FEW_STEPS, math.ceil(_MISSED_IMPULSE ** (-1.0 / order)))
+        angle = min(stability, _SETTINGS.max_angle)
+        count = max(
+            _SETTINGS.min_steps, math.ceil(_SETTINGS.impulse_error_ratio ** (-1.0 / order)))
         for name, piece in self._steady.items():
             _require_followed(name, piece, step, angle)
         for name, starts in self._starts.items():
             parts, begins = [], []
             for piece, start, end in zip(self._pieces[name], starts, (*starts[1:], math.inf)):
                 number = 1
-                if piece.rate * (end - start) > _HALF_WAVE:
+                if piece.rate * (end - start) > _SETTINGS.max_pulse_angle:
                     _require_followed(name, piece, step, angle)
-                elif piece.rate > 0.0 and end - start < _FEW_STEPS * step:
+                elif piece.rate > 0.0 and end - start < _SETTINGS.min_steps * step:
                     number = count
                 parts += [piece] * number
                 begins += [start + k * (end - start) / number if k else start
@@ -95,7 +102,9 @@ class Timetable:
             self._pieces[name], self._starts[name] = tuple(parts), tuple(begins)
 
     def part_length(self, numbers: Mapping[Follower, int]) -> float:
-        """Length [s] of the shortest part of a pulse of these numbers; infinite without one."""
+        """
+        Return the shortest interval [s] of the pulses with these numbers; infinite without one.
+        """
         shortest = math.inf
         for name, number in numbers.items():
             pieces, starts = self._pieces[name], self._starts[name]
@@ -105,7 +114,7 @@ class Timetable:
         return shortest
 
     def begin(self, epoch: float, now: float | None = None) -> None:
-        """Count from `epoch` [s], and stand `now` [s], or there."""
+        """Start the motion at `epoch` [s] and move to the time `now` [s], by default `epoch`."""
         self.epoch = epoch
         now = epoch if now is None else now
         self.numbers = dict.fromkeys(self._pieces, 0)
@@ -114,11 +123,11 @@ class Timetable:
 
     @property
     def next_time(self) -> float:
-        """Time [s] at which the next piece begins; infinite where none does."""
+        """Time [s] at which the next segment starts; infinite without one."""
         return min((self._next(name) for name in self._pieces), default=math.inf)
 
     def turn(self) -> list[Follower]:
-        """Let the next pieces begin; returns whose they are."""
+        """Start the next segments; return their followers."""
         time = self.next_time
         begun = [name for name in self._pieces if self._next(name) <= time]
         for name in begun:
@@ -126,7 +135,7 @@ class Timetable:
         return begun
 
     def piece(self, name: Follower, number: int | None = None) -> Any:
-        """The piece of a profile that rules now, or number `number`, at times of the run."""
+        """Return the present segment, or segment `number`, at times of the run."""
         if name in self._steady:
             piece: Any = self._steady[name]
             return piece._replace(start=self.epoch + piece.start)
@@ -135,11 +144,11 @@ class Timetable:
         return piece._replace(start=self.epoch + piece.start)
 
     def state_tree(self) -> dict[str, Any]:
-        """What rules, and since when it is counted."""
+        """Return the start of the motion and the numbers of the present segments."""
         return {'epoch': self.epoch, 'numbers': self.listing(self.numbers)}
 
     def load_state(self, tree: StateTree, now: float) -> None:
-        """Go on from there; nothing is to begin before `now` [s]."""
+        """Restore the present segments; no segment may start before `now` [s]."""
         epoch = tree.number('epoch', 0.0, now)
         numbers = self.known_numbers(tree.entries('numbers'))
         if set(numbers) != set(self._pieces):
@@ -150,11 +159,11 @@ class Timetable:
                 f'inputs.timetable has a piece that was to begin before {now!r} s')
 
     def listing(self, numbers: Mapping[Follower, int]) -> list[Any]:
-        """Numbers of pieces as they are remembered."""
+        """Return numbers of segments in the form of checkpoints."""
         return sorted([_stored(name), number] for name, number in numbers.items())
 
     def known_numbers(self, entries: list[Any]) -> dict[Follower, int]:
-        """Numbers of pieces as they were remembered, judged."""
+        """Return validated numbers of segments from the form of checkpoints."""
         numbers = {}
         for entry in entries:
             if not (isinstance(entry, list) and len(entry) == 2 and (
@@ -172,7 +181,7 @@ class Timetable:
 
 
 def _require_followed(name: Follower, piece: Any, step: float, angle: float) -> None:
-    """Refuse a given `step` [s] with more than `angle` [rad] of a sine in it; ValueError."""
+    """Raise ValueError for a given `step` [s] that exceeds `angle` [rad] of a sine."""
     if not piece.rate * step <= angle:
         raise ValueError(
             f'solver.step {step!r} s is too long for the sine of {name}, whose period is '
@@ -181,7 +190,7 @@ def _require_followed(name: Follower, piece: Any, step: float, angle: float) -> 
 
 
 def _stored(name: Follower) -> str:
-    """What a checkpoint holds for it: a channel by its name, the others by their parameters."""
+    """Return the form of a follower in checkpoints: its name for channels, else its parameter."""
     if isinstance(name, (ChannelTarget, DriveTarget)):
         return str(stored_target(name))
     return str(name)

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How fast two runs part that start almost alike: until when a trajectory is meaningful.
+Finite-time Lyapunov growth of small disturbances, and the time until which a run is meaningful.
 
-A companion of the run starts from places and orientations that are displaced a little at random,
-and takes the same inputs. How far it is from the run, beside how far it was at the start, is the
-growth. Once it is too far for small motions it is brought back to the first distance, in the
-direction in which it then is (Benettin, Galgani, Giorgilli and Strelcyn 1980, Meccanica 15, 9),
-so that growths far beyond 1e10 can be measured.
+A companion of the run starts with small random displacements and rotations and receives the same
+inputs. The growth is the distance between both runs over the initial distance. If the distance
+becomes too large for small motions, the companion is rescaled to the initial distance in the
+present direction (Benettin, Galgani, Giorgilli and Strelcyn 1980, Meccanica 15, 9). So growth far
+beyond 1e10 can be measured.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,61 +29,73 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 import numpy as np
 
-# The first distance, and the one from which the companion is brought back: positions over a,
-# angles in rad. Far above what a method adds meanwhile, far below what bends the motion.
+# Initial distance, and distance at which the companion is rescaled: positions over a, angles in
+# rad. Both are far above errors of a method and within the linear range of the motion.
 DISPLACEMENT, LARGEST_DISTANCE = 2.0**-17, 2.0**-10
-# Beyond this distance the growth is no longer that of a small disturbance: it is at least that.
-_LINEAR = 2.0**-5
-# A run with larger errors than this in a radian of the fastest motion would hide the growth behind
-# the differences of its steps: then both runs that are compared are computed more accurately.
-_LARGEST_TOLERANCE = 4e-9
-# Growth from which a motion is called sensitive.
+# Growth above which a motion is sensitive.
 SENSITIVE = 100.0
 # A trajectory is meaningful while the amplified error is below a tenth of a half edge.
 MEANINGFUL = 0.1
-_SEED = 3
-# History kept of the longest run; and how many periods `measure_growth` takes at a time.
-_LARGEST_HISTORY = 4096
-_PERIODS, _FEWEST, _MOST = 4.0, 50, 4000
+
+
+@dataclass(frozen=True)
+class GrowthSettings:
+    """Tunables of the measurement of growth."""
+
+    # Distance up to which the growth is that of a small disturbance; beyond, it is a lower bound.
+    linear_distance: float = 2.0**-5
+    # Larger errors of a run per radian of the fastest motion would hide the growth behind the
+    # differences of steps. Both compared runs are then computed with this tolerance.
+    max_tolerance: float = 4e-9
+    seed: int = 3
+    max_history: int = 4096  # entries
+    # Periods of the fastest vibration between two comparisons of `measure_growth`, and limits of
+    # the number of comparisons.
+    comparison_periods: float = 4.0
+    min_comparisons: int = 50
+    max_comparisons: int = 4000
+
+
+_SETTINGS = GrowthSettings()
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Growth(AsTable):
-    """How a small displacement of all bodies grew over a run."""
+    """Amplification of a small displacement of all bodies over a run."""
 
     time: np.ndarray  # (m,) [s]
-    growth: np.ndarray  # (m,) distance beside the first one: of positions over a, or angles
-    error: np.ndarray  # (m,) errors that the method had added by then, position over a or rad
-    at_least: bool  # it grew too fast between two comparisons: it is larger than this
-    ended: str  # why it was not measured to the end of the run; '': it was
+    growth: np.ndarray  # (m,) distance over the initial one, of positions over a or angles
+    error: np.ndarray  # (m,) sum of errors added by the method, position over a or rad
+    at_least: bool  # too fast between two comparisons: the growth is a lower bound
+    ended: str  # reason why the measurement ended before the run; '': it did not
 
     def __repr__(self) -> str:
-        """Say how much it grew and until when, without the numbers."""
+        """Return the growth and the time until which it was measured."""
         least = 'at least ' if self.at_least else ''
         return f'<Growth: {least}{self.largest:.3g} times until t = {self.time[-1]:.9g} s>'
 
     def table(self) -> dict[str, list[Any]]:
-        """Growth and added errors over time: a list for each column."""
+        """Return growth and added errors over time: a list for each column."""
         return {'time_s': self.time.tolist(), 'growth': self.growth.tolist(),
                 'error': self.error.tolist()}
 
     @property
     def largest(self) -> float:
-        """Growth over the whole run: the largest there was."""
+        """Largest growth of the whole run."""
         return float(self.growth.max())
 
     @property
     def is_sensitive(self) -> bool:
-        """Whether small errors grow so much that the end of the run depends on them."""
+        """True if small errors grow so much that the end of the run depends on them."""
         return self.at_least or not self.largest < SENSITIVE
 
     @property
     def meaningful_until(self) -> float:
         """
-        Time [s] until which errors, grown, stay below a tenth of a half edge; infinite: always.
+        Time [s] until which amplified errors stay below a tenth of a half edge; infinite: always.
 
-        Where it was not measured to the end, nothing is known of what came after; NaN where errors
-        were not estimated.
+        If the measurement ended early, the result is at most the time of its end. The result is
+        NaN if errors were not estimated.
         """
         if np.isnan(self.error).any():
             return math.nan
@@ -114,20 +126,20 @@ class Growth(AsTable):
 
 
 class Companion:
-    """A second run beside a first one, which was displaced a little where it began."""
+    """A second run with a slightly displaced start, compared with a first run."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Start where `simulation` stands; inputs that it gets later are not the companion's."""
+        """Start at the state of `simulation`; later inputs must be passed on by `act`."""
         self.simulation = simulation
-        self.seconds = 0.0  # wall time that it took, without that of the compiler
+        self.seconds = 0.0  # wall time of the companion, without compilation
         self._half_edge = simulation.scene.geometry.half_edge
         self._reference = self._displaced = simulation
         self._factor = 1.0
         self._history: list[tuple[float, float, float]] = []
         self._at_least, self._ended = False, ''
         with self._aside():
-            # Where nothing vibrates nothing hides.
-            tolerance = _LARGEST_TOLERANCE * simulation.status.largest_frequency
+            # Without vibrations, differences of steps are small.
+            tolerance = _SETTINGS.max_tolerance * simulation.status.largest_frequency
             if 0.0 < tolerance < simulation.scene.parameters['solver.tolerance'] and (
                 simulation.scene.parameters['solver.step'] == 0.0
             ):
@@ -136,12 +148,12 @@ class Companion:
             snapshot = self._reference.snapshot()
             self._put(_displaced(snapshot, self._displaced.scene))
             distance = distance_between(snapshot, self._displaced.snapshot(), self._half_edge)
-            # Where everything is held nothing can be displaced.
+            # If all bodies are held, no displacement is possible.
             self._factor = 1.0 / distance if distance > 0.0 else 0.0
         self._note(1.0)
 
     def look(self) -> None:
-        """Follow the run to where it stands, and compare."""
+        """Advance to the time of the run, and compare."""
         if self._ended or not self.simulation.time > self._history[-1][0]:
             return
         with self._aside():
@@ -152,7 +164,7 @@ class Companion:
             self._compare()
 
     def act(self, act: Callable[[Simulation], object]) -> None:
-        """Have an input act here too, that acts on the run at the time of the last comparison."""
+        """Apply an input of the run, which acts at the time of the last comparison."""
         if self._ended:
             return
         with self._aside():
@@ -161,7 +173,7 @@ class Companion:
                     act(simulation)
 
     def result(self) -> Growth:
-        """What was found so far."""
+        """Return the growth measured so far."""
         time, growth, error = np.array(self._history).T
         return Growth(time, growth, error, self._at_least, self._ended)
 
@@ -173,7 +185,7 @@ class Companion:
     def _compare(self) -> None:
         one, two = self._reference.snapshot(), self._displaced.snapshot()
         distance = distance_between(one, two, self._half_edge)
-        if not distance <= _LINEAR:
+        if not distance <= _SETTINGS.linear_distance:
             self._at_least = True
         self._note(distance * self._factor)
         if distance > LARGEST_DISTANCE:
@@ -184,8 +196,8 @@ class Companion:
             self._factor = self._history[-1][1] / distance
 
     def _note(self, growth: float) -> None:
-        if len(self._history) >= _LARGEST_HISTORY:
-            # The larger of every two; never the last, which is the present.
+        if len(self._history) >= _SETTINGS.max_history:
+            # Keep the larger of every two entries; the present entry is appended below.
             pairs = zip(self._history[0::2], self._history[1::2])
             self._history = [max(pair, key=lambda entry: entry[1]) for pair in pairs]
         self._history.append((self.simulation.time, growth, self.simulation.error_estimate))
@@ -195,7 +207,7 @@ class Companion:
 
     @contextmanager
     def _aside(self) -> Iterator[None]:
-        """Without a word of warning, which the run gives too; what fails ends the measurement."""
+        """Suppress warnings, which the run issues, too; an error ends the measurement."""
         started, thread = wall.perf_counter(), threading.get_ident()
         compiled = compile_notice.seconds
         logger = logging.getLogger('icofabric_sim')
@@ -209,7 +221,7 @@ class Companion:
         except Interrupted:
             self._ended = 'the run was stopped'
         except (SimulationError, ValueError) as error:
-            self._ended = f'the displaced run could not go on: {error}'
+            self._ended = f'the displaced run could not continue: {error}'
         finally:
             logger.removeFilter(others)
             self.seconds += wall.perf_counter() - started - (compile_notice.seconds - compiled)
@@ -248,7 +260,9 @@ def measure_growth(
     simulation = compile_scene(scene)
     companion = Companion(simulation)
     periods = duration * simulation.status.largest_frequency / (2.0 * math.pi)
-    count = math.ceil(min(max(periods / _PERIODS, _FEWEST), _MOST))
+    count = math.ceil(min(
+        max(periods / _SETTINGS.comparison_periods, _SETTINGS.min_comparisons),
+        _SETTINGS.max_comparisons))
     for number in range(1, count + 1):
         simulation.advance_to(number * duration / count)
         companion.look()
@@ -263,9 +277,11 @@ def _more_accurate(scene: Scene, tolerance: float) -> Scene:
 
 def _displaced(snapshot: Snapshot, scene: Scene) -> InitialState:
     """
-    Every free body displaced and turned at random, the farthest by DISPLACEMENT; same velocities.
+    Return the state with random displacements and rotations of free bodies, at most DISPLACEMENT.
+
+    Velocities are unchanged.
     """
-    generator = np.random.RandomState(_SEED)
+    generator = np.random.RandomState(_SETTINGS.seed)
     shift, turn = generator.standard_normal((2, scene.body_count, 3))
     if scene.supports is not None:
         shift[scene.supports.translation] = 0.0
@@ -283,7 +299,9 @@ def _displaced(snapshot: Snapshot, scene: Scene) -> InitialState:
 
 
 def _between(first: Snapshot, second: Snapshot, part: float) -> InitialState:
-    """The state that lies a small `part` of the way from the first to the second."""
+    """
+    Return the state at a small fraction `part` of the displacement from the first to the second.
+    """
     def mixed(one: np.ndarray, two: np.ndarray) -> np.ndarray:
         return one + part * (two - one)
 
@@ -295,14 +313,14 @@ def _between(first: Snapshot, second: Snapshot, part: float) -> InitialState:
 
 
 def distance_between(first: Snapshot, second: Snapshot, half_edge: float) -> float:
-    """Largest distance of centres over a, or angle between orientations [rad]."""
+    """Return the largest distance of centres over a, or angle between orientations [rad]."""
     shift = np.linalg.norm(first.position - second.position, axis=1).max() / half_edge
     turn = np.linalg.norm(_rotation(first.orientation, second.orientation), axis=1).max()
     return max(float(shift), float(turn))
 
 
 def _turned(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4), each turned by a rotation vector [rad] of its own, world axes."""
+    """Return quaternions (n, 4) rotated by rotation vectors (n, 3) [rad], world axes."""
     angle = np.linalg.norm(rotation, axis=1, keepdims=True)
     u, c = np.sinc(angle / (2.0 * np.pi)) * 0.5 * rotation, np.cos(0.5 * angle)
     v, w = orientation[:, :3], orientation[:, 3:]
@@ -312,7 +330,7 @@ def _turned(rotation: np.ndarray, orientation: np.ndarray) -> np.ndarray:
 
 
 def _rotation(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Rotation vectors [rad], world axes, that turn the first quaternions into the second."""
+    """Return rotation vectors [rad], world axes, from the first to the second quaternions."""
     u, c = first[:, :3], first[:, 3:]
     v, w = second[:, :3], second[:, 3:]
     vector = c * v - w * u - np.cross(v, u)

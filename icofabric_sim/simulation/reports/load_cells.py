@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a test rig would measure: reactions of supports, drives, anchors and planes, and contacts.
+Reactions of supports, drives, anchors and planes, and contact forces.
 
-A body that is held or driven obeys M a = F + R, with F all else that acts on it (connectors with
-their moments and damping, weight, fields, drag, loads, anchors, contacts) and a the acceleration
-that its support or path prescribes: the reaction is R = M a - F, and Lambda alpha - N of torques.
-F is computed by the right-hand side of Runge-Kutta methods in a model that holds nothing.
+A held or driven body obeys M a = F + R. F are all other forces (connectors with their moments and
+damping, weight, fields, drag, loads, anchors, contacts), and a is the acceleration that the
+support or path prescribes. The reaction is R = M a - F, and Lambda alpha - N for torques. The
+right-hand side of Runge-Kutta methods computes F in a model without supports.
 """
 
 from dataclasses import dataclass
@@ -34,9 +34,18 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
 import numpy as np
 
-# Accelerations of paths are central differences of their velocities over this time [s], or so many
-# radians of the fastest wave or spin: off by 2e-7 of themselves at most. A cubic has no error.
-_SPAN, _RADIANS = 1e-4, 1e-3
+
+@dataclass(frozen=True)
+class PathDifferenceSettings:
+    """Tunables of accelerations of paths, central differences of their velocities."""
+
+    # Half the interval: time [s], and angle [rad] of the fastest wave or spin. The relative error
+    # is at most 2e-7, and 0 for a cubic.
+    max_time_s: float = 1e-4
+    max_angle: float = 1e-3
+
+
+_SETTINGS = PathDifferenceSettings()
 
 
 @renamed_attributes(
@@ -78,7 +87,7 @@ class ContactForces(AsTable):
                 f'{planes:,} of a shell and a plane touch>')
 
     def table(self) -> dict[str, list[Any]]:
-        """What touches as plain values: a list for each column, named with its unit."""
+        """Return the contacts as plain values: a list for each column, named with its unit."""
         cones = {
             'normal_force_n': self.normal_force, 'friction_n': self.friction,
             'margin': self.margin}
@@ -97,17 +106,19 @@ class ContactForces(AsTable):
 
     @property
     def smallest_margin(self) -> float:
-        """Smallest margin of the contacts that push; NaN: none does, or no friction is known."""
+        """
+        Smallest margin of contacts with a normal force; NaN without such contacts or friction.
+        """
         known = np.zeros(0) if self.margin is None else self.margin[np.isfinite(self.margin)]
         return float(known.min()) if len(known) else float('nan')
 
     def arrows(self) -> np.ndarray:
-        """Return points [m] and forces [N] on shells (k, 2, 3), as `contact_arrows` says."""
+        """Return points [m] and forces [N] on shells (k, 2, 3), as `contact_arrows`."""
         return contact_arrows(self.bodies, self.point, self.force)
 
     def resultants(self, body_count: int) -> np.ndarray:
         """
-        Sum what the contacts do to each body.
+        Sum the contact forces and torques on each body.
 
         Parameters
         ----------
@@ -117,7 +128,6 @@ class ContactForces(AsTable):
         Returns
         -------
         (n, 6) forces [N] and torques about the centres [N m], world frame.
-
         """
         wrenches = np.zeros((body_count, 6))
         np.add.at(wrenches, self.bodies[:, 0], self.wrench_on_first)
@@ -128,7 +138,7 @@ class ContactForces(AsTable):
 
 def contact_arrows(bodies: np.ndarray, point: np.ndarray, force: np.ndarray) -> np.ndarray:
     """
-    Say where the forces of contacts act on shells.
+    Return points and forces of contacts on shells.
 
     Parameters
     ----------
@@ -141,8 +151,7 @@ def contact_arrows(bodies: np.ndarray, point: np.ndarray, force: np.ndarray) -> 
 
     Returns
     -------
-    (k, 2, 3) points [m] and forces [N]: those on first bodies, then those on second ones.
-
+    (k, 2, 3) points [m] and forces [N]: those on first bodies, followed by those on second bodies.
     """
     arrows = np.stack([point, force], axis=1)
     shells = bodies[:, 1] >= 0
@@ -152,10 +161,10 @@ def contact_arrows(bodies: np.ndarray, point: np.ndarray, force: np.ndarray) -> 
 @dataclass(frozen=True, repr=False, eq=False)
 class Reactions(AsTable):
     """
-    What supports, drives, anchors and planes do to bodies, in that order; world frame.
+    Reactions of supports, drives, anchors and planes on bodies, in this order; world frame.
 
-    With weight, fields, drag and loads their sum is the rate of the momentum. Where two supports
-    hold the same freedom of a body the first one bears it.
+    The sum of reactions, weight, fields, drag and loads is the rate of change of the momentum. If
+    two supports hold the same degree of freedom of a body, the reaction counts for the first one.
     """
 
     names: tuple[str, ...]  # supports.NAME, drives.NAME, anchors.NAME, planes.NAME
@@ -169,44 +178,50 @@ class Reactions(AsTable):
     on_bodies: np.ndarray
 
     def __repr__(self) -> str:
-        """Say what bears, without the numbers."""
+        """Return the names of the supports, drives, anchors and planes."""
         return f'<Reactions: {", ".join(self.names) or "nothing bears"}>'
 
     def table(self) -> dict[str, list[Any]]:
-        """What each of them bears as plain values: a list for each column, with its unit."""
+        """Return the reactions as plain values: a list for each column, named with its unit."""
         return {
             'name': list(self.names), **_columns('point', 'm', self.point),
             **_columns('force', 'n', self.force), **_columns('torque', 'nm', self.torque)}
 
 
 def _columns(name: str, unit: str, vectors: np.ndarray) -> dict[str, list[float]]:
-    """Components of vectors (k, 3), by name."""
+    """Return the components of vectors (k, 3) by column name."""
     return {f'{name}_{axis}_{unit}': vectors[:, number].tolist()
             for number, axis in enumerate('xyz')}
 
 
 class LoadCells:
-    """Measures one run; holds room of its own, some 2 kB for each body, and changes nothing."""
+    """
+    Measurement of reactions and contacts of one run, without effect on the run.
+
+    The measurement needs about 2 kB for each body.
+    """
 
     def __init__(self, scene: Scene, packed: PackedScene) -> None:
-        """Prepare for a `scene`."""
+        """Prepare the measurement for a `scene`."""
         self._scene, self._packed = scene, packed
         self._held = held_by_name(scene)
         model, layout = packed.model, packed.layout
         if model.supports is not None:
             model = model._replace(supports=pack_supports(packed.masses, None, layout))
-        # Without the gyroscopic term slopes of spins are torques over one inertia.
+        # Without the gyroscopic term, slopes of spins are torques over inertia.
         self._model = model._replace(contacts=None, gyration=None)
-        # Of the six freedoms of each body.
+        # Masses and inertias of the six freedoms of each body.
         self._masses = np.repeat(np.column_stack(packed.masses), 3, axis=1)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What bears: supports, drives, anchors and planes."""
+        """Names of supports, drives, anchors and planes."""
         return names_of(self._scene.parameters)
 
     def contacts(self, driver: Driver, state: State) -> ContactForces:
-        """What touches in the `state` that the driver showed last, near its last search."""
+        """
+        Return the contacts in the `state` that the driver evaluated last, near its last search.
+        """
         phase = driver.contact.broad_phase
         planes = () if phase is None else phase.setup.names
         contacts = None if phase is None else phase.contacts
@@ -232,9 +247,9 @@ class LoadCells:
         self, driver: Driver, state: State, time: float, anchored: np.ndarray
     ) -> Reactions:
         """
-        Reactions in the `state` of `time` [s] that the driver showed last.
+        Return the reactions in the `state` at `time` [s] that the driver evaluated last.
 
-        `anchored` (a, 3) [m]: points of the anchors in the world.
+        `anchored` (a, 3) [m] are the world points of the anchors.
         """
         touching, packed = self.contacts(driver, state), self._packed
         loads = driver.trajectory.loads
@@ -265,7 +280,7 @@ class LoadCells:
     def _pulls(
         self, state: State, anchored: np.ndarray, breaks: AnchorBreaks | None
     ) -> np.ndarray:
-        """Forces [N] of the anchors on their bodies, (a, 3); 0 of broken ones."""
+        """Return the forces [N] of the anchors on their bodies, (a, 3); 0 for broken anchors."""
         anchors = list(self._scene.anchors.values())
         if not anchors:
             return np.zeros((0, 3))
@@ -280,11 +295,11 @@ class LoadCells:
         tension = np.where(stretch > 0.0, extension, compression) * stretch
         if breaks is not None:
             tension[breaks.broken] = 0.0
-        # One of no length has no direction.
+        # An anchor of zero length has no direction.
         return np.asarray(along * (tension / np.where(length > 0.0, length, np.inf))[:, None])
 
     def _inertial(self, acceleration: np.ndarray, state: State) -> np.ndarray:
-        """Forces and torques (n, 6) that make bodies follow an `acceleration` (n, 6)."""
+        """Return the forces and torques (n, 6) that cause an `acceleration` (n, 6)."""
         moments = self._packed.principal_inertia
         if moments is None:
             return self._masses * acceleration
@@ -297,7 +312,9 @@ class LoadCells:
             self._masses[:, :3] * acceleration[:, :3], np.einsum('bi,bij->bj', torque, axes)])
 
     def _forces(self, loads: Loads, state: State, time: float) -> np.ndarray:
-        """Forces [N] and torques [N m] on all bodies (n, 6), contacts and paths apart."""
+        """
+        Return the forces [N] and torques [N m] on all bodies (n, 6), without contacts and paths.
+        """
         packed, layout = self._packed, self._packed.layout
         work = layout.room(
             packed.model.links, state, damped=packed.model.damping is not None,
@@ -320,14 +337,18 @@ class LoadCells:
         return layout.gather(slope[row:row + 6]) * self._masses
 
     def _path_acceleration(self, loads: Loads, state: State, time: float) -> np.ndarray:
-        """Accelerations [m/s^2], [rad/s^2] that paths prescribe, (n, 6); 0 of other bodies."""
+        """
+        Return accelerations [m/s^2], [rad/s^2] prescribed by paths, (n, 6); 0 for other bodies.
+        """
         layout, drives = self._packed.layout, loads.drives
         if drives is None:
             return np.zeros((layout.body_count, 6))
         rate = max(
             float(np.abs(drives.rate).max(initial=0.0)),
             float(np.abs(state.angular_velocity).max(initial=0.0)))
-        span = min(_SPAN, _RADIANS / rate) if rate > 0.0 else _SPAN
+        span = _SETTINGS.max_time_s
+        if rate > 0.0:
+            span = min(span, _SETTINGS.max_angle / rate)
         ends = []
         for moment in (time - span, time + span):
             there = layout.like(state)
@@ -341,7 +362,7 @@ class LoadCells:
 
 
 def held_by_name(scene: Scene) -> dict[str, np.ndarray]:
-    """Freedoms (n, 6) that each support and drive bears; each freedom once."""
+    """Return degrees of freedom (n, 6) that each support and drive holds; each only once."""
     held = {}
     taken = np.zeros((scene.body_count, 6), bool)
     for name in scene.parameters.names('supports'):
@@ -365,9 +386,9 @@ def _lose(
     contacts: Contacts, pushes: np.ndarray, state: State, stretches: np.ndarray | None
 ) -> None:
     """
-    Change `pushes` (p, 19), which a look at a `state` found, by damping and friction.
+    Add damping and friction to contact results `pushes` (p, 19) of a `state`.
 
-    By the law of the steps, with `stretches` (p, 4) [m] of the friction springs, on copies.
+    The law is that of the steps, with `stretches` (p, 4) [m] of the friction springs, on copies.
     """
     losses = contacts.losses
     if losses is None:
@@ -383,9 +404,9 @@ def _lose(
 
 def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
     """
-    Forces [N] along the connectors, (c,), by their laws, dampers and arms; 0 of broken ones.
+    Return the tensions [N] of the connectors, (c,), by laws, dampers and Maxwell arms.
 
-    NaN of damped ones that lie around a shell.
+    The tension of a broken connector is 0. That of a damped connector wrapped over a shell is NaN.
     """
     connectors, length = scene.connectors, snapshot.connector_length
     if not len(length):
@@ -405,21 +426,21 @@ def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
         rate = ((moving[:, 1] - moving[:, 0]) * along).sum(axis=1) / np.where(
             length > 0.0, length, np.inf)
         if snapshot.packed.model.wrapping is not None:
-            # The ends of one that lies around a shell do not say how fast it gets longer.
+            # The ends of a wrapped connector do not determine the rate of its length.
             rate = np.where((snapshot.obstructed != 0) & (damping > 0.0), np.nan, rate)
         tension = tension + damping * rate
     return np.where(snapshot.intact, tension + snapshot.maxwell_tension, 0.0)
 
 
 def names_of(parameters: Parameters) -> tuple[str, ...]:
-    """Names of what bears in a scene."""
+    """Return the names of supports, drives, anchors and planes of a scene."""
     return tuple(
         f'{section}.{name}' for section in ('supports', 'drives', 'anchors', 'planes')
         for name in parameters.names(section))
 
 
 def _is_path(loads: Loads) -> np.ndarray:
-    """Rows of the loads that put bodies on a path, (m,) bool."""
+    """Return which rows of the loads put bodies on a path, (m,) bool."""
     if loads.drives is None:
         return np.zeros(len(loads.wrench), bool)
     number = -1 - loads.wrench
@@ -429,7 +450,9 @@ def _is_path(loads: Loads) -> np.ndarray:
 def resultant(
     wrench: np.ndarray, position: np.ndarray, mine: np.ndarray
 ) -> tuple[np.ndarray, Any, Any]:
-    """Mean place [m] of the bodies that are meant, and sum of their wrenches about it."""
+    """
+    Return the mean position [m] of the chosen bodies, and the sum of their wrenches about it.
+    """
     if not mine.any():
         return np.zeros(3), np.zeros(3), np.zeros(3)
     point = position[mine].mean(axis=0)

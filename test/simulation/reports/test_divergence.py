@@ -7,6 +7,7 @@ import math
 
 import icofabric_sim as ico
 from icofabric_sim.simulation.errors import SimulationError
+from icofabric_sim.simulation.reports import divergence
 from icofabric_sim.simulation.reports.divergence import (
     Companion,
     DISPLACEMENT,
@@ -213,7 +214,7 @@ def test_warnings_of_the_companion_are_not_repeated(caplog):
 
 
 def test_long_histories_are_thinned_and_keep_their_largest(monkeypatch):
-    monkeypatch.setattr('icofabric_sim.simulation.reports.divergence._LARGEST_HISTORY', 16)
+    monkeypatch.setattr(divergence, '_SETTINGS', divergence.GrowthSettings(max_history=16))
     simulation = ico.compile_scene(make_scene(SWING))
     companion = Companion(simulation)
     seen = []
