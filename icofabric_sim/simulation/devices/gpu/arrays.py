@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arrays of a run on a device: what a scene's constants, loads and state become there."""
+"""Arrays of a run on a GPU: constants, loads and state of a scene in device memory."""
 
 from importlib import import_module
 from typing import Any
@@ -24,22 +24,21 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Doubles that a body has on a device: its pose twice, velocities, accelerations; and pose and
-# velocities of the saved state.
+# Doubles of a body on a device: two poses, velocities, accelerations, and the saved state.
 _EACH = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
-# Slopes of a step of the embedded pair, its end included.
+# Slopes of a step of the embedded pair, including its end.
 _SLOPES = 13
-# And for steps that follow where slopes jump.
+# Further doubles of steps that resolve jumps of slopes.
 _START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
-# And where shells may touch: pose at the last search, what contacts do, way since.
+# Further doubles for contacts: pose at the last search, contact forces, displacement.
 _NEAR = POSE + MOTION + 1
-# Of paths, see records.py.
+# Fields of paths, see records.py.
 _PATHS = 'start', 'cubic', 'wave', 'rate', 'phase', 'base', 'turn', 'arm', 'first'
 
 
 def terms_of(model: Model, *, loaded: bool) -> Terms:
-    """What the kernel of a scene has to compute."""
+    """Return the terms that the kernel of a scene computes."""
     links = model.links
     return Terms(
         linked=links is not None,
@@ -52,7 +51,7 @@ def terms_of(model: Model, *, loaded: bool) -> Terms:
 
 
 def driven_terms(terms: Terms, model: Model, acting: Any) -> Terms:
-    """The same where something is `acting`, which may move bodies on paths."""
+    """Return the terms of a scene under the loads `acting`, which may move bodies on paths."""
     return terms._replace(
         driven=acting is not None and acting.paths > 0, own_masses=model.masses is not None)
 
@@ -61,10 +60,10 @@ def bytes_of(
     model: Model, layout: Layout, *, kinked: bool = False, touching: bool = False
 ) -> int:
     """
-    Bytes that a run takes on a device, about; loads come beside them.
+    Return the approximate memory [bytes] of a run on a device, without its loads.
 
-    `kinked`: by a method that follows where slopes jump, if some do. `touching`: shells may touch;
-    pairs that are near come beside it.
+    `kinked` is for a method that resolves jumps of slopes. `touching` is for shells that may
+    touch, without the memory of candidate pairs.
     """
     terms, slots = terms_of(model, loaded=False), layout.slot_count
     each = 8 * _EACH + 4 * terms.held * 8 + 2 * (model.masses is not None) * 8
@@ -82,9 +81,9 @@ def bytes_of(
 
 
 def pair_bytes_of(model: Model, layout: Layout, *, touching: bool = False) -> int:
-    """The same of a run by the embedded pair, with its slopes."""
+    """Return the approximate memory [bytes] of a run by the embedded pair, with its slopes."""
     spends = model.damping is not None or model.drag is not None
-    # Of a state that is tried and one that is kept; slopes, powers, what was spent; errors.
+    # A trial state and the initial one; slopes, powers, dissipated energy; errors.
     more = 2 * (POSE + MOTION) + _SLOPES * (POSE + MOTION) + spends * (_SLOPES + 2) + 2
     own = model.damping is not None and model.damping.own is not None
     more += own * LINK_COUNT + touching * 2
@@ -92,7 +91,7 @@ def pair_bytes_of(model: Model, layout: Layout, *, touching: bool = False) -> in
 
 
 def require_room(device: Device, bodies: int, need: int) -> None:
-    """Refuse a fabric for which the device lacks memory, before any is taken: `need` bytes."""
+    """Raise ValueError if the device lacks `need` bytes of memory for a fabric."""
     left = device.free_bytes
     if need > left:
         raise ValueError(
@@ -103,9 +102,10 @@ def require_room(device: Device, bodies: int, need: int) -> None:
 
 def bytes_moved(model: Model, layout: Layout) -> float:
     """
-    Bytes that an evaluation of the forces reads and writes for each body; loads apart.
+    Return the bytes that a force evaluation reads and writes for each body, without loads.
 
-    As if neighbours' poses were in the cache: pose and velocities are read and written.
+    Poses of neighbours are assumed to be cached, so that pose and velocities are read and written
+    once.
     """
     terms, blocks = terms_of(model, loaded=False), len(layout.blocks.slot)
     each = 8 * 2 * (POSE + MOTION)
@@ -135,7 +135,7 @@ def _integers(values: np.ndarray, kind: Any, device: Device) -> Any:
 
 
 def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
-    """Put the constants of a scene on the device."""
+    """Copy the constants of a scene to the device."""
     terms, fabric = terms_of(model, loaded=False), Fabric()
     fabric.slot = _integers(model.blocks.slot, wp.int32, device)
     fabric.alive = _integers(model.blocks.alive, wp.uint8, device)
@@ -187,7 +187,7 @@ def _put_links(fabric: Any, links: Links, device: Device) -> None:
 
 
 def put_crossings(fabric: Any, slot_count: int, device: Device) -> None:
-    """Make room for steps that follow where slopes jump."""
+    """Allocate arrays for steps that resolve jumps of slopes."""
     fabric.start, fabric.forces = (
         wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
         for rows in (_START, _FORCES))
@@ -197,9 +197,9 @@ def put_crossings(fabric: Any, slot_count: int, device: Device) -> None:
 
 def put_acting(acting: Any, loads: Loads, device: Device) -> bool:
     """
-    Put what acts on the device, with the work that it has done so far.
+    Copy loads to the device, with their work so far; return True if arrays were replaced.
 
-    Into the arrays of `acting` where they are as long; whether some were replaced.
+    Arrays of `acting` are reused if their lengths agree.
     """
     count, drives = len(loads.force), loads.drives
     varying = np.tile([0.0, 1.0, 0.0, 0.0, 0.0], (count, 1))
@@ -240,38 +240,38 @@ class StateArrays:
     """State and accelerations of all bodies on a device."""
 
     def __init__(self, slot_count: int, device: Device) -> None:
-        """Make room for so many slots."""
+        """Allocate arrays of `slot_count` slots."""
         self._count = slot_count
         zeros = [
             wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
             for rows in (POSE, POSE, MOTION, MOTION)]
-        # Poses twice: a launch reads one and writes the other.
+        # Two poses: a launch reads one and writes the other.
         self.poses, self.motion, self.acceleration = zeros[:2], zeros[2], zeros[3]
         self.saved_pose, self.saved_motion = (
             wp.zeros_like(self.poses[0]), wp.zeros_like(self.motion))
         self._saved_work: Any = None
 
     def put(self, state: State, work: Work) -> None:
-        """Copy a state there; the first pose is the present one."""
+        """Copy a state to the device; the first pose becomes the present one."""
         for target, first, values in self._rows(self.poses[0], state, work):
             wp.copy(target, seen(values), first * self._count, 0, values.size)
         # Slots without a body are never written.
         wp.copy(self.poses[1], self.poses[0])
 
     def take(self, now: int, state: State, work: Work, *, whole: bool) -> None:
-        """Copy the state back; `whole`: with the accelerations."""
+        """Copy the state back; `whole` includes the accelerations."""
         for target, first, values in self._rows(self.poses[now], state, work):
             if whole or target is not self.acceleration:
                 wp.copy(seen(values), target, 0, first * self._count, values.size)
 
     def save(self, now: int, done: Any) -> None:
-        """Save the state, and what loads have `done`, on the device."""
+        """Save the state and the work `done` by loads in device memory."""
         wp.copy(self.saved_pose, self.poses[now])
         wp.copy(self.saved_motion, self.motion)
         self._saved_work = None if done is None else wp.clone(done)
 
     def take_saved(self, saved: State, done: np.ndarray) -> None:
-        """Copy them back."""
+        """Copy the saved state and work back."""
         for source, first, values in (
                 (self.saved_pose, 0, saved.position), (self.saved_pose, 3, saved.orientation),
                 (self.saved_motion, 0, saved.linear_velocity),
@@ -288,11 +288,11 @@ class StateArrays:
 
 
 def seen(values: np.ndarray) -> Any:
-    """Return the memory of an array of this process as Warp sees it."""
+    """Return the memory of a host array as a Warp array."""
     return wp.array(values.reshape(-1), dtype=wp.float64, device='cpu', copy=False)
 
 
 def copy_back(values: np.ndarray, source: Any) -> None:
-    """Copy an array of the device into one of this process."""
+    """Copy a device array to a host array."""
     if values.size:
         wp.copy(seen(values), source)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a kernel becomes when it is compiled for a GPU: registers, memory beside them, operations.
+Properties of kernels compiled for a GPU: registers, stack memory, operations.
 
-Needs no GPU and no CUDA toolkit: the compiler is a part of Warp.
+Neither a GPU nor the CUDA toolkit is needed, because Warp contains the compiler.
 """
 
 from collections.abc import Iterator
@@ -21,29 +21,28 @@ wp: Any = import_module('warp')
 
 # Compute capability of a H100 or H200.
 HOPPER = 90
-# Of a multiprocessor of such a card: registers, threads that share an instruction, and most
-# of these groups.
+# Registers of a multiprocessor, threads of a group with common instructions, and most groups.
 _REGISTERS, _WARP, _MOST_WARPS = 65536, 32, 64
-# Registers of a group are given in lumps [for each thread].
+# Allocation unit of registers, per thread.
 _LUMP = 8
-# Attributes of a kernel in the compiled file, and the form that all with numbers have.
+# Attributes of a kernel in the compiled file, and the format of numeric attributes.
 _REGISTER_COUNT, _FRAME_SIZE, _SIZED = 0x2F, 0x11, 4
 _FUSED, _ROUNDED = r'\bfma\.rn\.f64\b', r'\b(?:add|sub|mul|div|sqrt)(?:\.rn)?\.f64\b'
 
 
 class CompiledKernel(NamedTuple):
-    """Figures of the kernel of a scene, for one architecture."""
+    """Properties of the kernel of a scene for one architecture."""
 
     architecture: int
     registers: int  # of 32 bits, for each thread
-    stack: int  # bytes of a thread that do not fit in registers
+    stack: int  # bytes of a thread outside registers
     operations: int  # in double precision, in the text of the program
-    fused: int  # of products with sums, rounded once
+    fused: int  # fused multiply-add operations
     block: int  # threads of a block
 
     @property
     def warps(self) -> int:
-        """Groups of 32 threads that a multiprocessor holds at a time, of 64."""
+        """Number of groups of 32 threads that a multiprocessor holds at a time, of 64."""
         each = -(-self.registers // _LUMP) * _LUMP * self.block
         return min(_REGISTERS // each * self.block // _WARP, _MOST_WARPS)
 
@@ -52,16 +51,17 @@ def compiled_kernel(
     terms: Terms, losses: Losses | None = None, architecture: int = HOPPER
 ) -> CompiledKernel:
     """
-    Compile the kernel of scenes with these terms for a GPU; nothing is kept.
+    Compile the kernel of scenes with these terms for a GPU, without caching it.
 
-    `losses`: the one of slopes, of scenes that lose this; None: that of splitting methods.
+    `losses` selects the kernel of slopes with these losses; None selects that of splitting
+    methods.
     """
     return compiled_as(
         step_kernel(terms) if losses is None else slope_kernel(terms, losses), architecture)
 
 
 def compiled_as(kernel: Any, architecture: int = HOPPER) -> CompiledKernel:
-    """The same of any kernel that is alone in its module."""
+    """Compile a kernel that is alone in its module, without caching it."""
     with TemporaryDirectory() as folder:
         texts, programs = (
             [Path(path) for path in wp.compile_aot_module(
@@ -79,7 +79,7 @@ def compiled_as(kernel: Any, architecture: int = HOPPER) -> CompiledKernel:
 
 
 def _attributes(program: bytes) -> Iterator[tuple[int, int]]:
-    """Yield the numbers that an ELF file for CUDA holds of its functions, with their names."""
+    """Yield names and values of the function attributes in a CUDA ELF file."""
     start, = struct.unpack_from('<Q', program, 0x28)
     size, count, names = struct.unpack_from('<HHH', program, 0x3A)
     heads = [struct.unpack_from('<IIQQQQ', program, start + size * k) for k in range(count)]

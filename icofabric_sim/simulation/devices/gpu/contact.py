@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Contact on a device: the law of kernels/contact/pair.py and surface.py, one thread a pair.
+Contact on a GPU: the law of kernels/contact/pair.py and surface.py, with one thread per pair.
 
-All 400 pairs of faces are looked at, also where the processor knows a closed form or where to
-begin: most are rejected by three signs, and no thread waits for another one's search. Each body
-then adds up what its pairs push, in their order, so nothing is scattered.
+All 400 pairs of faces are evaluated, also where the processor uses a closed form or starts from a
+known pair. Three signs reject most pairs, and no thread waits for the search of another thread.
+Each body then sums the forces of its pairs in order, without scattered writes.
 """
 
 from importlib import import_module
@@ -25,29 +25,29 @@ _D = wp.float64
 _ZERO, _HALF, _ONE, _TWO, _THREE, _FOUR, _TWELVE = (
     wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 12.0))
 _RHO, _OUTER = wp.constant(_D(INNER)), wp.constant(_D(OUTER))
-# As of the processor: what rounding may do to a gap, when centres coincide, when two faces look
-# the same way, and volumes that are none.
+# As on the processor: round-off of a gap, distance of coincident centres, limit of parallel faces,
+# and smallest volume.
 _ROUNDING, _COINCIDE, _NEAR, _NOTHING = (
     wp.constant(_D(x)) for x in (1e-14, 1e-6, 1e-24, 1e-200))
 _EIGHT = wp.constant(_D(8.0))
-# Squared sine of an angle below which edges are parallel. Overlaps, over a, up to which it does
-# not matter by how much that along faces and centres is larger than the least.
+# Squared sine of an angle below which edges are parallel. Overlap over a up to which the overlap
+# along faces and centres may exceed the smallest one.
 _PARALLEL, _SHALLOW = wp.constant(_D(1e-12)), wp.constant(_D(0.02))
-# A polygon: x, y, z and depth of its corners. A pyramid gives four at most, and each of three
-# sides of another one more.
+# A polygon: x, y, z and depth of its corners. A pyramid has at most four corners, and each of
+# three clipping sides adds one.
 _Polygon = wp.types.matrix(shape=(8, 4), dtype=_D)
 # M_0, M_1, and the integrals of n, p n, x cross n, p x cross n.
 _Sums = wp.types.vector(length=14, dtype=_D)
-# Numbers of a pair: force on the first, torques on both for a stiffness of 1 N/m, and whether it
-# touches.
+# Results of a pair: force on the first body, torques on both for a stiffness of 1 N/m, and the
+# contact flag.
 PUSH_SIZE = 10
-# Bodies whose ways one thread looks through.
+# Displacements that one thread folds.
 SHARE = 256
 
 
 @wp.func
 def turned(m: wp.mat33d, v: wp.vec3d):
-    """A matrix times a vector, rounded one by one: Warp's own product may be contracted."""
+    """Return a matrix times a vector, with separate rounding: the product of Warp may be fused."""
     return wp.vec3d(
         m[0, 0] * v[0] + (m[0, 1] * v[1] + m[0, 2] * v[2]),
         m[1, 0] * v[0] + (m[1, 1] * v[1] + m[1, 2] * v[2]),
@@ -56,7 +56,7 @@ def turned(m: wp.mat33d, v: wp.vec3d):
 
 @wp.func
 def between_axes(own: wp.mat33d, other: wp.mat33d):
-    """The matrix from the second body's axes to the first's, whose rows are the axes."""
+    """Return the matrix from the axes of the second body to those of the first; rows are axes."""
     q = wp.mat33d()
     for i in range(3):
         for j in range(3):
@@ -66,7 +66,7 @@ def between_axes(own: wp.mat33d, other: wp.mat33d):
 
 @wp.func
 def across(near: Nearness, n: wp.vec3d):
-    """Half the width of a shell of half edge 1 along a vector: vertices come in opposite pairs."""
+    """Return half the width of a shell of half edge 1 along a vector, by pairs of vertices."""
     most = wp.float64(0.0)
     for k in range(6):
         most = wp.max(most, wp.abs(wp.dot(n, near.vertices[k])))
@@ -75,14 +75,14 @@ def across(near: Nearness, n: wp.vec3d):
 
 @wp.func
 def section(near: Nearness, i: int, m: wp.vec3d, offset: wp.float64):
-    """Cut pyramid i by the plane of equal depths, see `put_section`; corners, and how many."""
+    """Cut pyramid i by the plane of equal depths, see `put_section`; return corners and count."""
     found, count = _Polygon(), int(0)
     centre = _RHO - offset
     for k in range(3):
         after = wp.where(k == 2, 0, k + 1)
         here, there = near.corners[3 * i + k], near.corners[3 * i + after]
         e, f = offset - wp.dot(m, here), offset - wp.dot(m, there)
-        # Where the centre is deeper below the other face than below its own all is reversed.
+        # If the centre is deeper below the other face than below its own, signs are reversed.
         inside, beyond = e > _ZERO, f > _ZERO
         if centre <= _ZERO:
             inside, beyond = e < _ZERO, f < _ZERO
@@ -95,7 +95,7 @@ def section(near: Nearness, i: int, m: wp.vec3d, offset: wp.float64):
             found[count, 3] = _RHO * (e * whole)
             count = count + 1
         if inside != beyond:
-            # On the edge to the next.
+            # On the edge to the next corner.
             t = e / (e - f)
             for axis in range(3):
                 found[count, axis] = here[axis] + t * (there[axis] - here[axis])
@@ -106,7 +106,7 @@ def section(near: Nearness, i: int, m: wp.vec3d, offset: wp.float64):
 
 @wp.func
 def clipped(polygon: _Polygon, count: int, r: wp.vec3d, limit: wp.float64):
-    """Keep what of a polygon has r . x <= limit; corners, and how many."""
+    """Clip a polygon to r . x <= limit; return corners and count."""
     kept, left = _Polygon(), int(0)
     last = count - 1
     before = r[0] * polygon[last, 0] + r[1] * polygon[last, 1] + r[2] * polygon[last, 2] - limit
@@ -128,7 +128,7 @@ def clipped(polygon: _Polygon, count: int, r: wp.vec3d, limit: wp.float64):
 
 @wp.func
 def corner_of(polygon: _Polygon, k: int):
-    """Place of a corner."""
+    """Return the position of a corner."""
     return wp.vec3d(polygon[k, 0], polygon[k, 1], polygon[k, 2])
 
 
@@ -139,7 +139,7 @@ def with_polygon(
     """
     Add the integrals over a polygon with unit normal n, see `add_integrals`.
 
-    `facing`: what the field of a plane adds, see `add_plane`; 0 of shells.
+    `facing` is the contribution of the field of a plane, see `add_plane`; 0 for shells.
     """
     found = sums
     first = corner_of(polygon, 0)
@@ -180,7 +180,7 @@ def with_polygon(
 
 @wp.func
 def with_faces(near: Nearness, sums: _Sums, i: int, j: int, c: wp.vec3d, q: wp.mat33d):
-    """Add the polygon between face i of one body and j of another one at c, see `add_polygon`."""
+    """Add the polygon between face i of a body and face j of another at c, see `add_polygon`."""
     m = turned(q, near.normals[j])
     centre = wp.dot(m, c)
     polygon, count = section(near, i, m, _RHO + centre)
@@ -191,7 +191,7 @@ def with_faces(near: Nearness, sums: _Sums, i: int, j: int, c: wp.vec3d, q: wp.m
         side = side + 1
     n = near.normals[i] - m
     square = wp.dot(n, n)
-    # Where both faces look the same way planes of equal depth are nowhere or everywhere.
+    # For parallel faces, planes of equal depth are nowhere or everywhere.
     if count > 2 and square > _NEAR:
         n = n * (_ONE / wp.sqrt(square))
         return with_polygon(sums, polygon, count, n, wp.dot(n, c), _ZERO)
@@ -214,7 +214,7 @@ def with_plane(near: Nearness, sums: _Sums, i: int, m: wp.vec3d, offset: wp.floa
 
 @wp.func
 def pushed(sums: _Sums, half_edge: wp.float64, own: wp.mat33d):
-    """Force [N] and torque [N m] on the first body for a stiffness of 1 N/m, see `push`."""
+    """Return force [N] and torque [N m] on the first body for a stiffness of 1 N/m, see `push`."""
     mean = sums[1] / sums[0]
     factor = -_FOUR * (_FOUR * mean) * half_edge / sums[0]
     force = factor * (
@@ -227,9 +227,9 @@ def pushed(sums: _Sums, half_edge: wp.float64, own: wp.mat33d):
 @wp.func
 def gap_of(near: Nearness, c: wp.vec3d, q: wp.mat33d):
     """
-    The widest gap along the line of centres and the normals of faces, in parts of a.
+    Return the widest gap along the line of centres and the normals of faces, over a.
 
-    Above 0 it proves that two shells are apart; below 0 it is at most minus their depth.
+    A positive gap proves that two shells are apart; a negative gap is at most minus their depth.
     """
     length = wp.sqrt(wp.dot(c, c))
     u = c / length
@@ -244,7 +244,7 @@ def gap_of(near: Nearness, c: wp.vec3d, q: wp.mat33d):
 
 @wp.func
 def gap_across_edges(near: Nearness, c: wp.vec3d, q: wp.mat33d, least: wp.float64):
-    """The widest gap of all, given that of `gap_of`: along the products of edges, too."""
+    """Return the widest gap, given that of `gap_of`, by also testing products of edges."""
     gap = least + wp.float64(0.0)
     for own in range(15):
         for other in range(15):
@@ -259,7 +259,7 @@ def gap_across_edges(near: Nearness, c: wp.vec3d, q: wp.mat33d, least: wp.float6
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
-    """Evaluate the pairs that are listed, one in each thread."""
+    """Evaluate the listed pairs, one per thread."""
     p = wp.tid()
     if p >= near.count[0]:
         return
@@ -312,7 +312,7 @@ def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def add_up(fabric: Fabric, near: Nearness):
-    """Forces [N] and torques [N m] of each body, from the pushes of its pairs in their order."""
+    """Sum the forces [N] and torques [N m] of each body over its pairs in order."""
     s = wp.tid()
     force, torque = wp.vec3d(), wp.vec3d()
     for e in range(near.start[s], near.start[s + 1]):
@@ -332,7 +332,7 @@ def add_up(fabric: Fabric, near: Nearness):
 
 @wp.func
 def way_of(near: Nearness, pose: wp.array(dtype=wp.float64), n: int, s: int, time: wp.float64):
-    """Square of the way [m^2] of a body since the last search, at a `time` [s]."""
+    """Return the squared displacement [m^2] of a body since the last search, at a `time` [s]."""
     t = time - near.frame[0]
     way, turn = wp.float64(0.0), wp.float64(0.0)
     for k in range(3):
@@ -350,7 +350,7 @@ def note_ways(
     fabric: Fabric, near: Nearness, clock: Clock, step: int, drifts: int,
     pose: wp.array(dtype=wp.float64)
 ):
-    """Keep the largest square of the way [m^2] of each body since the last search."""
+    """Update the largest squared displacement [m^2] of each body since the last search."""
     thread = wp.tid()
     block = thread / fabric.lanes
     lane = thread - block * fabric.lanes
@@ -363,7 +363,7 @@ def note_ways(
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def fold_ways(values: wp.array(dtype=wp.float64), count: int, found: wp.array(dtype=wp.float64)):
-    """Take the largest of each share of values, which begin anew."""
+    """Return the largest of each share of values in `found`, and reset the values."""
     share = wp.tid()
     most = wp.float64(0.0)
     for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
@@ -374,7 +374,7 @@ def fold_ways(values: wp.array(dtype=wp.float64), count: int, found: wp.array(dt
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def fold_pushes(fabric: Fabric, near: Nearness, found: wp.array(dtype=wp.float64)):
-    """Squares of what contacts do to each block, mass-scaled, see kernels/contact/stiffness.py."""
+    """Sum squared mass-scaled contact forces of each block, see kernels/contact/stiffness.py."""
     block = wp.tid()
     n, total = fabric.stride, wp.float64(0.0)
     for lane in range(fabric.lanes):
@@ -388,7 +388,7 @@ def fold_pushes(fabric: Fabric, near: Nearness, found: wp.array(dtype=wp.float64
 
 
 def one_of_each(vectors: np.ndarray) -> np.ndarray:
-    """Of each pair of opposite or equal vectors (n, 3) the one that comes first."""
+    """Return the first of each pair of opposite or equal vectors (n, 3)."""
     chosen: list[np.ndarray] = []
     for row in vectors:
         if not any(np.allclose(row, -other) or np.allclose(row, other) for other in chosen):

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps on a device that keep their order where the slopes of connectors jump.
+Steps on a GPU that keep their order across jumps of the slopes of connectors.
 
-What is done about the kinks, and why, is in kernels/kinks.py; the formulas are those there, body
-by body. A step is a sequence of launches without a branch: what mends a step asks a flag, which
-bodies set that found crossings.
+The treatment of kinks is explained in kernels/kinks.py, and the formulas are the same, body by
+body. A step is a sequence of launches without branches: launches that correct a step test a flag
+that bodies with crossings set.
 """
 
 from collections.abc import Iterator
@@ -40,16 +40,16 @@ _FourByFour = wp.types.matrix(shape=(4, 4), dtype=_D)
 
 
 def _gauss(count: int, kind: Any) -> tuple[Any, Any]:
-    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    """Return nodes and weights of the Gauss-Legendre rule on [0, 1]."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return wp.constant(kind(*(0.5 * float(1.0 + x) for x in nodes))), wp.constant(
         kind(*(0.5 * float(w) for w in weights)))
 
 
-# Exact for the quintic times the time, and for a quadratic times its cube.
+# Exact for a quintic times the time, and for a quadratic times the cube of the time.
 _NODES, _WEIGHTS = _gauss(4, _Four)
 _FEWER_NODES, _FEWER_WEIGHTS = _gauss(3, _Three)
-# From moments to the cubic that has them: the inverse of the Hilbert matrix.
+# From moments to their cubic: the inverse of the Hilbert matrix.
 _CUBIC = wp.constant(_FourByFour(
     16.0, -120.0, 240.0, -140.0, -120.0, 1200.0, -2700.0, 1680.0,
     240.0, -2700.0, 6480.0, -4200.0, -140.0, 1680.0, -4200.0, 2800.0))
@@ -57,20 +57,20 @@ _CUBIC = wp.constant(_FourByFour(
 
 @wp.func
 def value_of(c: _Six, x: wp.float64):
-    """A quintic at x."""
+    """Return the value of a quintic at x."""
     return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
 
 
 @wp.func
 def slope_at(c: _Six, x: wp.float64):
-    """Its derivative."""
+    """Return the derivative of a quintic at x."""
     return c[1] + x * ((c[2] + c[2]) + x * (_D(3.0) * c[3] + x * (
         _D(4.0) * c[4] + x * (_D(5.0) * c[5]))))
 
 
 @wp.func
 def crossing(c: _Six, first: wp.float64, last: wp.float64, turn: wp.float64):
-    """Where it crosses zero between two places, falling for `turn` 1, rising for -1."""
+    """Return the zero of a quintic in an interval, falling for `turn` 1, rising for -1."""
     low, high = first, last
     above, below = turn * value_of(c, low), turn * value_of(c, high)
     fall = above - below
@@ -94,7 +94,9 @@ def crossing(c: _Six, first: wp.float64, last: wp.float64, turn: wp.float64):
 
 @wp.func
 def moments_beyond(c: _Six):
-    """Integrals of g and s g over the part of [0, 1] where the quintic g is negative."""
+    """
+    Return the integrals of g and s g over the part of [0, 1] where the quintic g is negative.
+    """
     a, b = wp.float64(0.0), wp.float64(0.0)
     early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
     if early or late:
@@ -114,7 +116,7 @@ def moments_beyond(c: _Six):
 
 @wp.func
 def moments_foretold(c: _Six):
-    """Integrals of g, s g, s^2 g and s^3 g over that part, of a quadratic g."""
+    """Return the integrals of g, s g, s^2 g, s^3 g where a quadratic g is negative in [0, 1]."""
     found = _Four()
     early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
     if early or late:
@@ -140,9 +142,10 @@ def note(
     noted: wp.array(dtype=wp.float64)
 ):
     """
-    Note velocities and accelerations of each body, from those before and after a kick.
+    Store velocities and accelerations of each body, from those before and after a kick.
 
-    With the former where the kick `begins` a step, else with the latter: twelve rows.
+    Velocities are those before the kick if the kick `begins` a step, else those after. The result
+    has twelve rows.
     """
     thread = wp.tid()
     block = thread / fabric.lanes
@@ -162,14 +165,14 @@ def note(
 
 @wp.func
 def rate_of(noted: wp.array(dtype=wp.float64), n: int, s: int, arm: wp.vec3d):
-    """Velocity [m/s] of an attachment point."""
+    """Return the velocity [m/s] of an attachment point."""
     spin = wp.vec3d(noted[3 * n + s], noted[4 * n + s], noted[5 * n + s])
     return wp.vec3d(noted[s], noted[n + s], noted[2 * n + s]) + wp.cross(spin, arm)
 
 
 @wp.func
 def second_of(noted: wp.array(dtype=wp.float64), n: int, s: int, arm: wp.vec3d):
-    """Its acceleration [m/s^2]."""
+    """Return the acceleration [m/s^2] of an attachment point."""
     spin = wp.vec3d(noted[3 * n + s], noted[4 * n + s], noted[5 * n + s])
     linear = wp.vec3d(noted[6 * n + s], noted[7 * n + s], noted[8 * n + s])
     angular = wp.vec3d(noted[9 * n + s], noted[10 * n + s], noted[11 * n + s])
@@ -181,7 +184,9 @@ def stretch_of(
     fabric: Fabric, noted: wp.array(dtype=wp.float64), link: int, s: int, other: int,
     arm: wp.vec3d, far: wp.vec3d, u: wp.vec3d, h: wp.float64
 ):
-    """Stretch, h times its rate and h^2 / 2 times its second derivative [m], of a connector u."""
+    """
+    Return extension, h times its rate and h^2 / 2 times its second derivative [m] of a connector.
+    """
     n = fabric.stride
     v = rate_of(noted, n, other, far) - rate_of(noted, n, s, arm)
     a = second_of(noted, n, other, far) - second_of(noted, n, s, arm)
@@ -193,7 +198,7 @@ def stretch_of(
 
 @wp.func
 def inverses(fabric: Fabric, s: int, held: int):
-    """Inverse masses [1/kg] of a body, and its inverse inertia [1/(kg m^2)]."""
+    """Return the inverse masses [1/kg] and inverse inertia [1/(kg m^2)] of a body."""
     n = fabric.stride
     mass = wp.vec3d(fabric.inverse_mass, fabric.inverse_mass, fabric.inverse_mass)
     inertia = fabric.inverse_inertia
@@ -209,7 +214,7 @@ def strike_body(
     fabric: Fabric, motion: wp.array(dtype=wp.float64), s: int, held: int, impulse: wp.vec3d,
     turning: wp.vec3d
 ):
-    """Let an impulse [N s] and an angular impulse [N m s] act on a body."""
+    """Apply an impulse [N s] and an angular impulse [N m s] to a body."""
     n = fabric.stride
     mass, inertia = inverses(fabric, s, held)
     for k in range(3):
@@ -218,10 +223,10 @@ def strike_body(
 
 
 class Crossings:
-    """The kernels of scenes whose connectors attach at edge midpoints, or anywhere."""
+    """Kernels for connectors attached at edge midpoints, or at any points."""
 
     def __init__(self, *, midpoints: bool) -> None:
-        """Make them; they are compiled where they are first used."""
+        """Define the kernels, which are compiled at first use."""
         arm_to = arm_at_midpoint if midpoints else arm_anywhere
 
         @wp.kernel(
@@ -260,7 +265,7 @@ class Crossings:
                         value_of(c, _HALF) < _ZERO or value_of(c, _ONE) < _ZERO)
                     fabric.active[at] = wp.where(crosses, wp.uint8(1), wp.uint8(0))
                     if crosses:
-                        # On the other side it resists more by - side x jump.
+                        # On the other side, the stiffness is larger by - side x jump.
                         forces = -jump * (_CUBIC * moments_foretold(c))
                         for k in range(4):
                             fabric.forces[12 * k * n + at] = forces[k]
@@ -315,7 +320,7 @@ class Crossings:
                             whole = -jump * zeroth
                             moment = -jump * (zeroth - first_moment)
                         if was != 0:
-                            # What has acted: impulse, and impulse times the time that is left.
+                            # Applied impulse, and impulse times the remaining time.
                             for k in range(4):
                                 force = fabric.forces[12 * k * n + at]
                                 order = _D(k + 1)
@@ -325,7 +330,7 @@ class Crossings:
                         fabric.forces[at] = h * whole - early
                         fabric.forces[12 * n + at] = early
                         fabric.active[at] = wp.uint8(2)
-                        # All that find any write the same.
+                        # All threads that write this flag write the same value.
                         fabric.found[0] = 1
 
         @wp.kernel(
@@ -370,8 +375,8 @@ def kinked_stages(method: Method, step: int) -> Iterator[Any]:
     """
     Yield the launches of the step kernel in one step, see `kinked_steps` of integrators/kinked.py.
 
-    The first kick, drifts with the pushes after them, the last push; then what mends the step:
-    back by half of it, to its end again, and the accelerations there.
+    These are the first kick, drifts with the kicks after them, and the last kick. Launches that
+    correct the step follow: back by half of it, forward to its end, and the accelerations there.
     """
     kicks, drifts = method.kicks, method.drifts
     first = Stage()

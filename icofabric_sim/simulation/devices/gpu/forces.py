@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forces and torques on one body of a device: connectors, moments, wrenches and anchors.
+Forces and torques on one body on a GPU: connectors, moments, wrenches and anchors.
 
-The formulas of kernels/connectors.py, moments.py, loads.py and anchors.py. A body adds up its own
-connectors, in the order of their numbers: nothing is scattered.
+The formulas are those of kernels/connectors.py, moments.py, loads.py and anchors.py. A body sums
+the forces of its connectors in the order of their numbers, without scattered writes.
 """
 
 from importlib import import_module
@@ -33,9 +33,9 @@ wp: Any = import_module('warp')
 
 _D = wp.float64
 _ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
-# A squared length below this is taken for it: such a pull has no direction.
+# Lower bound of squared lengths, where a force has no direction.
 _SMALLEST = wp.constant(_D(1e-300))
-# Of the Gauss rule by which the power of a wrench is averaged over a drift.
+# Gauss rule for the mean power of a wrench over a drift.
 _Five = wp.types.vector(length=5, dtype=_D)
 _NODES = wp.constant(_Five(
     0.5 - NEAR_OFFSET, 0.5 + NEAR_OFFSET, 0.5 - FAR_OFFSET, 0.5 + FAR_OFFSET, 0.5))
@@ -45,38 +45,38 @@ _WEIGHTS = wp.constant(_Five(
 
 @wp.func
 def place_of(pose: wp.array(dtype=wp.float64), stride: int, s: int):
-    """Position [m] of a body."""
+    """Return the position [m] of a body."""
     return wp.vec3d(pose[s], pose[stride + s], pose[2 * stride + s])
 
 
 @wp.func
 def turn_of(pose: wp.array(dtype=wp.float64), stride: int, s: int):
-    """Its orientation, a quaternion x y z w."""
+    """Return the orientation of a body, a quaternion x y z w."""
     return wp.vec4d(
         pose[3 * stride + s], pose[4 * stride + s], pose[5 * stride + s], pose[6 * stride + s])
 
 
 @wp.func
 def partner_of(fabric: Fabric, block: int, lane: int, link: int):
-    """Slot of the body at the other end: connectors end at the edge across from their own."""
+    """Return the slot of the body at the other end, where connectors end at the opposite edge."""
     return fabric.place[12 * block + link] - 3 * ((link >> 1) ^ 1) * fabric.stride + lane
 
 
 @wp.func
 def has_link(fabric: Fabric, block: int, lane: int, link: int):
-    """Whether a body has this connector."""
+    """Return 1 if a body has this connector, else 0."""
     return (int(fabric.present[12 * block + link]) >> lane) & 1
 
 
 @wp.func
 def one_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
-    """Tension over length [N/m] where all connectors follow one law."""
+    """Return tension over length [N/m] if all connectors follow one law."""
     return fabric.stiffness - fabric.stiffness * fabric.natural_length / wp.sqrt(square)
 
 
 @wp.func
 def own_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
-    """The same with k_e and k_c of each connector (eq 2)."""
+    """Return tension over length [N/m] with k_e and k_c of each connector (eq 2)."""
     at = link * fabric.stride + s
     rest = fabric.natural[at]
     k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
@@ -86,9 +86,10 @@ def own_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp
 @wp.func
 def kept_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
     """
-    The same with the slope of the side where the step began, and what crossings add to it.
+    Return tension over length [N/m] with the slope at the start of the step and corrections.
 
-    With that of its own side where `step_part` is negative.
+    The corrections are those of crossings. For negative `step_part`, the law of the connector
+    applies.
     """
     if step_part < _ZERO:
         return own_law(fabric, link, s, square, step_part)
@@ -105,7 +106,7 @@ def kept_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: w
 
 @wp.func
 def arm_at_midpoint(fabric: Fabric, q: wp.vec4d, edge: int):
-    """Arm [m] to an attachment point on a body axis."""
+    """Return the arm [m] to an attachment point on a body axis."""
     arm = arm_on_axis(q, fabric.half_width, edge >> 1)
     if edge & 1 == 1:
         arm = -arm
@@ -114,12 +115,14 @@ def arm_at_midpoint(fabric: Fabric, q: wp.vec4d, edge: int):
 
 @wp.func
 def arm_anywhere(fabric: Fabric, q: wp.vec4d, edge: int):
-    """Arm [m] to any attachment point."""
+    """Return the arm [m] to any attachment point."""
     return to_world(q, fabric.attachment[edge])
 
 
 def springs(law: Any, arm_to: Any) -> Any:
-    """Return the function of all connectors at a body with this law, attached there."""
+    """
+    Return the function of the forces of all connectors at a body, with this law and these arms.
+    """
     @wp.func
     def pulls(
         fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
@@ -150,7 +153,7 @@ def no_pulls(
     fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
     place: wp.vec3d, turn: wp.vec4d, step_part: wp.float64
 ):
-    """Return nothing, where nothing is connected."""
+    """Return zero force and torque, for scenes without connectors."""
     return wp.vec3d(), wp.vec3d()
 
 
@@ -159,7 +162,7 @@ def no_moments(
     fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
     place: wp.vec3d, turn: wp.vec4d
 ):
-    """Return nothing, where nothing bends."""
+    """Return zero force and torque, for scenes without bending and twisting."""
     return wp.vec3d(), wp.vec3d()
 
 
@@ -167,7 +170,7 @@ def no_moments(
 def stiffness_of(
     values: wp.array(dtype=wp.float64), stride: int, link: int, s: int
 ):
-    """Return what resists a moment [N m/rad] at a connector: one for all, or its own."""
+    """Return the stiffness against a moment [N m/rad] of a connector."""
     if values.shape[0] == 0:
         return _ZERO
     if values.shape[0] == 1:
@@ -176,7 +179,9 @@ def stiffness_of(
 
 
 def moments(arm_to: Any) -> Any:
-    """Return the function of what resists bending and twisting, at connectors attached there."""
+    """
+    Return the function of forces and torques by bending and twisting at a body, with these arms.
+    """
     @wp.func
     def resistance(
         fabric: Fabric, pose: wp.array(dtype=wp.float64), block: int, lane: int, s: int,
@@ -208,7 +213,7 @@ def moments(arm_to: Any) -> Any:
                             kappa * wp.cross(n, d) + wp.cross(arm, push))
                 kappa = stiffness_of(fabric.twisting, fabric.stride, link, s)
                 if kappa > _ZERO:
-                    # From the other end it is exactly the opposite.
+                    # Exactly opposite at the other end.
                     total = wp.cross(own[0], axes[0]) + wp.cross(own[1], axes[1])
                     total = total + wp.cross(own[2], axes[2])
                     torque = torque + _HALF * kappa * total
@@ -217,7 +222,7 @@ def moments(arm_to: Any) -> Any:
 
 
 def dampers(arm_to: Any) -> Any:
-    """Return the function of damping along the connectors at a body, attached there."""
+    """Return the function of damping forces of all connectors at a body, with these arms."""
     @wp.func
     def losing(
         fabric: Fabric, pose: wp.array(dtype=wp.float64), motion: wp.array(dtype=wp.float64),
@@ -245,7 +250,7 @@ def dampers(arm_to: Any) -> Any:
                     loss = loss + (tension * inverse) * u
             force = force + loss
             torque = torque + wp.cross(arm, loss)
-        # Half of what each takes counts for either end.
+        # Either end counts half of the dissipation.
         return force, torque, _HALF * taken
     return losing
 
@@ -256,13 +261,13 @@ def no_dampers(
     block: int, lane: int, s: int, place: wp.vec3d, turn: wp.vec4d, velocity: wp.vec3d,
     spin: wp.vec3d
 ):
-    """Return nothing, where connectors are not damped."""
+    """Return zero force, torque and power, for scenes without damped connectors."""
     return wp.vec3d(), wp.vec3d(), wp.float64(0.0)
 
 
 @wp.func
 def factor_of(acting: Acting, w: int, time: wp.float64):
-    """What a wrench is multiplied by at `time` [s]."""
+    """Return the factor of a wrench at `time` [s]."""
     after = time - acting.varying[5 * w]
     factor = acting.varying[5 * w + 1] + acting.varying[5 * w + 2] * after
     if acting.varying[5 * w + 3] != _ZERO:
@@ -273,16 +278,16 @@ def factor_of(acting: Acting, w: int, time: wp.float64):
 
 @wp.func
 def vector_at(vectors: wp.array(dtype=wp.vec3d), i: int):
-    """Return a vector of an array, as a value that may be replaced."""
+    """Return a vector of an array, as a value that may be modified."""
     return vectors[i]
 
 
 @wp.func
 def wrench_of(acting: Acting, turn: wp.vec4d, w: int):
     """
-    Force [N] and torque about the centre [N m] of a wrench on a body, world frame.
+    Return force [N] and torque about the centre [N m] of a wrench on a body, world frame.
 
-    But for the factor of its profile.
+    The factor of its profile is not applied.
     """
     force, torque = vector_at(acting.force, w), vector_at(acting.torque, w)
     if int(acting.turning[w]) != 0:
@@ -295,7 +300,7 @@ def wrench_of(acting: Acting, turn: wp.vec4d, w: int):
 def steady_power(
     acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d, h: wp.float64
 ):
-    """Mean power [W] of a steady wrench over a drift of `h`, see kernels/loads.py."""
+    """Return the mean power [W] of a steady wrench over a drift of `h`, see kernels/loads.py."""
     force, torque = wrench_of(acting, turn, w)
     if int(acting.turning[w]) != 0:
         mean = mean_of_turning(force, spin, h)
@@ -310,13 +315,13 @@ def power_after(
     acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d,
     time: wp.float64, later: wp.float64
 ):
-    """Power [W] of a wrench `later` [s] than `time`, after free flight."""
+    """Return the power [W] of a wrench `later` [s] than `time`, after free flight."""
     cosine, sine = half_angle_factors(later, spin)
     axis = sine * spin
     force, torque = vector_at(acting.force, w), vector_at(acting.torque, w)
     if int(acting.turning[w]) != 0:
         force = turned_by(to_world(turn, force), cosine, axis)
-        # A torque that turns about omega keeps its part along it.
+        # A torque that rotates about omega keeps its component along omega.
         torque = to_world(turn, torque)
     point = turned_by(to_world(turn, acting.point[w]), cosine, axis)
     power = wp.dot(force, velocity + wp.cross(spin, point)) + wp.dot(torque, spin)
@@ -328,7 +333,7 @@ def mean_power(
     acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d,
     time: wp.float64, h: wp.float64
 ):
-    """Mean power [W] of a wrench over a drift, see kernels/loads.py."""
+    """Return the mean power [W] of a wrench over a drift, see kernels/loads.py."""
     if acting.varying[5 * w + 2] == _ZERO and acting.varying[5 * w + 3] == _ZERO:
         return acting.varying[5 * w + 1] * steady_power(acting, w, turn, velocity, spin, h)
     mean = wp.float64(0.0)
@@ -340,7 +345,7 @@ def mean_power(
 
 @wp.func
 def anchor_pull(acting: Acting, a: int, place: wp.vec3d, turn: wp.vec4d, time: wp.float64):
-    """Force [N], torque about the centre [N m] and power of its point [W] of an anchor."""
+    """Return force [N], torque about the centre [N m] and power of the point [W] of an anchor."""
     t = time - acting.anchor_start[a]
     first, second = acting.anchor_cubic[4 * a + 1], acting.anchor_cubic[4 * a + 2]
     third = acting.anchor_cubic[4 * a + 3]

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Health checks of a state that stays on a device: sums there, judgement here.
+Health checks of a state on a GPU: the device computes sums, this process evaluates them.
 
-What the check sees goes into the ledger as `examine` of kernels/monitor.py writes it, and is
-judged by the same functions.
+The results are written to the ledger as by `examine` of kernels/monitor.py, and the same functions
+evaluate them.
 """
 
 from importlib import import_module
@@ -39,18 +39,18 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Values of a figure that are folded here.
+# Most values of a figure that this process sums.
 _FEW = 1024
 
 
 class HealthCheck:
-    """Examines the state of a run on a device."""
+    """Health checks of a run on a device."""
 
     def __init__(self, model: Model, fabric: Any, device: Device) -> None:
-        """Check bodies of this `fabric`, which is on the device."""
+        """Prepare checks of the bodies of `fabric`, which is in device memory."""
         self._model, self._fabric, self._device = model, fabric, device
         self._blocks = len(model.blocks.slot)
-        # What is folded, from many values to few.
+        # Arrays of partial sums, from long to short.
         self._folded: list[Any] = []
         count = self._blocks
         while not self._folded or count > _FEW:
@@ -62,10 +62,10 @@ class HealthCheck:
     @staticmethod
     def can_examine(model: Model, loads: Loads, ledger: np.ndarray) -> bool:
         """
-        Whether all is known on the device that the next check looks at.
+        Return True if the device has all values that the next check needs.
 
-        Moments, dipoles and anchors are looked at here, and so are connectors in shells from
-        elsewhere than edge midpoints.
+        Moments, dipoles and anchors are checked in this process. So are connectors in shells
+        unless they are attached at edge midpoints.
         """
         return (
             model.bending is None and model.twisting is None and model.dipole is None
@@ -78,9 +78,9 @@ class HealthCheck:
         spent: Any = None
     ) -> int:
         """
-        Status bits of the state, as `examine` of kernels/monitor.py finds them.
+        Return the status bits of the state, as `examine` of kernels/monitor.py.
 
-        `spent` (s,) [J]: by the slots, on the device.
+        `spent` (s,) [J] is the dissipated energy by slots, on the device.
         """
         figures, book = self._figures(state, now), Ledger.over(ledger)
         book.spin = math.sqrt(figures[SPIN])
@@ -114,7 +114,7 @@ class HealthCheck:
         return status
 
     def _obstructed(self, state: StateArrays, now: int) -> float:
-        """Count the connectors in shells that they are attached to."""
+        """Return the number of connectors inside shells that they are attached to."""
         if self._model.links is None:
             return 0.0
         room = state.poses[1 - now]
@@ -124,7 +124,7 @@ class HealthCheck:
         return _sum(self._fold(room, 1)[0])
 
     def _figures(self, state: StateArrays, now: int) -> list[float]:
-        """Sums and largest values over all bodies."""
+        """Return sums and maxima over all bodies."""
         handle, room = self._device.handle, state.poses[1 - now]
         terms = terms_of(self._model, loaded=False)
         kernel = figures_kernel(
@@ -138,7 +138,9 @@ class HealthCheck:
             for figure, row in enumerate(self._fold(room, FIGURES))]
 
     def _fold(self, room: Any, figures: int) -> np.ndarray:
-        """The first figures of all bodies, (figures, few): the rest is summed up here."""
+        """
+        Return the first figures of all bodies, (figures, few), for a final sum in this process.
+        """
         handle, count = self._device.handle, -(-self._blocks // SHARE)
         launch(
             fold_blocks, dim=figures * count,
@@ -152,7 +154,7 @@ class HealthCheck:
         return last
 
     def _worked(self, loads: Loads, acting: Any) -> tuple[float, float]:
-        """Work of the present loads [J], and the sum of its magnitudes."""
+        """Return the work of the present loads [J], and the sum of its magnitudes."""
         count = len(loads.work)
         if not count:
             return 0.0, 0.0
@@ -167,7 +169,7 @@ class HealthCheck:
 
 
 def _sum(values: np.ndarray) -> float:
-    """Sum, rounded once; nothing where numbers are not finite."""
+    """Return the exactly rounded sum; NaN if any value is not finite."""
     if not np.isfinite(values).all():
         return math.nan
     return math.fsum(values)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The kernel that takes steps on a device: one thread a body, one launch an evaluation.
+The kernel that takes steps on a GPU: one thread per body, one launch per force evaluation.
 
-A launch pushes a body at the places where all bodies are, and drifts it from there on. Drifted
-bodies go to a second array, from which others read in the next launch: so nothing is read that
-another thread writes, and the order of threads does not show in the result.
+A launch kicks a body at the present positions of all bodies and then drifts the body. Drifted
+poses go to a second array, which the next launch reads. So no thread reads what another thread
+writes, and the order of threads does not affect the result.
 """
 
 from functools import cache
@@ -52,7 +52,7 @@ _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 
 class Terms(NamedTuple):
-    """What acts in a scene; the kernel has no code for the rest."""
+    """Terms of a scene; the kernel has no code for other terms."""
 
     linked: bool
     midpoints: bool  # connectors attach on the body axes
@@ -61,18 +61,18 @@ class Terms(NamedTuple):
     dipole: bool
     held: bool
     loaded: bool
-    # Whether shells may touch, see contact.py.
+    # True if shells may touch, see contact.py.
     touching: bool = False
-    # Whether connectors keep the slope with which a step began, see crossings.py.
+    # True if connectors keep their initial slopes in a step, see crossings.py.
     kept: bool = False
-    # Whether bodies move on paths, see paths.py; and whether masses are their own.
+    # True if bodies move on paths, see paths.py; true if masses differ.
     driven: bool = False
     own_masses: bool = False
 
 
 @wp.func
 def time_at(clock: Clock, step: int, drifts: int):
-    """Time [s] in a step after so many drifts, added up as kernels/integrators/splitting.py."""
+    """Return the time [s] in a step after `drifts` drifts, as kernels/integrators/splitting.py."""
     h = clock.start[1]
     number = clock.index[0] + wp.int64(step)
     count = clock.drifts.shape[0]
@@ -90,7 +90,7 @@ def push_loads(
     place: wp.vec3d, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d, time: wp.float64,
     h: wp.float64
 ):
-    """Velocities after the wrenches and anchors of a body have acted over `h`."""
+    """Return the velocities of a body after its wrenches and anchors have acted over `h`."""
     v, o = velocity, spin
     for m in range(acting.start[block], acting.start[block + 1]):
         if (int(acting.lanes[m]) >> lane) & 1 == 1:
@@ -115,7 +115,7 @@ def work_loads(
     fabric: Fabric, acting: Acting, block: int, lane: int, turn: wp.vec4d, velocity: wp.vec3d,
     spin: wp.vec3d, time: wp.float64, h: wp.float64
 ):
-    """Add what wrenches do in a drift of `h` to their work."""
+    """Add the work of wrenches in a drift of `h`."""
     for m in range(acting.start[block], acting.start[block + 1]):
         if (int(acting.lanes[m]) >> lane) & 1 == 1:
             w = acting.wrench[m]
@@ -191,7 +191,7 @@ def step_kernel(terms: Terms) -> Any:
                 for k in range(3):
                     acceleration[k * n + s] = linear[k]
                     acceleration[(k + 3) * n + s] = angular[k]
-        # Loaded when forces no longer take registers.
+        # Loaded when forces no longer occupy registers.
         velocity = wp.vec3d(motion[s], motion[n + s], motion[2 * n + s])
         spin = wp.vec3d(motion[3 * n + s], motion[4 * n + s], motion[5 * n + s])
         if stage.source > 0:
@@ -254,7 +254,7 @@ def sample(
     slot: wp.array(dtype=wp.int32), samples: int, lanes: int, stride: int, weight: wp.float64,
     first: int, pose: wp.array(dtype=wp.float64), difference: wp.array(dtype=wp.float64)
 ):
-    """Add the poses of sampled blocks to a difference of high order, as kernels/monitor.py."""
+    """Add poses of sampled blocks to a difference of high order, as kernels/monitor.py."""
     thread = wp.tid()
     i = thread / lanes
     lane = thread - i * lanes

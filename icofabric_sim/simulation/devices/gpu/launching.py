@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Take turns on a device, load and launch kernels, and name what fails."""
+"""
+Access to a device by one thread at a time, loading and launch of kernels, and error messages.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,15 +19,15 @@ from icofabric_sim.simulation.errors import DeviceError
 wp: Any = import_module('warp')
 _LOGGER = logging.getLogger('icofabric_sim')
 
-# What is launched or copied while a thread records a graph would be recorded, too.
+# Launches and copies of other threads would enter a graph that a thread records.
 TURN = RLock()
-# Kernels that are ready, with the name of the device.
+# Loaded kernels, with the name of the device.
 _LOADED: set[tuple[str, Any]] = set()
 
 
 @contextmanager
 def named_failure(device: str, forget: Callable[[], None]) -> Iterator[None]:
-    """Let what goes wrong be a failure of the `device`; the state there is lost: `forget` it."""
+    """Raise DeviceError with the name of the `device` for any failure, after `forget`."""
     try:
         yield
     except (DeviceError, KernelsMissing):
@@ -67,6 +69,6 @@ def load(kernel: Any, device: Any) -> None:
 
 
 def launch(kernel: Any, *, dim: Any, inputs: list[Any], device: Any) -> None:
-    """Launch a kernel, which is loaded before."""
+    """Load a kernel and launch it."""
     load(kernel, device)
     wp.launch(kernel, dim=dim, inputs=inputs, device=device)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a health check sums up on a device: the figures of kernels/figures.py.
+Sums of a health check on a GPU: the figures of kernels/figures.py.
 
-A thread a body finds them, and sums and largest values are formed in a tree that depends on the
-number of blocks alone: the same bits on every device, from run to run.
+A thread per body computes the figures. Sums and maxima are formed in a tree that depends on the
+number of blocks alone, so results are bit-identical on every device and in every run.
 """
 
 from functools import cache
@@ -30,10 +30,10 @@ _ZERO, _HALF, _QUARTER, _ONE, _TWO = (wp.constant(_D(x)) for x in (0.0, 0.5, 0.2
 _SMALLEST = wp.constant(_D(1e-300))
 _LEAN, _ALONG = wp.constant(_D(LEAN)), wp.constant(_D(ALONG))
 _INFINITY = wp.constant(_D(float('inf')))
-# Figures of a body, in this order; the last three are not summed up, the largest one counts.
+# Figures of a body, in this order; the last three are maxima, the others sums.
 LINKED, TENSIONS, KINETIC, HEIGHT, BOUND, SPIN, EXTENT = range(7)
 FIGURES, SUMMED = 7, 4
-# Blocks, and after the first time values, that one thread goes over.
+# Blocks, or partial sums, that one thread folds.
 SHARE = 16
 
 _Six = wp.types.vector(length=6, dtype=_D)
@@ -42,7 +42,7 @@ _SixBySix = wp.types.matrix(shape=(6, 6), dtype=_D)
 
 @wp.func
 def larger(a: wp.float64, b: wp.float64):
-    """Return the larger of two numbers; infinite where the second is none."""
+    """Return the larger of two numbers; infinity if the second is NaN."""
     if b <= a:
         return a
     return wp.where(b == b, b, _INFINITY)
@@ -50,7 +50,7 @@ def larger(a: wp.float64, b: wp.float64):
 
 @wp.func
 def row_sum(form: _SixBySix, row: int):
-    """Sum of the magnitudes of a row."""
+    """Return the sum of the magnitudes of a row."""
     total = wp.abs(form[row, 0])
     for k in range(1, 6):
         total = total + wp.abs(form[row, k])
@@ -59,7 +59,7 @@ def row_sum(form: _SixBySix, row: int):
 
 @wp.func
 def largest_of_block(form: _SixBySix):
-    """Bound of the largest eigenvalue: see that of kernels/frequency_bound.py."""
+    """Return a bound of the largest eigenvalue, as in kernels/frequency_bound.py."""
     scale = _ZERO
     for k in range(6):
         scale = wp.max(scale, form[k, k])
@@ -73,14 +73,16 @@ def largest_of_block(form: _SixBySix):
 
 @wp.func
 def one_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
-    """Stretch [m], tension [N] and root of the largest slope, 1 where all are alike."""
+    """
+    Return extension [m], tension [N] and root of the largest slope, which is 1 for equal laws.
+    """
     stretch = length - fabric.natural_length
     return stretch, fabric.stiffness * stretch, _ONE
 
 
 @wp.func
 def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
-    """The same of a connector with its own law."""
+    """Return extension [m], tension [N] and root of the largest slope of an individual law."""
     rest = fabric.natural[at]
     k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
     stretch = length - rest
@@ -89,7 +91,7 @@ def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
 
 @cache
 def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: bool) -> Any:
-    """Return the kernel that finds the figures of each body, for scenes with such terms."""
+    """Return the kernel that computes the figures of each body, for scenes with these terms."""
     arm_to = arm_at_midpoint if midpoints else arm_anywhere
     slope_of = one_slope if one_law else own_slope
 
@@ -138,7 +140,7 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
             moment = fabric.half_width * inertia
             bound = _TWO * largest_of_block(form)
             if wp.static(one_law):
-                # Else the roots of the stiffnesses are in the sums.
+                # Otherwise the sums contain the roots of the stiffnesses.
                 bound = fabric.stiffness * bound
                 energy = fabric.stiffness * energy
             bound = bound + (spread * tension + moment * pulls)
@@ -147,7 +149,7 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
         square = wp.dot(spin, spin)
         found[s] = _QUARTER * energy
         found[n + s] = _HALF * pulls
-        # Also with no weight: what is not finite shows in the sum.
+        # Even without weight: values that are not finite must reach the sum.
         if wp.static(own_masses):
             found[2 * n + s] = _HALF * (
                 wp.dot(velocity, velocity) * fabric.own_mass[s] + square * fabric.own_inertia[s])
@@ -167,7 +169,7 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
 def obstructed(
     fabric: Fabric, pose: wp.array(dtype=wp.float64), found: wp.array(dtype=wp.float64)
 ):
-    """Connectors that enter the shell of a body from its edges, see kernels/obstruction.py."""
+    """Count the connectors that enter the shell of a body, see kernels/obstruction.py."""
     thread = wp.tid()
     block = thread / fabric.lanes
     lane = thread - block * fabric.lanes
@@ -197,7 +199,7 @@ def fold_blocks(
     fabric: Fabric, blocks: int, shares: int, found: wp.array(dtype=wp.float64),
     folded: wp.array(dtype=wp.float64)
 ):
-    """Fold the figures of some blocks: a thread for each figure and share."""
+    """Fold the figures of some blocks, with a thread for each figure and share."""
     thread = wp.tid()
     figure = thread / shares
     share = thread - figure * shares
@@ -215,7 +217,7 @@ def fold(
     count: int, shares: int, values: wp.array(dtype=wp.float64),
     folded: wp.array(dtype=wp.float64)
 ):
-    """Fold what was folded, `count` values for each figure."""
+    """Fold `count` folded values of each figure further."""
     thread = wp.tid()
     figure = thread / shares
     share = thread - figure * shares
@@ -230,7 +232,7 @@ def fold(
 def fold_work(
     count: int, acting: Acting, folded: wp.array(dtype=wp.float64)
 ):
-    """Sums of work [J] and of its magnitudes."""
+    """Sum the work [J] and its magnitudes."""
     share = wp.tid()
     shares = folded.shape[0] / 2
     total, size = wp.float64(0.0), wp.float64(0.0)

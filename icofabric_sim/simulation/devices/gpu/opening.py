@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Warp, and the device on which it computes: found once, asked for by `solver.device`."""
+"""Import of Warp, and the device that `solver.device` selects."""
 
 from functools import cache
 from importlib import import_module
@@ -11,12 +11,12 @@ from icofabric_sim.libraries import install_command
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.available_memory import available_memory
 
-# What `solver.device` may be beside `cpu`, and the word that Warp has for it.
+# Values of `solver.device` other than `cpu`, with the names of Warp.
 DEVICES = {'cuda': 'cuda', 'warp_cpu': 'cpu'}
 
 
 class Device(NamedTuple):
-    """A device that Warp knows."""
+    """A device of Warp."""
 
     choice: str  # of solver.device
     handle: Any  # of Warp
@@ -25,7 +25,7 @@ class Device(NamedTuple):
 
     @property
     def free_bytes(self) -> int:
-        """Memory that is left on it."""
+        """Free memory [bytes] of the device."""
         return int(self.handle.free_memory) if self.is_cuda else available_memory()
 
 
@@ -41,7 +41,7 @@ def warp() -> Any:
             f'solver.device needs NVIDIA Warp: {error}; install it: {install_command("warp")}, '
             'or take solver.device cpu') from error
     if is_own:
-        # What it says of devices and compiling is for those who write kernels.
+        # Messages of Warp on devices and compilation are for authors of kernels.
         module.config.log_level = module.LOG_WARNING
     try:
         module.init()
@@ -55,9 +55,9 @@ def warp() -> Any:
 
 def open_device(choice: str) -> Device:
     """
-    Find the device of `solver.device`, which is not `cpu`.
+    Return the device of `solver.device`, which is not `cpu`.
 
-    Raises ParameterError where Warp is missing, or finds no such device.
+    Raises ParameterError if Warp is missing or finds no such device.
     """
     module = warp()
     if DEVICES[choice] == 'cuda':

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of the embedded Runge-Kutta pair of `dop8`, taken on a device.
+Steps of the embedded Runge-Kutta pair of `dop8` on a GPU.
 
-Which steps are tried, accepted and refused is decided here, by the code of a single process
-(pair_control.py): what it calls for all bodies is a few launches. State, slopes and what was spent
-stay on the device, and come here where the trajectory is asked for them.
+The code of a single process (pair_control.py) selects, accepts and rejects steps; its calls for
+all bodies are a few launches. State, slopes and dissipated energies stay on the device and are
+copied to this process when the trajectory needs them.
 """
 
 from functools import partial
@@ -68,27 +68,27 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Slopes of a step that are kept: of its beginning, its stages and its end.
+# Stored slopes of a step: start, stages and end.
 SLOPES = 13
 _FIRST, _LAST = 0, 12
-# Values of an error that are folded here.
+# Most values of an error that this process folds.
 _FEW = 1024
 _NOTHING_NEAR = Nearness()
 _Run = tuple[Loads, State, Work]
 
 
 class DevicePair:
-    """Steps of the pair of `dop8`, taken on a device."""
+    """Steps of the embedded pair of `dop8` on a GPU."""
 
     def __init__(self, device: Device, packed: PackedScene) -> None:
-        """Put the fabric on the device; ValueError where it lacks memory."""
+        """Copy the fabric to the device; raise ValueError if memory is insufficient."""
         self._device, self._packed, self._pair = device, packed, embedded.DOP8
         require_room(device, packed.layout.body_count, self.device_bytes)
         model, slots = packed.model, packed.layout.slot_count
         self._fabric = fabric_of(model, packed.layout, device)
         self._threads = LANES * len(packed.layout.blocks.slot)
         self._losses = Losses(model.damping is not None, model.drag is not None)
-        # The state, the stage in progress, and where the step begins.
+        # The state, the stage in progress, and the start of the step.
         self._state = StateArrays(slots, device)
         self._stage: tuple[Any, Any]
         self._start: tuple[Any, Any]
@@ -97,7 +97,7 @@ class DevicePair:
         self._slopes = self._zeros((SLOPES, ROWS * slots))
         spends = any(self._losses)
         self._spent = self._zeros((SLOPES, slots if spends else 0))
-        # [J] so far, and when the step in progress began.
+        # [J] in total, and at the start of the step in progress.
         self._done = [self._zeros(slots if spends else 0) for _ in range(2)]
         self._power, self._earlier = self._zeros((SLOPES, 0)), self._zeros(0)
         self._weights = [doubles(row, device) for row in (*self._pair.stages, self._pair.step)]
@@ -106,18 +106,18 @@ class DevicePair:
         self._errors = [self._zeros((2, self._threads))]
         while self._errors[-1].shape[1] > _FEW:
             self._errors.append(self._zeros((2, -(-self._errors[-1].shape[1] // SHARE))))
-        # What acts, and what stands for it where nothing does.
+        # Loads, and empty loads.
         self._acting: Any = None
         self._idle = Acting()
         self._kernel: Any = None
         self._health = HealthCheck(model, self._fabric, device)
-        # Whether the state of the run is on the device, and whether only there; and whether steps
-        # were taken since it came there.
+        # True if the state of the run is on the device; if it is only there; and if steps were
+        # taken since the last copy.
         self._is_out = self._is_stale = self._has_stepped = False
         self._run: _Run | None = None
-        # Whether a state was saved in the present call.
+        # True if a state was saved in the present call.
         self._has_saved = False
-        # What may touch, once something is watched for it; when a slope is evaluated.
+        # Candidate pairs, once displacements are checked; time of the evaluated slope.
         self._near: DeviceContacts | None = None
         self._clock = Clock()
         self._clock.start = self._zeros(2)
@@ -125,8 +125,8 @@ class DevicePair:
         self._clock.drifts, self._clock.kick_first = self._zeros(1), 1
         self._speeds: list[Any] = []
         self._foresight = Foresight(self._have_state, self._quickest)
-        # What is stepped now: whether its state is here, too, whether ways count, and what may
-        # touch.
+        # The present call: true if its state is in this process, too; true if displacements are
+        # recorded; its candidate pairs.
         self._now: _Run | None = None
         self._is_here = self._is_watching = False
         self._contacts: Contacts | None = None
@@ -136,12 +136,12 @@ class DevicePair:
 
     @property
     def rank_count(self) -> int:
-        """One process takes the steps."""
+        """Number of processes that take the steps: 1."""
         return 1
 
     @property
     def halo_bytes(self) -> int:
-        """Nothing travels between processes."""
+        """Bytes exchanged between processes: 0."""
         return 0
 
     @property
@@ -151,21 +151,21 @@ class DevicePair:
 
     @property
     def device_bytes(self) -> int:
-        """Bytes that the run takes there, about, but for its loads."""
+        """Approximate memory [bytes] of the run on the device, without its loads."""
         packed = self._packed
         return pair_bytes_of(packed.model, packed.layout, touching=packed.contact is not None)
 
     @property
     def has_saved(self) -> bool:
-        """The state that was saved last is here."""
+        """True if the last saved state is only on the device: never."""
         return False
 
     def take_saved(self) -> dict[str, np.ndarray]:
-        """Have nothing to do: it is here already."""
+        """Return no arrays, because the saved state is in this process already."""
         return {}
 
     def take_over(self) -> bool:
-        """Have the whole state of the run here; whether it was on the device until then."""
+        """Copy the whole state to this process; return True if it was only on the device."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with TURN, named_failure(self.device, self._forget):
@@ -174,7 +174,7 @@ class DevicePair:
         return False
 
     def _forget(self) -> None:
-        """The state there is lost."""
+        """Discard the state on the device."""
         self._is_out = self._is_stale = self._has_saved = False
 
     def take(
@@ -182,7 +182,7 @@ class DevicePair:
         control: np.ndarray, count: int, since_check: int, check_interval: int,
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
-        """Take steps as `adaptive_pair` does, on the device."""
+        """Take steps on the device, as `adaptive_pair`."""
         steps = adaptive_steps(
             model, loads, state, saved, work, team, control, count, since_check, check_interval,
             watch, ledger)
@@ -195,7 +195,7 @@ class DevicePair:
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
-        """Take steps as `fixed_pair` does, on the device."""
+        """Take steps on the device, as `fixed_pair`."""
         steps = fixed_steps(
             model, loads, state, saved, work, team, origin, index, h, count, since_check,
             check_interval, watch, ledger)
@@ -222,11 +222,11 @@ class DevicePair:
             if of_run:
                 self._run = now
                 self._is_out = self._is_stale = True
-            # As in compiled code, where what is too large is infinite.
+            # Overflows are infinite, as in compiled code.
             with np.errstate(all='ignore'):
                 status, done, since_check = steps(self._pieces(now, adapts=adapts))
             if self._has_saved:
-                # Not before the run knows when that was.
+                # After the run knows the time of the saved state.
                 self._copy_rows(
                     saved, self._state.saved_pose, self._state.saved_motion, back=True)
                 self._gather_flows(now)
@@ -236,7 +236,7 @@ class DevicePair:
             return int(status), int(done), int(since_check)
 
     def _pieces(self, now: _Run, *, adapts: bool) -> dict[str, Any]:
-        """What the step control calls, by its names there."""
+        """Return the functions that the step control calls, by name."""
         return {
             **idle_pieces(), 'note_lengths': nothing, 'is_breaking': lambda *_: False,
             **self._foresight.pieces(), 'forget_ways': self._forget_ways,
@@ -246,7 +246,7 @@ class DevicePair:
             'add_work': partial(self._accept, keeps_start=adapts),
             'look': partial(self._look, now)}
 
-    # What the step control calls, with the arguments of there.
+    # Functions of the step control, with its arguments.
 
     def _slope_at(
         self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
@@ -264,7 +264,7 @@ class DevicePair:
             self._slopes, self._spent, self._power)
 
     def _evaluate(self, pose: Any, time: float, *, touching: bool) -> None:
-        """Have what comes before forces are evaluated at a `pose`, or only note the ways to it."""
+        """Evaluate contacts at a `pose` before forces, or only record displacements."""
         if self._near is None or not (touching or self._is_watching):
             return
         self._clock.start.assign(np.array([time, 0.0]))
@@ -276,19 +276,19 @@ class DevicePair:
 
     @property
     def _is_touching(self) -> bool:
-        """Whether any pair may touch."""
+        """True if there are candidate pairs."""
         return self._contacts is not None and len(self._contacts.pairs) > 0
 
     def _watch(
         self, contacts: Contacts | None, watch: Watch | None, *, anew: bool, of_run: bool
     ) -> None:
         """
-        Have on the device what may touch, and where bodies were at the last search.
+        Copy candidate pairs and the poses of the last search to the device.
 
-        `anew`: the state was here, so there may have been one.
+        `anew` means that the state was in this process, so that a search may have occurred.
         """
         self._contacts = contacts
-        # What trials note is not used.
+        # Displacements of trial steps are discarded.
         self._is_watching = watch is not None and of_run
         if watch is not None:
             if self._near is None:
@@ -301,7 +301,7 @@ class DevicePair:
             watch.far[0] = 0.0
 
     def _have_state(self, slopes: range) -> None:
-        """Have the state here, and some slopes."""
+        """Copy the state and some slopes to this process."""
         assert self._now is not None
         if not self._is_here:
             self._gather(self._now, whole=False)
@@ -312,7 +312,9 @@ class DevicePair:
             copy_back(trail.slopes[index], self._slopes[index])
 
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
-        """As `fastest_points` of kernels/contact/clearance.py."""
+        """
+        Return the largest speed and displacement, as `fastest_points` of contact/clearance.py.
+        """
         assert self._near is not None
         if not self._speeds:
             self._speeds = [self._zeros(values.shape) for values in self._errors]
@@ -323,7 +325,9 @@ class DevicePair:
         return speed, moved
 
     def _largest(self, rows: list[Any]) -> list[float]:
-        """Return the largest of each row of the first; the others are room on the way there."""
+        """
+        Return the largest value of each row of the first array; the others hold partial results.
+        """
         for values, folded in zip(rows, rows[1:]):
             launch(
                 fold_largest, dim=folded.shape, inputs=[values.shape[1], values, folded],
@@ -341,7 +345,7 @@ class DevicePair:
         team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
     ) -> None:
         if loads.drives is not None:
-            # What touches from here on has done so in this step.
+            # Later contacts belong to this step.
             self._has_touched()
         for index, weights in enumerate(self._weights, start=1):
             is_end = index == len(self._weights)
@@ -350,7 +354,7 @@ class DevicePair:
                 self._state.motion, *self._stage)
             if not is_end:
                 self._slope(*self._stage, index, float(time + self._pair.nodes[index] * h))
-        # Forces will be evaluated at the end too.
+        # Forces will be evaluated at the end, too.
         self._evaluate(self._stage[0], float(time + h), touching=False)
 
     def _largest_error(
@@ -378,7 +382,7 @@ class DevicePair:
         return embedded._ESTIMATE * largest, probable
 
     def _has_touched(self) -> bool:
-        """Whether something has touched since this was asked last."""
+        """Return True if any pair has touched since the last call."""
         contacts = self._contacts
         if self._near is None or contacts is None:
             return False
@@ -408,11 +412,11 @@ class DevicePair:
                     add_flow, dim=done.size,
                     inputs=[self._weights[-1], float(h), power, keeps, done, before],
                     device=self._device.handle)
-        # Steps of a given length leave nothing behind of where they began.
+        # Steps of a given length do not store their start.
         self._has_stepped = self._has_stepped or keeps_start
 
     def _repeat(self, *_: Any) -> None:
-        """The last slope of a step is the first of the next."""
+        """Copy the last slope of a step to the first slope of the next."""
         for rows in (self._slopes, self._spent, self._power):
             if rows.size:
                 wp.copy(rows[_FIRST], rows[_LAST])
@@ -422,7 +426,7 @@ class DevicePair:
         team: Team, since_check: int, check_interval: int, watch: Watch | None,
         ledger: np.ndarray, done: int, time: float, step: float, *rest: Any
     ) -> tuple[int, int]:
-        """As `look` of embedded.py does."""
+        """Perform the checks of `look` in embedded.py."""
         examined, status, contacts, near = since_check >= check_interval, 0, model.contacts, (
             self._near)
         if self._is_watching and watch is not None and near is not None:
@@ -433,7 +437,7 @@ class DevicePair:
         if self._is_watching and watch is not None and near is not None:
             most = farthest(watch, 1)
             if most > watch.limits[SOON]:
-                # A look from here needs the state.
+                # A check in this process needs the state.
                 self._have_state(range(0))
                 status |= int(judge_ways(watch, most, state, time, step))
                 near.put(contacts, watch, anew=False)
@@ -449,7 +453,9 @@ class DevicePair:
         self, now: _Run, model: Model, loads: Loads, state: State, work: Work,
         ledger: np.ndarray, time: float
     ) -> int:
-        """Status bits of the state, from what is summed up on the device, or from the state."""
+        """
+        Return the status bits of the state, from sums on the device or from a copy of the state.
+        """
         if self._health.can_examine(model, loads, ledger):
             return self._health.examine(
                 self._state, 0, loads, self._acting, ledger,
@@ -458,10 +464,10 @@ class DevicePair:
         place_all(model, state, work, 0, len(model.blocks.slot))
         return int(examine(model, loads, state, work, time, ledger))
 
-    # Between here and there.
+    # Copies between this process and the device.
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
-        """Have the state, its slope, what acts and what was spent on the device."""
+        """Copy the state, its slope, loads and dissipated energies to the device."""
         self._copy_rows(state, self._state.poses[0], self._state.motion, back=False)
         for target in (self._state.poses[1], self._stage[0], self._start[0]):
             # Slots without a body are never written.
@@ -475,12 +481,12 @@ class DevicePair:
         if len(loads.wrench) or self._acting is not None:
             self._put_loads(loads)
         if model.links is not None:
-            # A connector that was broken before the run came here.
+            # Connectors may have broken before the run used the device.
             self._fabric.present.assign(model.links.present.ravel())
         self._has_stepped = False
 
     def _put_loads(self, loads: Loads) -> None:
-        # Once something has acted, the kernel without loads is not made beside the other.
+        # After the first loads, the kernel without loads is no longer used.
         if self._acting is None:
             self._acting = Acting()
         put_acting(self._acting, loads, self._device)
@@ -493,9 +499,9 @@ class DevicePair:
 
     def _gather(self, now: _Run, *, whole: bool) -> None:
         """
-        Have state and work here; `whole`: with all that states within the step need.
+        Copy state and work to this process; `whole` adds the data for states within the step.
 
-        Of a step that was taken since they came there: what was before is here.
+        Data from before the last copy to the device are in this process already.
         """
         loads, state, work = now
         trail = work.trail
@@ -513,7 +519,7 @@ class DevicePair:
                 copy_back(loads.power[index], self._power[index])
 
     def _gather_flows(self, now: _Run) -> None:
-        """Have here what was spent, and what the loads have done."""
+        """Copy dissipated energies and the work of loads to this process."""
         loads, _, work = now
         if work.spent is not None and self._done[0].size:
             for values, source in zip(work.spent.done, self._done):

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bodies that move on prescribed paths, on a device: the formulas of kernels/drives.py, for one body.
+Bodies on prescribed paths on a GPU: the formulas of kernels/drives.py for one body.
 
-A row of what acts with a negative number is a path, or an anchor behind all paths.
+A row of the loads with a negative number is a path, or an anchor after all paths.
 """
 
 from importlib import import_module
@@ -18,7 +18,7 @@ wp: Any = import_module('warp')
 
 _D = wp.float64
 _ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
-# Squares of angles above which series are not taken, and these, see `place_row`.
+# Largest squared angle of the series, and their coefficients, see `place_row`.
 _SERIES = wp.constant(_D(1e-4))
 _S2, _S4, _S6 = (wp.constant(_D(x)) for x in (1.0 / 48.0, 1.0 / 3840.0, 1.0 / 645120.0))
 _C2, _C4, _C6 = (wp.constant(_D(x)) for x in (0.125, 1.0 / 384.0, 1.0 / 46080.0))
@@ -29,7 +29,7 @@ _U0, _U2, _U4, _U6 = (
 
 @wp.func
 def path_of(acting: Acting, m: int):
-    """On which path the bodies of row `m` are; negative where on none."""
+    """Return the path of the bodies of row `m`; negative without a path."""
     p = -1 - acting.wrench[m]
     if p >= acting.paths:
         return -1
@@ -38,19 +38,19 @@ def path_of(acting: Acting, m: int):
 
 @wp.func
 def is_of(acting: Acting, m: int, lane: int):
-    """Whether row `m` acts on the body in a lane."""
+    """Return True if row `m` acts on the body in a lane."""
     return (int(acting.lanes[m]) >> lane) & 1 == 1
 
 
 @wp.func
 def moves(acting: Acting, p: int, k: int):
-    """Whether path `p` moves along x, y, z (0 to 2), or turns (3)."""
+    """Return True if path `p` prescribes x, y, z (0 to 2) or the rotation (3)."""
     return int(acting.path_moves[4 * p + k]) != 0
 
 
 @wp.func
 def coordinate(acting: Acting, p: int, k: int, t: wp.float64, sine: wp.float64):
-    """Coordinate `k` of a path `t` after its piece began."""
+    """Return coordinate `k` of a path at `t` after its segment started."""
     at = 24 * p + k
     return acting.path_cubic[at] + t * (acting.path_cubic[at + 6] + t * (
         acting.path_cubic[at + 12] + t * acting.path_cubic[at + 18])) + (
@@ -59,7 +59,7 @@ def coordinate(acting: Acting, p: int, k: int, t: wp.float64, sine: wp.float64):
 
 @wp.func
 def speed_of(acting: Acting, p: int, k: int, t: wp.float64, cosine: wp.float64):
-    """Its derivative."""
+    """Return the derivative of coordinate `k` of a path."""
     at = 24 * p + k
     return acting.path_cubic[at + 6] + t * (_TWO * acting.path_cubic[at + 12] + t * (
         _THREE * acting.path_cubic[at + 18])) + (
@@ -71,7 +71,7 @@ def driven(
     acting: Acting, m: int, s: int, n: int, time: wp.float64, place: wp.vec3d, turn: wp.vec4d,
     velocity: wp.vec3d, spin: wp.vec3d
 ):
-    """Pose and velocities of a body on the path of row `m`, at a `time` [s]."""
+    """Return pose and velocities of a body on the path of row `m` at a `time` [s]."""
     p = path_of(acting, m)
     t = time - acting.path_start[p]
     sine, cosine = sine_and_cosine(acting.path_rate[p] * t + acting.path_phase[p])
@@ -105,7 +105,7 @@ def driven(
     arm = turned_by(
         wp.vec3d(acting.path_arm[s], acting.path_arm[n + s], acting.path_arm[2 * n + s]), qw, q)
     carried = wp.cross(turning, arm)
-    # Arguments are not to be written to.
+    # Arguments must not be modified.
     x, v0, o, q0 = _ONE * place, _ONE * velocity, spin, turn
     for k in range(3):
         if moves(acting, p, k):
@@ -126,7 +126,7 @@ def on_paths(
     acting: Acting, block: int, lane: int, s: int, n: int, time: wp.float64, place: wp.vec3d,
     turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d
 ):
-    """The same of all rows of a body, which may be on no path."""
+    """Return pose and velocities of a body after all of its paths, if any."""
     x, q, v, o = place, turn, velocity, spin
     for m in range(acting.start[block], acting.start[block + 1]):
         if is_of(acting, m, lane) and path_of(acting, m) >= 0:
@@ -136,7 +136,7 @@ def on_paths(
 
 @wp.func
 def standing(acting: Acting, block: int, lane: int, velocity: wp.vec3d):
-    """A velocity without what is along the paths of a body: loads do no work there."""
+    """Return a velocity without components along the paths of a body, where loads do no work."""
     v = _ONE * velocity
     for m in range(acting.start[block], acting.start[block + 1]):
         p = path_of(acting, m)
@@ -152,7 +152,7 @@ def path_power(
     acting: Acting, p: int, mass: wp.float64, inertia: wp.float64, velocity: wp.vec3d,
     spin: wp.vec3d, linear: wp.vec3d, angular: wp.vec3d
 ):
-    """Power [W] of the forces that would accelerate a body along the freedoms of path `p`."""
+    """Return the power [W] of forces that accelerate a body along the freedoms of path `p`."""
     total = wp.float64(0.0)
     for k in range(3):
         if moves(acting, p, k):
@@ -165,7 +165,7 @@ def path_power(
 
 @wp.func
 def left_free(acting: Acting, p: int, linear: wp.vec3d, angular: wp.vec3d):
-    """Accelerations of a body without those along the freedoms of path `p`."""
+    """Return the accelerations of a body without those along the freedoms of path `p`."""
     a, b = _ONE * linear, angular
     for k in range(3):
         if moves(acting, p, k):
@@ -182,9 +182,9 @@ def resisted(
     again: wp.float64
 ):
     """
-    Accelerations of a body without those that its paths bear.
+    Return the accelerations of a body without those that the reactions of its paths balance.
 
-    The work of the paths over kicks of `h` and `again` is added, one after the other.
+    The work of the paths over kicks of `h` and `again` is added in this order.
     """
     a, b = linear, angular
     for m in range(acting.start[block], acting.start[block + 1]):
@@ -205,7 +205,7 @@ def borne(
     acting: Acting, block: int, lane: int, velocity: wp.vec3d, spin: wp.vec3d,
     kicked: wp.vec3d, turned: wp.vec3d
 ):
-    """Velocities that loads have made of those before, but for what paths bear."""
+    """Return the velocities after loads, without changes that the reactions of paths balance."""
     v, o = _ONE * kicked, turned
     for m in range(acting.start[block], acting.start[block + 1]):
         p = path_of(acting, m)
@@ -223,7 +223,7 @@ def place_driven(
     fabric: Fabric, acting: Acting, time: wp.float64, pose: wp.array(dtype=wp.float64),
     motion: wp.array(dtype=wp.float64)
 ):
-    """Put all driven bodies where their paths are at a `time` [s]."""
+    """Set all driven bodies to the poses of their paths at a `time` [s]."""
     thread = wp.tid()
     block = thread / fabric.lanes
     lane = thread - block * fabric.lanes

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Rotations on a device: the formulas of kernels/rotations.py and turning.py, for one body.
+Rotations on a GPU: the formulas of kernels/rotations.py and turning.py for one body.
 
-Sines are computed here, by additions and multiplications alone, so that every device rounds them
-alike.
+Sines are computed by additions and multiplications alone, so that every device rounds them
+equally.
 """
 
 from importlib import import_module
@@ -34,7 +34,7 @@ _PER_QUARTER, _QUARTER_1, _QUARTER_2, _QUARTER_3 = (
     wp.constant(_D(x)) for x in (
         6.36619772367581382433e-01, 1.57079632673412561417e+00, 6.07710050630396597660e-11,
         2.02226624879595063154e-21))
-# Of mean_factors, from x^18 down.
+# Coefficients of mean_factors, from x^18 down.
 _M18, _M16, _M14, _M12, _M10, _M8, _M6, _M4 = (
     wp.constant(_D(x)) for x in (
         -1.0 / 121645100408832000.0, 1.0 / 355687428096000.0, -1.0 / 1307674368000.0,
@@ -44,7 +44,7 @@ _SIXTH = wp.constant(_D(1.0 / 6.0))
 
 @wp.func
 def sine_and_cosine(x: wp.float64):
-    """To about one unit in the last place, for angles up to 1e6 rad."""
+    """Return sine and cosine to about one unit in the last place, for angles up to 1e6 rad."""
     quarters = wp.rint(x * _PER_QUARTER)
     r = ((x - quarters * _QUARTER_1) - quarters * _QUARTER_2) - quarters * _QUARTER_3
     z = r * r
@@ -65,7 +65,7 @@ def sine_and_cosine(x: wp.float64):
 
 @wp.func
 def half_angle_factors(h: wp.float64, spin: wp.vec3d):
-    """cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
+    """Return cos(|omega| h / 2) and sin(|omega| h / 2) / |omega|, smooth at zero."""
     half = _HALF * h
     square = wp.dot(spin, spin) * (half * half)
     cosine = _ONE + square * (_C2 + square * (_C4 + square * (_C6 + square * (
@@ -82,7 +82,7 @@ def half_angle_factors(h: wp.float64, spin: wp.vec3d):
 
 @wp.func
 def rotated(q: wp.vec4d, spin: wp.vec3d, h: wp.float64):
-    """A unit quaternion x y z w after `h` at constant omega, world axes (eq 22)."""
+    """Return a unit quaternion x y z w after `h` at constant omega, world axes (eq 22)."""
     cosine, sine = half_angle_factors(h, spin)
     ux, uy, uz = sine * spin[0], sine * spin[1], sine * spin[2]
     nx = cosine * q[0] + (ux * q[3] + (uy * q[2] - uz * q[1]))
@@ -96,7 +96,7 @@ def rotated(q: wp.vec4d, spin: wp.vec3d, h: wp.float64):
 
 @wp.func
 def to_world(q: wp.vec4d, v: wp.vec3d):
-    """World components of a vector given on body axes (eq 26)."""
+    """Return the world components of a vector given in body axes (eq 26)."""
     axis = wp.vec3d(q[0], q[1], q[2])
     t = _TWO * wp.cross(axis, v)
     return v + (q[3] * t + wp.cross(axis, t))
@@ -114,7 +114,7 @@ def axes_of(q: wp.vec4d):
 
 @wp.func
 def on_axes(axes: wp.mat33d, v: wp.vec3d):
-    """World components of a vector given on body axes."""
+    """Return the world components of a vector given in body axes."""
     return wp.vec3d(
         v[0] * axes[0, 0] + (v[1] * axes[1, 0] + v[2] * axes[2, 0]),
         v[0] * axes[0, 1] + (v[1] * axes[1, 1] + v[2] * axes[2, 1]),
@@ -123,7 +123,9 @@ def on_axes(axes: wp.mat33d, v: wp.vec3d):
 
 @wp.func
 def arm_on_axis(q: wp.vec4d, half_width: wp.float64, pair: int):
-    """Arm [m], world frame, to the first edge of a pair: up (0), north (1), west (2)."""
+    """
+    Return the arm [m], world frame, to the first edge of a pair: up (0), north (1), west (2).
+    """
     x, y, z, w = q[0], q[1], q[2], q[3]
     two = _TWO * half_width
     if pair == 0:
@@ -138,14 +140,16 @@ def arm_on_axis(q: wp.vec4d, half_width: wp.float64, pair: int):
 
 @wp.func
 def turned_by(v: wp.vec3d, cosine: wp.float64, axis: wp.vec3d):
-    """A vector turned by the unit quaternion (axis, cosine)."""
+    """Return a vector rotated by the unit quaternion (axis, cosine)."""
     t = _TWO * wp.cross(axis, v)
     return v + (cosine * t + wp.cross(axis, t))
 
 
 @wp.func
 def mean_of_turning(v: wp.vec3d, spin: wp.vec3d, h: wp.float64):
-    """Mean over `h` of a vector that turns at omega from `v` on, see kernels/turning.py."""
+    """
+    Return the mean over `h` of a vector that rotates at omega from `v`, see kernels/turning.py.
+    """
     cosine, sine = half_angle_factors(h, spin)
     sine = sine * (_ONE / h)
     u = h * spin

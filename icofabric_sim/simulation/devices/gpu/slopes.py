@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Kernels of an embedded Runge-Kutta pair on a device: slopes, stages, errors, what flows.
+Kernels of an embedded Runge-Kutta pair on a GPU: slopes, stages, errors and energy flows.
 
-The formulas of kernels/rhs.py, viscous.py and probable_error.py, one thread a body. A stage is
-written to arrays of its own, from which all read in the next launch: nothing is read that another
-thread writes.
+The formulas are those of kernels/rhs.py, viscous.py and probable_error.py, with one thread per
+body. A stage is written to separate arrays, which the next launch reads, so that no thread reads
+what another thread writes.
 """
 
 from functools import cache
@@ -46,12 +46,12 @@ _TINY, _HUNDREDTH = wp.constant(_D(1e-300)), wp.constant(_D(0.01))
 _SLOPE, _KINK = wp.constant(_D(26.0)), wp.constant(_D(1.7))
 # Rows of a state and of its slope: position, orientation, velocity, spin.
 ROWS = 13
-# No contact and no arm: what is integrated ends with the spin.
+# First rows of each quantity; without contacts and arms the last one is the spin.
 _FIRSTS = wp.constant(wp.types.vector(length=5, dtype=wp.int32)(0, 3, 7, 10, 13))
 
 
 class Losses(NamedTuple):
-    """What takes energy in a scene; the kernel has no code for the rest."""
+    """Dissipative terms of a scene; the kernel has no code for other terms."""
 
     damped: bool
     dragged: bool
@@ -59,7 +59,7 @@ class Losses(NamedTuple):
 
 @wp.func
 def slot_of(fabric: Fabric, thread: int):
-    """Slot of a thread's body; -1: it has none."""
+    """Return the slot of the body of a thread; -1 without a body."""
     block = thread / fabric.lanes
     lane = thread - block * fabric.lanes
     if (int(fabric.alive[block]) >> lane) & 1 == 0:
@@ -178,7 +178,9 @@ def combine(
     motion: wp.array(dtype=wp.float64), to_pose: wp.array(dtype=wp.float64),
     to_motion: wp.array(dtype=wp.float64)
 ):
-    """A stage of a step of `h` [s]; `ends` not 0: its end, with a unit quaternion."""
+    """
+    Compute a stage of a step of `h` [s]; the end of the step, with unit quaternion, if `ends`.
+    """
     s = slot_of(fabric, wp.tid())
     if s < 0:
         return
@@ -207,7 +209,7 @@ def judge(
     scales: wp.vec4d, smooth: wp.float64, slopes: wp.array2d(dtype=wp.float64),
     found: wp.array2d(dtype=wp.float64)
 ):
-    """Error of a step of length 1 of each body, to judge it by, and what it probably is."""
+    """Compute the error of a step of length 1 for each body, for step control and as estimate."""
     thread = wp.tid()
     found[0, thread] = _ZERO
     found[1, thread] = _ZERO
@@ -246,10 +248,10 @@ def find_quickest(
     found: wp.array2d(dtype=wp.float64)
 ):
     """
-    Largest speed [m/s] of a point of each body at the stages of a step, beside the `mean` one.
+    Compute the largest speed [m/s] of a point of each body relative to `mean` at all stages.
 
-    And the square of its way [m^2] since the last search, at the `time` [s] when the step begins:
-    as `fastest_points` of kernels/contact/clearance.py.
+    Also computes its squared displacement [m^2] since the last search at `time` [s], the start of
+    the step, as `fastest_points` of kernels/contact/clearance.py.
     """
     thread = wp.tid()
     found[0, thread] = _ZERO
@@ -274,7 +276,7 @@ def find_quickest(
 def fold_largest(
     count: int, values: wp.array2d(dtype=wp.float64), folded: wp.array2d(dtype=wp.float64)
 ):
-    """The largest of some values in each row; infinite where one is no number."""
+    """Compute the largest of some values in each row; infinite if any is NaN."""
     row, share = wp.tid()
     total = wp.float64(0.0)
     for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
@@ -288,9 +290,9 @@ def add_flow(
     keeps: int, done: wp.array(dtype=wp.float64), before: wp.array(dtype=wp.float64)
 ):
     """
-    Add what flowed in a step [J]: the weighted sum of its powers.
+    Add the energies [J] that flow in a step: the weighted sums of powers.
 
-    `keeps` not 0: what was `done` without it is kept `before`.
+    If `keeps` is not 0, the values of `done` are first copied to `before`.
     """
     at = wp.tid()
     total = wp.float64(0.0)

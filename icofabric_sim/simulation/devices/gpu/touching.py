@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What may touch, on a device: pairs from the searches in this process, and how far bodies move.
+Candidate pairs for contact on a GPU: pairs from searches in this process, and displacements.
 
-The searches, what they reach, and all that judges contacts stay here (simulation/contact/). The
-device keeps the pairs that were found, evaluates them wherever forces are asked for, and notes the
-ways of all bodies there, as kernels do that run on the processor.
+Searches, their reach and all tests of contacts stay in this process (simulation/contact/). The
+device stores the pairs, evaluates them wherever forces are evaluated, and records displacements of
+bodies, as kernels on the processor do.
 """
 
 from importlib import import_module
@@ -34,15 +34,15 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Room for pairs at least.
+# Smallest length of the arrays of pairs.
 _FEWEST = 64
 
 
 class DeviceContacts:
-    """Pairs that may touch on a device, and the ways of bodies there."""
+    """Candidate pairs and displacements of bodies on a device."""
 
     def __init__(self, layout: Layout, fabric: Any, device: Device) -> None:
-        """Make room for the bodies of this `fabric`, which is on the device."""
+        """Allocate arrays for the bodies of `fabric`, which is in device memory."""
         self._layout, self._fabric, self._device = layout, fabric, device
         self._blocks = len(layout.blocks.slot)
         slots = layout.slot_count
@@ -63,9 +63,9 @@ class DeviceContacts:
 
     def put(self, contacts: Contacts | None, watch: Watch, *, anew: bool) -> None:
         """
-        Have there what was found last.
+        Copy the result of the last search to the device.
 
-        Where it is `anew` at any rate; else where a look from here has moved its frame.
+        This happens if `anew`, or if a check in this process has changed the reference frame.
         """
         if anew or not np.array_equal(self._frame, watch.frame):
             self._frame = watch.frame.copy()
@@ -104,9 +104,9 @@ class DeviceContacts:
         self, clock: Any, step: int, drifts: int, pose: Any, *, touching: bool, watching: bool
     ) -> None:
         """
-        Launch what comes before forces are evaluated at a `pose`, after so many drifts.
+        Launch the evaluations before forces at a `pose`, after `drifts` drifts.
 
-        `touching`: there are pairs; `watching`: ways count.
+        `touching` means that there are pairs; `watching`, that displacements are recorded.
         """
         handle = self._device.handle
         if watching:
@@ -121,16 +121,16 @@ class DeviceContacts:
                 device=handle)
 
     def load(self) -> None:
-        """Load the kernels: nothing can be loaded while launches are recorded."""
+        """Load the kernels, because loading is impossible while launches are recorded."""
         for kernel in (note_ways, touch, add_up):
             load(kernel, self._device.handle)
 
     def forget_ways(self) -> None:
-        """Begin to note ways anew."""
+        """Reset the recorded displacements."""
         self.near.ways.zero_()
 
     def note_ways(self, watch: Watch) -> None:
-        """Add the largest square of a way [m^2] to what was noted; forgets it on the device."""
+        """Add the largest squared displacement [m^2] to `watch`, and reset that on the device."""
         count = self._layout.slot_count
         launch(
             fold_ways, dim=len(self._shares), inputs=[self.near.ways, count, self._shares],
@@ -138,7 +138,9 @@ class DeviceContacts:
         watch.far[0] = max(watch.far[0], self._shares.numpy().max(initial=0.0))
 
     def note_depths(self, contacts: Contacts | None) -> None:
-        """Write the deepest overlaps, of the last evaluation and of all since, as kernels do."""
+        """
+        Write the deepest overlaps, of the last evaluation and since the last call, as kernels do.
+        """
         if contacts is None or not len(contacts.pairs):
             return
         last, largest = self.near.depths.numpy().reshape(-1, 2)[:len(contacts.pairs)].max(axis=0)
@@ -147,7 +149,7 @@ class DeviceContacts:
         self.near.depths.zero_()
 
     def note_pushes(self, contacts: Contacts) -> None:
-        """Write what contacts do to each block, for the energy that swings in a step."""
+        """Write the contact forces of each block, for the energy oscillation in a step."""
         if self._squares is None:
             self._squares = self._zeros(self._blocks)
         launch(
