@@ -7,7 +7,7 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim.simulation.precompile import LARGEST
+from icofabric_sim.simulation.precompile import MAX_BODY_COUNT
 from icofabric_sim.simulation.simulation import Simulation
 
 
@@ -18,7 +18,7 @@ class LoadCellKernels:
         """Start to load the kernels, or to compile them if they are not on disk."""
         self._thread: threading.Thread | None = None
         self._began = time.monotonic()
-        if simulation.scene.body_count <= LARGEST:
+        if simulation.scene.body_count <= MAX_BODY_COUNT:
             has_contacts = simulation.status.has_contacts
             self._thread = threading.Thread(
                 target=_load, args=(simulation, has_contacts), name='load cells', daemon=True)

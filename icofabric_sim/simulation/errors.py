@@ -1,39 +1,45 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Why a simulation does not go on."""
+"""Reasons why a simulation stops."""
 
 
 class SimulationError(RuntimeError):
     """
-    The run cannot go on; time, bodies and reason are in the message, the last good state is kept.
+    A failed run; the message states time, bodies and reason, and the last sound state is kept.
     """
 
 
 class ElsewhereError(SimulationError):
-    """What takes the steps beside this process has failed, and with it the run."""
+    """A failure of the ranks or the GPU that compute the steps."""
 
 
 class RankError(ElsewhereError):
-    """A process of MPI that shares the steps has failed, and with it the run: which, and why."""
+    """
+    A failure of an MPI process that shares the steps; the message names the rank and the reason.
+    """
 
 
 class DeviceError(ElsewhereError):
-    """The device that takes the steps has failed, and with it the run: which, and why."""
+    """
+    A failure of the GPU that computes the steps; the message names the device and the reason.
+    """
 
 
 class Interrupted(Exception):
-    """`should_stop` ended an advance; the simulation stands at a step end and can go on."""
+    """
+    End of an advance by `should_stop`; the simulation is at the end of a step and can continue.
+    """
 
 
 class KernelsAwaited(Interrupted):
     """
-    The next step needs a kernel that is not compiled yet: the first contact, mostly.
+    A kernel for the next step is still compiling, usually for the first contact.
 
-    The simulation stands at a step end, and goes on once `contact_kernels.are_ready`; where it
-    `is_for_contacts` is False it may be tried again before, when no other thread compiles.
+    The simulation is at the end of a step and can continue once `contact_kernels.are_ready`. If
+    `is_for_contacts` is False, the simulation may retry earlier, when no other thread compiles.
     """
 
     def __init__(self, is_for_contacts: bool = True) -> None:
-        """Say what the kernel is for."""
+        """Store the purpose of the kernel."""
         super().__init__('a kernel is not compiled yet')
         self.is_for_contacts = is_for_contacts

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The event loop of a run: steps, and the wrenches between them, in order of time."""
+"""Event loop of a run: steps, and the inputs between them, in order of time."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,7 +56,7 @@ _LOGGER = logging.getLogger('icofabric_sim')
 
 
 class EventLoop:
-    """Where a run stands, what acts on it, and what will."""
+    """State of a run, its present and later inputs, and the driver of its steps."""
 
     def __init__(
         self, scene: Scene, packed: PackedScene, *,
@@ -64,18 +64,17 @@ class EventLoop:
         device: 'Device | None' = None
     ) -> None:
         """
-        Stand at the start of the `scene`; see `compile_scene` and `Driver`.
+        Start at the initial state of the `scene`; see `compile_scene` and `Driver`.
 
-        `ranks`: processes that take the steps together; `device`: what takes them, if not this
-        process.
+        `ranks` are processes that share the steps; `device` is a GPU that computes them.
         """
         self._scene, self._packed = scene, packed
-        self.time = 0.0  # [s] that was asked for last
+        self.time = 0.0  # [s] requested last
         self.inputs = Inputs(scene)
-        # Grows with whatever changes the state that is seen.
+        # Counts all changes of the visible state.
         self.changes = 0
         self._stale_loads = False
-        # When a step has to end for an input that was taken already [s]; infinite: no step has.
+        # Time [s] at which an applied input ends a step; infinite: none.
         self._cut_due = math.inf
         parameters = scene.parameters
         # Name of the method in METHODS, and the reason for it.
@@ -102,10 +101,10 @@ class EventLoop:
         fixed = parameters['solver.step']
         required = required_method(scene, outside=packed.external is not None)
         if self.method.name == 'auto' and required is None and packed.model.wrapping is not None:
-            # Any method can, but those with steps of one length err by these.
+            # Any method works, but fixed steps have errors at these changes.
             required = Choice(
                 ADAPTIVE, 'connectors around their shells change to other geodesics, and only '
-                'steps that adapt see where')
+                'adaptive steps resolve these changes')
         if self.method.name == 'auto' and required is not None:
             stiff = None
             if is_damped(scene) and not fixed > 0.0 and not (
@@ -135,13 +134,13 @@ class EventLoop:
                 is_dense=packed.contact is not None and packed.contact.is_dense,
                 damped=parameters['contact.damping'] * liveliness * half_edge,
                 among=self._methods_for(device))
-            # With the room that this method needs.
+            # With the arrays that this method needs.
             loads = self._loads()
         method = facts_of(self.method.name)
         if fixed > 0.0:
             self.inputs.timetable.follow(fixed, method.order, method.stability)
-        # Each rank takes its steps by one thread, a device takes all of them, and what implicit
-        # steps take most of their time for, to solve, is done by one.
+        # A rank has one thread, a device computes whole steps, and the linear solves that dominate
+        # implicit steps are serial.
         is_shared = ranks is None and device is None and not method.implicit
         team = ThreadTeam(parameters['solver.threads'], packed, is_shared=is_shared)
         self._setup = RunSetup(
@@ -151,10 +150,9 @@ class EventLoop:
             Obstruction(parameters['connector.obstruction'], packed), on_pause)
         if method.symplectic and not fixed > 0.0:
             self._warn_of_jumps(runs_through_contacts=method.runs_through_contacts)
-        # Makes a method by its name.
+        # Returns a method by its name.
         self._method_of: Callable[..., Method] = facts_of
-        # The method of the start, and the one that takes over from it once shells are near each
-        # other; None: none does.
+        # The initial method, and the method once shells are near each other; None: the same.
         self._first, self.near_method = self.method, None
         if is_chosen and not fixed > 0.0:
             self.near_method = method_near_contact(
@@ -177,15 +175,15 @@ class EventLoop:
         elif method.implicit:
             from icofabric_sim.simulation.stepping.implicit import implicit_method
             method = implicit_method(scene, packed, self.method.name)
-        # Part of their length that connectors are expected to change by in a radian of the fastest
-        # vibration, where steps do not follow it; 0 where they do.
+        # Expected relative change of connector lengths within a radian of the fastest vibration;
+        # 0 if steps adapt to it.
         self.strain = 0.0
         if fixed > 0.0 or not method.adaptive:
             self.strain = expected_strain(scene, self._liveliness(frequency.rate), frequency.rate)
         if self.near_method is not None:
             self.method = self._first = self.method._replace(
-                reason=f'{self.method.reason}; {self.near_method.name} goes on once shells are '
-                'near each other')
+                reason=f'{self.method.reason}; {self.near_method.name} takes over once shells '
+                'are near each other')
         try:
             self.driver = self._make_driver(method, state, loads, frequency)
             self._follow_contacts()
@@ -193,7 +191,7 @@ class EventLoop:
             raise ValueError(f'this scene cannot start: {error}') from error
 
     def _methods_for(self, device: 'Device | None') -> tuple[str, ...]:
-        """Names of the methods among which `auto` chooses."""
+        """Return the names of the methods from which `auto` chooses."""
         if device is None:
             return tuple(METHODS)
         from icofabric_sim.simulation.devices.refusals import methods_on_device
@@ -213,11 +211,11 @@ class EventLoop:
 
     @property
     def touching_method(self) -> str:
-        """Name of the method of steps in which something touches."""
+        """Name of the method for steps with contacts."""
         return (self.near_method or self.method).name
 
     def is_ready(self) -> bool:
-        """Whether nothing need be compiled for steps, whatever comes."""
+        """Return True if all kernels for steps are compiled."""
         if not self.driver.is_ready():
             return False
         if self.near_method is None or self.method.name != self._first.name:
@@ -231,14 +229,16 @@ class EventLoop:
             self.method = before
 
     def take_method(self, name: str) -> None:
-        """Have the method `name` take the steps, where this run has it and another one does."""
+        """Switch to the method `name` if it is another method of this run."""
         for choice in (self._first, self.near_method):
             if choice is not None and choice.name == name != self.method.name:
                 self._change_method(choice, self.driver.trajectory.state)
                 return
 
     def _follow_contacts(self) -> bool:
-        """Have another method go on where this one is none for contacts; whether it is so."""
+        """
+        Switch to the method for contacts if shells are near each other; return True if switched.
+        """
         if not self.driver.is_near_contact:
             return False
         assert self.near_method is not None
@@ -249,11 +249,11 @@ class EventLoop:
         return True
 
     def _change_method(self, choice: Choice, state: State) -> None:
-        """Go on from a `state` where the present steps have come to, by another method."""
+        """Continue by another method from a `state` that the present steps have reached."""
         before, was, now = self.driver, self.method, self.time
         self.method, self.time = choice, before.time
         if self._setup.broad_phase is not None:
-            # Methods that run through contacts say otherwise themselves.
+            # Methods that run through contacts change this flag themselves.
             self._setup.broad_phase.counts_listed = True
         try:
             after = self._make_driver(
@@ -269,14 +269,14 @@ class EventLoop:
         self.changes += 1
 
     def _warn_of_jumps(self, *, runs_through_contacts: bool) -> None:
-        """Say where forces are expected to jump, which chosen steps of one length pay for."""
+        """Warn if jumps of forces are expected, at which steps of fixed length lose accuracy."""
         packed = self._packed
-        # contact.mode always says when to look for contacts, not that there will be some; and
-        # kernels are compiled ahead with it.
+        # contact.mode always does not imply that contacts are expected; it also serves to compile
+        # kernels ahead.
         if (packed.contact is not None and packed.contact.expected and not runs_through_contacts
                 and self._scene.parameters['contact.mode'] == 'auto'):
             _LOGGER.warning(
-                'solver.method %s has steps of one length, which may add more than '
+                'solver.method %s has steps of one length, whose errors may exceed '
                 'solver.tolerance where shells touch, and %s; solver.method dop8 or auto '
                 'shortens steps there', self.method.name, packed.contact.expected)
         if packed.model.wrapping is not None:
@@ -291,15 +291,15 @@ class EventLoop:
         return expected_liveliness(self._scene, self._packed.model, strongest, frequency)
 
     def advance(self, time: float) -> None:
-        """Go on to `time` [s], with all wrenches that begin or end by then."""
+        """Advance to `time` [s], with all inputs that start or end by then."""
         self._handle_events(time)
         self._reach(time)
 
     def take_step(self, most: int, pause: Callable[[], None]) -> None:
         """
-        Take at least one step and at most so many; an input that acts ends a step, which counts.
+        Take at least one step and at most `most`; an input ends a step, which counts.
 
-        After `settle_inputs`.
+        Call `settle_inputs` before.
         """
         due = self.inputs.next_time
         self.settle_loads()
@@ -308,7 +308,7 @@ class EventLoop:
             self._follow_contacts()
             pause()
         except SimulationError:
-            self.time = -math.inf  # the last good state may be older
+            self.time = -math.inf  # the last sound state may be older
             raise
         finally:
             self.time = max(self.time, self.driver.time)
@@ -319,35 +319,35 @@ class EventLoop:
 
     def state(self) -> State:
         """
-        The state at the present time; after a failure the last good one, whose time it is then.
+        Return the state at the present time; after a failure, the last sound state at its time.
         """
         with self._at_last_good_state():
             return self.driver.state_at(self.time)
 
     def apply(self, target: Target, value: Value, time: float) -> None:
-        """Let an input act from `time` [s] on, now or later."""
+        """Apply an input from `time` [s] on, now or later."""
         self.inputs.put(time, target, value)
         if time == self.time:
             self._handle_events(time)
 
     def jump(self, state: InitialState, rest: np.ndarray | None = None) -> None:
         """
-        Go on from another state at the present time.
+        Continue from another state at the present time.
 
-        Springs of Maxwell arms rest at lengths `rest` [m], (c,), or as in that state.
+        The springs of Maxwell arms have rest lengths `rest` [m], (c,), or are relaxed.
         """
         self.changes += 1
         self._stale_loads, self._cut_due = False, math.inf
         packed = self._packed.pack(state, rest)
         if self.method.name != self._first.name:
-            # As a run that begins there.
+            # Like a run that starts from this state.
             self._change_method(self._first, packed)
         loads = self._loads()
         self.driver.jump(self.time, packed, loads, self._load_rate(loads))
         self._follow_contacts()
 
     def begin_at(self, time: float) -> None:
-        """Move an event loop that has not begun to another `time` [s]; what acts may be new."""
+        """Move an unstarted event loop to another `time` [s], possibly with other loads."""
         self.time = time
         self.changes += 1
         self.driver.rebase(time)
@@ -355,18 +355,18 @@ class EventLoop:
         self.settle_loads()
 
     def renew_loads(self) -> None:
-        """What acts has changed, without an input."""
+        """Pack the loads again before the next step, after a change other than an input."""
         self._stale_loads = True
 
     def settle_loads(self) -> None:
-        """Give the driver what acts now: once, however many wrenches have changed at this time."""
+        """Pass changed loads to the driver, once for all changes at the present time."""
         if self._stale_loads:
             loads = self._loads()
             self._stale_loads = False
             self.driver.set_loads(loads, self._load_rate(loads))
 
     def state_tree(self) -> dict[str, Any]:
-        """All that what is to come depends on, but for the time."""
+        """Return the state that the future of the run depends on, without the time."""
         return {
             'stale_loads': self._stale_loads,
             'cut_due': self._cut_due,
@@ -375,7 +375,9 @@ class EventLoop:
         }
 
     def load_state(self, tree: StateTree, time: float) -> None:
-        """Go on from there at `time` [s]; after a ValueError only another `load_state` helps."""
+        """
+        Continue from a state tree at `time` [s]; after a ValueError, only another call helps.
+        """
         self.changes += 1
         self.inputs.load_state(tree.part('inputs'), time)
         self._stale_loads = tree.flag('stale_loads')
@@ -391,19 +393,19 @@ class EventLoop:
         self.time = time
 
     def settle_inputs(self) -> None:
-        """Have what acts from the present time on begin: time is about to go on."""
+        """Apply inputs at the present time, before time advances."""
         self._cut()
         if self.inputs.pulls_are_next and self.inputs.next_time <= self.time:
             self._pull(self.time)
 
     def _handle_events(self, until: float) -> None:
         """
-        Let happen what does so by `until` [s].
+        Apply all inputs until `until` [s].
 
-        Steps end at the inputs of that very time once time goes on: so a time that was shown keeps
-        its state, whatever begins to act then.
+        Steps end at the inputs of that time once time advances. So the state shown at a time does
+        not change by inputs that start at this time.
         """
-        # Reached before it is taken out: an interrupt on the way loses nothing.
+        # Advance before the input leaves the queue, so that an interrupt loses no input.
         while (time := self.inputs.next_time) <= until:
             self._cut(before=time)
             self._reach(time)
@@ -420,9 +422,9 @@ class EventLoop:
 
     def _cut(self, *, before: float = math.inf) -> None:
         """
-        End the step in progress where an input that was taken `before` a time [s] asks for it.
+        End the step in progress if an input `before` a time [s] requires it.
 
-        Where the kernels for that are awaited, it is still due when time goes on.
+        While kernels for this are still compiling, the cut remains due.
         """
         if self._cut_due < before:
             self._settle_loads_before(self._cut_due)
@@ -432,7 +434,7 @@ class EventLoop:
             self.changes += 1
 
     def _pull(self, time: float) -> None:
-        """Compute the forces of the pulls at `time` [s], and when they are due again."""
+        """Compute the drag forces at `time` [s] and the time of their next update."""
         self._settle_loads_before(time)
         self._end_step(time)
         pulls, driver, layout = self.inputs.pulls, self.driver, self._packed.layout
@@ -463,7 +465,7 @@ class EventLoop:
 
     @contextmanager
     def _at_last_good_state(self) -> Iterator[None]:
-        """On a failure, set the time to that of the last good state, which may be earlier."""
+        """On a failure, set the time to that of the last sound state, which may be earlier."""
         try:
             yield
         except SimulationError:
@@ -494,8 +496,8 @@ class EventLoop:
         return load_rate(loads, self._packed.model, self._scene.geometry.cube_width)
 
     def _loads(self, *, again: bool = False) -> Loads:
-        """What acts now, for the kernels; `again`: what they had last."""
-        # While the method is being chosen: rows without room for Runge-Kutta stages.
+        """Return the present loads for the kernels; `again` returns the loads packed last."""
+        # During the choice of the method: rows without Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or facts_of(self.method.name).symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack
         return pack(self._packed.layout, stages=0 if symplectic else 16)

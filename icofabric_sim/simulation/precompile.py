@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Kernels that a run may come to, compiled by another process while it goes on without them.
+Compilation of kernels that a run may need later, in another process beside the run.
 
-A scene whose shells cannot touch yet is compiled without contact; the first contact would then
-hold the run up for as long as the compiler takes, and so would the first input, which ends a step
-of its own length. So where they are not on disk a process of lowest priority makes them ready; the
-run finds them there. It ends with the one that began it. ICOFABRIC_COMPILE_AHEAD=0 in the
-environment forbids it.
+A scene whose shells cannot touch yet is compiled without contacts. The first contact would then
+interrupt the run for the time of the compilation, and so would the first input, which ends a step
+early. If these kernels are not on disk, a process of lowest priority compiles them, and the run
+loads them from disk. The process ends with the process that started it. ICOFABRIC_COMPILE_AHEAD=0
+in the environment disables this compilation.
 
-A live run never compiles or loads them itself: a thread waits for that process and loads what it
-has made (`ContactKernels`). If shells meet before, simulated time waits.
+A live run never compiles or loads kernels itself: a thread waits for the process and loads the
+kernels (`ContactKernels`). If shells touch before, simulated time waits.
 """
 
 import atexit
@@ -30,58 +30,58 @@ from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.scene.scene import Scene
 import numpy as np
 
-# A larger scene would be built once more beside the first.
-LARGEST = 20_000
-# What is being compiled, by its likely kind, the oldest first. A parameter that is moved by hand
+# Most bodies of a scene that is built a second time to compile its kernels.
+MAX_BODY_COUNT = 20_000
+# Compiling processes by the estimated kernel variant, the oldest first. A slider of a parameter
 # builds the scene many times a second.
 _processes: dict[object, subprocess.Popen[bytes]] = {}
-_MOST = 2
-# Processes that a thread waits for.
+_MAX_PROCESS_COUNT = 2
+# Processes for which a thread waits.
 _awaited: set[subprocess.Popen[bytes]] = set()
 # A forked child leaves the processes of its parent alone.
 os.register_at_fork(after_in_child=_processes.clear)
 os.register_at_fork(after_in_child=_awaited.clear)
-_LOWEST = 19  # priority
-# So often a process is begun for the same kernels.
-_TRIES = 3
-# Parameters whose terms are in every kind of kernels.
+_LOWEST_PRIORITY = 19
+# Most processes started for the same kernels.
+_MAX_TRY_COUNT = 3
+# Parameters whose terms are in all kernel variants.
 _NO_KIND = ('gravity', 'groups.', 'loads.', 'supports.')
-# This process ends: nothing more is compiled.
+# Set when this process ends: no more compilation.
 _ending = threading.Event()
 
 
 def may_compile_elsewhere(scene: Scene) -> bool:
-    """Whether another process may compile for a scene."""
-    return (
-        os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') != '0' and scene.body_count <= LARGEST)
+    """Return True if another process may compile for a scene."""
+    is_enabled = os.environ.get('ICOFABRIC_COMPILE_AHEAD', '1') != '0'
+    return is_enabled and scene.body_count <= MAX_BODY_COUNT
 
 
 def compile_ahead(
     scene: Scene, *, method: str, present: str, rotation: str
 ) -> subprocess.Popen[bytes] | None:
     """
-    Begin to compile the kernels that a scene may come to, in another process.
+    Start a process that compiles the kernels that a scene may need later.
 
-    By `method` once something touches, by the `present` one until then.
-    Returns the process that does it; None where there is none.
+    `method` is for steps with contacts, `present` for steps before the first contact. Returns the
+    process, or None without one.
     """
     if not may_compile_elsewhere(scene):
         return None
-    # What the present scene lacks first: there is less of it.
+    # First the missing kernels of the present scene, which are fewer.
     given = scene.parameters.given()
     kinds = [{**given, **changes} for changes in kinds_of_steps(
         method, present=present, may_touch=given.get('contact.mode', 'auto') == 'auto')]
-    task = pickle.dumps((kinds, rotation, _LOWEST))
-    # Those that have ended are taken note of, so that none of them stays behind.
+    task = pickle.dumps((kinds, rotation, _LOWEST_PRIORITY))
+    # Collect ended processes, so that none remains.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
         del _processes[key]
-    # Which terms there are makes a kind, and words; how large numbers are does not.
+    # A kernel variant depends on the terms of a scene and on words, not on magnitudes.
     kind = (rotation, *sorted(
         (name, value if isinstance(value, (str, bool)) else bool(np.any(value)))
         for name, value in given.items() if not name.startswith(_NO_KIND)))
     if kind in _processes:
         return _processes[kind]
-    while len(_processes) >= _MOST:
+    while len(_processes) >= _MAX_PROCESS_COUNT:
         oldest = _processes.pop(next(iter(_processes)))
         oldest.kill()
         oldest.wait()
@@ -93,9 +93,9 @@ def compile_ahead(
 
 def compile_elsewhere(scene: Scene) -> None:
     """
-    Have another process compile what a scene needs, and wait for it.
+    Compile the kernels of a scene in another process, and wait.
 
-    Where there is none nothing is done: then the caller compiles, and holds up other threads.
+    Without such a process, return immediately: the caller then compiles and blocks other threads.
     """
     if not may_compile_elsewhere(scene):
         return
@@ -114,7 +114,7 @@ def compile_elsewhere(scene: Scene) -> None:
 
 @contextmanager
 def counted_as_compiling() -> Iterator[None]:
-    """Count the time of the block as compiling: it waits for another process or thread."""
+    """Count the time of the block as compilation, for waits on another process or thread."""
     try:
         compile_notice.begin(kept=True)
         yield
@@ -123,7 +123,7 @@ def counted_as_compiling() -> Iterator[None]:
 
 
 def _begin(task: bytes) -> subprocess.Popen[bytes] | None:
-    """Begin a process with its task; None where that is not possible: the run goes on."""
+    """Start a process with its task; return None if the process cannot start."""
     with suppress(OSError):
         process = subprocess.Popen(
             [sys.executable, '-m', 'icofabric_sim.simulation.precompile_process'],
@@ -140,27 +140,27 @@ def kinds_of_steps(
     method: str, *, present: str, may_touch: bool
 ) -> 'list[dict[str, Any]]':
     """
-    Changes that give a scene as a run may come to it, in the order of what is needed first.
+    Return changes of a scene for each later kernel variant, the first needed one first.
 
-    `method`: that of steps in which something touches, and of those after it; `present`: the one
-    until then. Where it is another one the first one's steps never touch anything.
+    `method` is for steps with contacts and afterwards, `present` for steps before. If they differ,
+    the present method never computes contacts.
     """
     kinds: list[dict[str, Any]] = [{}]
     if may_touch:
         kinds.append(touching(method))
         if method != present:
-            # Shells are apart again.
+            # Shells have separated again.
             kinds.append({'solver.method': method})
     return kinds
 
 
 def touching(method: str) -> dict[str, Any]:
-    """Changes that give a scene as it is from the first contact on, by the `method` it has."""
+    """Return changes of a scene for steps with contacts by `method`."""
     return {'contact.mode': 'always', 'solver.method': method}
 
 
 class ContactKernels:
-    """The kernels that one simulation may come to, made ready in a thread."""
+    """Kernels that a simulation may need later, compiled and loaded by a thread."""
 
     def __init__(
         self, process: 'subprocess.Popen[bytes] | None',
@@ -168,9 +168,9 @@ class ContactKernels:
         on_ready: Callable[[], object] = lambda: None,
     ) -> None:
         """
-        Wait for the `process` that compiles them, if there is one, and call `make_ready`.
+        Wait for the `process` that compiles the kernels, if any, and load them by `make_ready`.
 
-        That loads them. A process that was ended for another one is begun again, by `begin`.
+        A process that was killed for another scene is restarted by `begin`.
         """
         self._process, self._begin = process, begin
         self._make_ready, self._on_ready = make_ready, on_ready
@@ -181,24 +181,25 @@ class ContactKernels:
 
     @property
     def are_ready(self) -> bool:
-        """Whether nothing is done for them any more."""
+        """True if compilation and loading have ended."""
         return not self._thread.is_alive()
 
     @property
     def seconds(self) -> float:
-        """Wall time [s] since they were asked for."""
+        """Wall time [s] since the request."""
         return time.monotonic() - self._began
 
     def wait(self) -> None:
-        """Wait until they are ready."""
+        """Wait until the kernels are ready."""
         self.hurry()
         self._thread.join()
 
     def hurry(self) -> None:
         """
-        Have the process work at normal priority: the run waits for it.
+        Raise the process to normal priority, because the run waits.
 
-        Systems allow that to root, and where RLIMIT_NICE does; others leave it as it is.
+        Systems permit this for root or with a suitable RLIMIT_NICE; otherwise the priority is
+        unchanged.
         """
         self._is_hurried = True
         if self._process is not None and self._process.poll() is None:
@@ -206,7 +207,7 @@ class ContactKernels:
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
 
     def give_up(self) -> None:
-        """Another simulation runs now: this process loads nothing more for this one."""
+        """Load no more kernels, because another simulation has replaced this one."""
         self._is_given_up = True
 
     def _work(self) -> None:
@@ -216,12 +217,12 @@ class ContactKernels:
             self._on_ready()
 
     def _load(self) -> None:
-        for _ in range(_TRIES):
+        for _ in range(_MAX_TRY_COUNT):
             if self._process is not None:
                 self._process.wait()
             if _ending.is_set() or self._is_given_up:
                 return
-            # Whatever else is wrong is said where it is needed.
+            # Other errors are reported when the kernels are used.
             with suppress(Exception):
                 try:
                     with no_compiling(loading=True):
@@ -233,13 +234,13 @@ class ContactKernels:
                     self._process = self._begin()
                     if self._is_hurried:
                         self.hurry()
-        # It could not be done by another process, or not all of it.
+        # Another process could not compile all kernels.
         with suppress(Exception):
             self._make_ready()
 
 
 def _environment() -> dict[str, str]:
-    """Return an environment in which the process compiles for what this one does."""
+    """Return an environment in which the process compiles for the same target as this one."""
     native = {} if target().level else {'ICOFABRIC_NATIVE': '1'}
     return {**os.environ, **native}
 

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The process that precompile.py starts: builds scenes from standard input and compiles for them.
+Process started by precompile.py: builds scenes from standard input and compiles their kernels.
 """
 
 import os
@@ -23,6 +23,6 @@ def _compile(task: tuple[list[dict[str, Any]], str, int]) -> None:
 
 if __name__ == '__main__':
     task = pickle.load(sys.stdin.buffer)
-    os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'  # this is the process that does it
+    os.environ['ICOFABRIC_COMPILE_AHEAD'] = '0'  # this process compiles itself
     os.nice(task[2])
     _compile(task)

@@ -41,7 +41,7 @@ from icofabric_sim.simulation.precompile import (
     compile_ahead,
     ContactKernels,
     kinds_of_steps,
-    LARGEST,
+    MAX_BODY_COUNT,
     may_compile_elsewhere,
 )
 from icofabric_sim.simulation.reports.load_cells import (
@@ -62,9 +62,9 @@ if TYPE_CHECKING:
 __all__ = ['compile_scene', 'Interrupted', 'Simulation', 'SimulationError']
 
 _LOGGER = logging.getLogger('icofabric_sim')
-_WAY = 'compile_scene(scene) makes one'
-# What ends a step [N].
-_PUSH = (1e-6, 0.0, 0.0)
+_REMEDY_TEXT = 'compile_scene(scene) makes one'
+# Force of an input that ends a step.
+_FORCE_N = (1e-6, 0.0, 0.0)
 
 
 def compile_scene(
@@ -103,22 +103,22 @@ def compile_scene(
 
 def use_all_kernels(simulation: 'Simulation') -> None:
     """
-    Call every kernel that a run needs: for steps, for steps that end at an input, for reports.
+    Call every kernel of a run: steps, steps that end at an input, and reports.
 
-    Advances the `simulation` by half a step.
+    The `simulation` advances by half a step.
     """
     simulation.warm_up()
     begin, step = simulation.time, simulation.status.step
     simulation.advance_to(begin + 0.25 * step)
     for body in reversed(range(simulation.scene.body_count)):
-        # One that no drive moves.
+        # A body that no drive moves.
         with suppress(ValueError):
-            simulation.apply_body_wrench(body, force=_PUSH)
+            simulation.apply_body_wrench(body, force=_FORCE_N)
             break
     simulation.advance_to(begin + 0.5 * step)
     simulation.status.fastest_place()
     snapshot = simulation.snapshot()
-    # Read for their kernels.
+    # Computed for their kernels.
     _ = snapshot.energy, snapshot.obstructed, simulation.balance
 
 
@@ -130,7 +130,7 @@ class Simulation:
         self, scene: Scene, *, rotation: str | None = None,
         body_force: BodyForce | Force | None = None, ranks: 'Ranks | None' = None
     ) -> None:
-        """See `compile_scene`."""
+        """Compile a scene, see `compile_scene`."""
         require_scene(scene)
         rotation = str(scene.parameters['solver.rotation']) if rotation is None else rotation
         checks.choice('rotation', rotation, ROTATIONS)
@@ -142,13 +142,13 @@ class Simulation:
                 f'{rotation!r}')
         transport = None
         if ranks is not None:
-            # Where they are used: most simulations need none of it.
+            # Imported here, because most simulations do not need it.
             from icofabric_sim.simulation.devices.ranks import transport_for
             transport = transport_for(
                 ranks, scene, cosines=cosines, body_force=body_force is not None)
         device = None
         if scene.parameters['solver.device'] != 'cpu':
-            # Likewise.
+            # Imported here, too.
             from icofabric_sim.simulation.devices.refusals import require_on_device
             require_on_device(
                 scene, cosines=cosines, body_force=body_force is not None,
@@ -156,11 +156,11 @@ class Simulation:
             from icofabric_sim.simulation.devices.gpu.opening import open_device
             device = open_device(scene.parameters['solver.device'])
         self.scene, self.rotation = scene, rotation
-        self.ranks = ranks  # whom a scene that follows this one is shared with, too
+        self.ranks = ranks  # also shared by a scene that follows this one
         self.body_force = as_body_force(body_force)
         self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
         self._deferred = DeferredInterrupt()
-        # Asked every 25 to 50 ms of computing; True ends the advance with Interrupted.
+        # Called every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
         self._event_loop = EventLoop(
             scene, self.packed, on_pause=self._pause, ranks=transport, device=device)
@@ -168,7 +168,7 @@ class Simulation:
         # that reaches its time, which may be the present one.
         self.inputs = self._event_loop.inputs
         self._status = SimulationStatus(self._event_loop, self.packed)
-        # What makes ready what the first contact needs, once that is asked for.
+        # Kernels of the first contact, once requested.
         self.contact_kernels: ContactKernels | None = None
         self._lacks_kernels = False
         self._cached: Snapshot | None = None
@@ -182,7 +182,7 @@ class Simulation:
                 f'steps of {self.status.step:.6g} s>')
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied."""
+        """Raise TypeError: a simulation cannot be pickled or copied."""
         raise TypeError(
             'a Simulation cannot be pickled or copied: its compiled code and threads belong to '
             'this process; a Checkpoint can: simulation.checkpoint() makes one, and restore() of '
@@ -203,7 +203,7 @@ class Simulation:
 
     @property
     def status(self) -> SimulationStatus:
-        """Figures of the run: method, step, errors, contacts, breaks, loads."""
+        """Status of the run: method, step, errors, contacts, breaks, loads."""
         return self._status
 
     @property
@@ -274,7 +274,7 @@ class Simulation:
                 array.flags.writeable = False
             self._cached = Snapshot(
                 self.time, *state, self.scene.connector_count, self.packed,
-                self._books(state), self._trajectory.broken.since, self._anchors(),
+                self._energy_terms(state), self._trajectory.broken.since, self._anchors(),
                 None if self.inputs.anchor_breaks is None else (
                     self.inputs.anchor_breaks.since.copy()), rest)
             self._cached_at = self._event_loop.changes
@@ -421,7 +421,7 @@ class Simulation:
 
     def release(self, body: int) -> None:
         """
-        End the pull of a body; a body that is not pulled stays as it is.
+        End the pull of a body, if any.
 
         Parameters
         ----------
@@ -509,11 +509,11 @@ class Simulation:
         ValueError
             `keep_motion` with another number of bodies.
         """
-        checks.instance('previous', previous, Simulation, _WAY)
+        checks.instance('previous', previous, Simulation, _REMEDY_TEXT)
         keep_motion = checks.flag('keep_motion', keep_motion)
         if keep_motion and previous.scene.body_count != self.scene.body_count:
             raise ValueError(
-                f'the motion of {previous.scene.body_count} bodies cannot go on with '
+                f'the motion of {previous.scene.body_count} bodies cannot continue with '
                 f'{self.scene.body_count}'
             )
         self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
@@ -541,7 +541,7 @@ class Simulation:
         other
             A simulation of the same fabric.
         """
-        checks.instance('other', other, Simulation, _WAY)
+        checks.instance('other', other, Simulation, _REMEDY_TEXT)
         if other.scene.connector_count != self.scene.connector_count:
             raise ValueError(
                 f'other must be a simulation of the same fabric: it has '
@@ -563,9 +563,9 @@ class Simulation:
         """
         self._event_loop.settle_loads()
         self._driver.warm_up()
-        # Of a larger one another process would need as much memory, and so would the answer.
+        # For a larger scene, another process and this check would need as much memory again.
         self._lacks_kernels = (
-            self.scene.body_count <= LARGEST and not self._is_elsewhere
+            self.scene.body_count <= MAX_BODY_COUNT and not self._is_elsewhere
             and not self._event_loop.is_ready())
         if self.body_force is None and self._lacks_kernels:
             self._compile_ahead()
@@ -592,7 +592,7 @@ class Simulation:
         if self._is_elsewhere or self.body_force is not None:
             return None
         if self.contact_kernels is None and (
-                self._lacks_kernels or load and self.scene.body_count <= LARGEST):
+                self._lacks_kernels or load and self.scene.body_count <= MAX_BODY_COUNT):
             if self._lacks_kernels and not may_compile_elsewhere(self.scene):
                 return None
             process = self._compile_ahead() if self._lacks_kernels else None
@@ -619,7 +619,7 @@ class Simulation:
         kinds = kinds_of_steps(
             self._event_loop.touching_method, present=self._status.method_name,
             may_touch=may_touch)
-        # The run has called most of the first itself, and loads the others in a moment.
+        # The run has called most kernels of the first variant and loads the others quickly.
         for changes in kinds[1:] or kinds:
             use_all_kernels(Simulation(
                 self.scene.with_changes(changes) if changes else self.scene,
@@ -655,7 +655,7 @@ class Simulation:
         with self._deferred:
             fits = False
             try:
-                # It may be of a time at which another method took the steps.
+                # Another method may have been active at the time of the checkpoint.
                 self._event_loop.take_method(str(checkpoint.header['method']))
                 checkpoint.require_fit(self)
                 fits = True
@@ -671,7 +671,7 @@ class Simulation:
         if unlike:
             _LOGGER.warning(
                 'the checkpoint of t = %.9g s was made on another machine, so the last bits of '
-                'this run may differ from those of its own: %s', self.time, unlike)
+                'this run may differ from those of the original run: %s', self.time, unlike)
 
     def _anchors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         anchors = self.scene.anchors.values()
@@ -692,20 +692,20 @@ class Simulation:
             self._event_loop.apply(target, value, at)
         return at
 
-    def _books(self, state: InitialState) -> dict[str, float]:
+    def _energy_terms(self, state: InitialState) -> dict[str, float]:
         """Return the energies and works [J] that the balance of a snapshot needs."""
         shown, ledger, force = (
             self._driver.shown, self._trajectory.ledger, self.body_force)
-        books = {
+        terms = {
             'work_in': shown.work, 'spent': shown.spent, 'start': ledger.base,
             'lost_at_breaks': ledger.lost, 'potential': 0.0,
             'anchors': shown.anchors, 'contact': shown.contact}
         if force is not None and force.potential is not None:
-            books['potential'] = force.energy(self.time, state.position, state.orientation)
-            books['start'] += shown.potential_start
+            terms['potential'] = force.energy(self.time, state.position, state.orientation)
+            terms['start'] += shown.potential_start
         else:
-            books['work_in'] += shown.given
-        return books
+            terms['work_in'] += shown.given
+        return terms
 
     def _jump(self, state: InitialState, rest: np.ndarray | None = None) -> None:
         with self._deferred:

@@ -76,7 +76,7 @@ def test_nothing_is_begun_where_it_is_not_wanted(begun, monkeypatch):
         ico.compile_scene(make_scene((2, 2, 2), {**CHANGES, **changes})).warm_up()
     assert not begun
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '1')
-    monkeypatch.setattr(precompile, 'LARGEST', 1)
+    monkeypatch.setattr(precompile, 'MAX_BODY_COUNT', 1)
     simulation = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
     monkeypatch.setattr(simulation._driver, 'is_ready', lambda: False)
     simulation.warm_up()
@@ -117,9 +117,9 @@ def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidd
     assert given == scene.parameters.given() and niceness == 0
     assert rotation == 'quaternion' and process.waited
     assert not compile_notice.is_compiling and compile_notice.seconds >= compiled
-    monkeypatch.setattr(precompile, 'LARGEST', 1)
+    monkeypatch.setattr(precompile, 'MAX_BODY_COUNT', 1)
     precompile.compile_elsewhere(scene)
-    monkeypatch.setattr(precompile, 'LARGEST', 100)
+    monkeypatch.setattr(precompile, 'MAX_BODY_COUNT', 100)
     monkeypatch.setenv('ICOFABRIC_COMPILE_AHEAD', '0')
     precompile.compile_elsewhere(scene)
     assert len(begun) == 1

@@ -386,7 +386,7 @@ def test_changed_scene_takes_over_the_motion():
         each.advance_to(0.02)
     fallen = (old.snapshot().position - new.snapshot().position)[:, 2]
     assert fallen.mean() == pytest.approx(0.5 * 9.81 * 0.01**2, rel=1e-3)
-    with pytest.raises(ValueError, match='motion of 4 bodies cannot go on with 14'):
+    with pytest.raises(ValueError, match='motion of 4 bodies cannot continue with 14'):
         ico.compile_scene(make_scene((3, 3, 3))).continue_from(old, keep_motion=True)
     fresh = ico.compile_scene(make_scene((3, 3, 3)))
     fresh.continue_from(old, keep_motion=False)

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Checkpoints: all that a run continues from, to the same bits as if it had never stopped.
+Checkpoints: the state of a run, from which the run continues bit-identically.
 
-A checkpoint holds the state tree of a `Simulation` (see state_tree.py) and says of which scene, by
-which method, version and processor it is. It is plain text and numbers; reading one executes
-nothing.
+A checkpoint holds the state tree of a `Simulation` (see state_tree.py) and identifies scene,
+method, version and processor. It is plain text and numbers; reading a checkpoint executes no code.
 """
 
 from collections.abc import Mapping
@@ -242,9 +241,7 @@ def _require_simulation(simulation: Any) -> None:
 
 
 def machine() -> dict[str, Any]:
-    """
-    Return what bits may depend on besides the version: processor, vector lanes, libraries.
-    """
+    """Return what bits depend on besides the version: processor, vector lanes, libraries."""
     return {
         'processor': host_processor(),
         'kernels': kernel_target(),
@@ -275,7 +272,7 @@ def _identity(simulation: Run) -> dict[str, Any]:
 
 
 def _check_header(header: Mapping[str, Any]) -> None:
-    """Refuse a header that lacks what everyone reads."""
+    """Raise ValueError if the header lacks a required entry."""
     known = StateTree(header, 'header')
     number = known.count('format')
     if number != FORMAT:
@@ -297,7 +294,7 @@ def _flat_machine(header: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _split(tree: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """What JSON can hold of a state tree; its arrays go into `arrays`, by their path."""
+    """Return the JSON values of a state tree; move its arrays to `arrays`, by their path."""
     values: dict[str, Any] = {}
     for name, value in tree.items():
         path = f'{place}.{name}' if place else name
@@ -313,7 +310,7 @@ def _split(tree: Mapping[str, Any], place: str, arrays: dict[str, np.ndarray]) -
 
 
 def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """The state tree again, of parts with their arrays."""
+    """Return the state tree of JSON values and arrays."""
     tree = dict(values)
     for path, array in arrays.items():
         *parts, name = path.split('.')
@@ -329,7 +326,7 @@ def _joined(values: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> dict
 
 
 def _read(path: str | os.PathLike[str]) -> bytes:
-    """Bytes of a file that can be a checkpoint."""
+    """Return the bytes of a file that may be a checkpoint."""
     # A pipe without a writer must not hold up the reader.
     with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         status = os.fstat(file.fileno())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What sets two checkpoints apart, in words."""
+"""Differences of two checkpoints as text."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,13 +12,15 @@ from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
 import numpy as np
 
-_NAMED_AT_MOST = 5
-# Named before any other difference.
+_MAX_NAMED_COUNT = 5
+# Differences of these names come first.
 _FIRST_NAMED = ('time', *(f'stepper.state.{name}' for name in State._fields))
 
 
 def scene_parameters(header: Mapping[str, Any]) -> Parameters:
-    """Parameters of the scene in a header; ValueError where this version cannot take them."""
+    """
+    Return the parameters of the scene in a header; raise ValueError if they are not accepted.
+    """
     try:
         known = ParameterSet('/icofabric')
         known.add_file(header['scene'].encode(), 'the scene of the checkpoint')
@@ -29,7 +31,7 @@ def scene_parameters(header: Mapping[str, Any]) -> Parameters:
 
 
 def material(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters that the motion depends on."""
+    """Return the parameters that the motion depends on."""
     return {
         name: value for name, value in parameters.items()
         if affects_motion(name) and name != 'solver.threads'}
@@ -39,7 +41,9 @@ def scene_difference(
     a: Mapping[str, Any], b: Mapping[str, Any], words: tuple[str, str]
 ) -> str:
     """
-    Say how the scenes, methods and versions in two headers differ; `words` say which is which.
+    Return a text on the differences of scenes, methods and versions in two headers.
+
+    `words` name the two headers in the text.
     """
     def told(name: str, first: Any, second: Any) -> str:
         return f'{name} is {first} {words[0]} and {second} {words[1]}'
@@ -57,8 +61,9 @@ def scene_difference(
                 listing.append(told(f'the SHA-256 of {name!r}', *(
                     f'{each[name].total[:12]}...' for each in files)))
         if listing:
-            more = len(listing) - _NAMED_AT_MOST
-            return '; '.join(listing[:_NAMED_AT_MOST]) + (f'; and {more} more' if more > 0 else '')
+            more = len(listing) - _MAX_NAMED_COUNT
+            tail = f'; and {more} more' if more > 0 else ''
+            return '; '.join(listing[:_MAX_NAMED_COUNT]) + tail
     for name, unit in (('mass', 'kg'), ('inertia', 'kg m^2'), ('body_count', ''),
                        ('connector_count', ''), ('method', '')):
         if a[name] != b[name]:
@@ -73,7 +78,9 @@ def _shown(parameters: Mapping[str, Any], name: str) -> str:
 def memory_difference(
     pair: Sequence[tuple[Mapping[str, Any], Mapping[str, np.ndarray]]], words: tuple[str, str]
 ) -> str:
-    """Say what two runs of one scene, headers and arrays, first remember otherwise."""
+    """
+    Return a text on the first difference of the states of two runs; `pair` has headers, arrays.
+    """
     a, b = (
         {'time': header['time'], **arrays, **_leaves(header['memory'])}
         for header, arrays in pair)
@@ -95,7 +102,7 @@ def memory_difference(
                 place = f' of body {index[0]}' if by_body else f' at {list(index)}'
             else:
                 place, first, second = ' by shape', first.shape, second.shape
-        # Also a zero with another sign is another.
+        # Zeros of different sign differ.
         if repr(first) != repr(second):
             return (
                 f'{label}{place} is {first!r:.80} {words[0]} and {second!r:.80} {words[1]}')
@@ -103,7 +110,7 @@ def memory_difference(
 
 
 def _leaves(values: Mapping[str, Any]) -> dict[str, Any]:
-    """All values by their path."""
+    """Return all values by their path."""
     leaves: dict[str, Any] = {}
     parts = [('', values)]
     while parts:

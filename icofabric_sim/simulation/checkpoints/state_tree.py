@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the parts of a running simulation remember, by name.
+Trees of the state of a running simulation, by name.
 
-Each part says it with `state_tree()`, in plain values, lists, arrays and the trees of its own
-parts, and takes it back with `load_state()`. What it takes back may come from a file, so
-everything is judged as it is read.
+Each object returns its state by `state_tree()` as plain values, lists, arrays and subtrees, and
+restores it by `load_state()`. The tree may come from a file, so every value is validated when it
+is read.
 """
 
 from collections.abc import Mapping
@@ -14,20 +14,20 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-# JSON has no numbers for these.
+# JSON has no numbers for these values.
 _SPECIAL = {'inf': math.inf, '-inf': -math.inf, 'nan': math.nan}
 _LARGEST_COUNT = 2**62
 
 
 class StateTree:
-    """Reads what was remembered; a ValueError names what is missing or makes no sense."""
+    """Validating reader of a state tree; a ValueError names a missing or invalid value."""
 
     def __init__(self, values: Mapping[str, Any], place: str = '') -> None:
-        """Read from `values`; `place` is the name of the part that they belong to."""
+        """Read from `values`; `place` is the name of this subtree."""
         self._values, self._place = values, place
 
     def __contains__(self, name: str) -> bool:
-        """Whether something of that name is remembered."""
+        """Return True if the tree has a value of this name."""
         return self._values.get(name) is not None
 
     def number(
@@ -63,7 +63,7 @@ class StateTree:
         return str(value)
 
     def entries(self, name: str) -> list[Any]:
-        """Return a list, whose entries the caller judges."""
+        """Return a list, whose entries the caller validates."""
         value = self._found(name)
         if not isinstance(value, list):
             self._refuse(name, 'must be a list')
@@ -79,10 +79,10 @@ class StateTree:
         return np.asarray(value)
 
     def part(self, name: str) -> 'StateTree':
-        """Return the tree of a part."""
+        """Return a subtree."""
         value = self._found(name)
         if not isinstance(value, Mapping):
-            self._refuse(name, 'must be a part with entries of its own')
+            self._refuse(name, 'must be an object with entries')
         return StateTree(value, self._path(name))
 
     def _path(self, name: str) -> str:
@@ -106,9 +106,7 @@ class StateTree:
 
 
 def as_number(value: Any) -> float | None:
-    """
-    Turn a number, or the text of an infinite one or NaN, into a float; None for anything else.
-    """
+    """Return a number, or the text of inf, -inf or nan, as a float; None for other values."""
     if isinstance(value, str):
         return _SPECIAL.get(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -120,12 +118,12 @@ def as_number(value: Any) -> float | None:
 
 
 def plain_number(value: float) -> float | str:
-    """Turn a float into what JSON can hold, and `as_number` turns back."""
+    """Return a float in a form for JSON that `as_number` reads."""
     return float(value) if math.isfinite(value) else str(float(value))
 
 
 def remembered_numbers(what: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Remembered numbers of broken things, judged; ValueError where there are no such ones."""
+    """Return stored numbers of broken objects; raise ValueError if they are invalid."""
     numbers = np.where((values >= 0.0) & (values < count), values, -1.0).astype(np.int64)
     if values.ndim != 1 or not (numbers == values).all() or not (np.diff(numbers) > 0).all():
         raise ValueError(f'broken {what} must be numbers of {what} in rising order')
