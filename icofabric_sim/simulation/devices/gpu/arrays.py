@@ -25,14 +25,14 @@ import numpy as np
 wp: Any = import_module('warp')
 
 # Doubles of a body on a device: two poses, velocities, accelerations, and the saved state.
-_EACH = 2 * 7 + 6 + 6 + 7 + 6
+_STATE_ROWS = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
 # Slopes of a step of the embedded pair, including its end.
-_SLOPES = 13
+_SLOPE_COUNT = 13
 # Further doubles of steps that resolve jumps of slopes.
-_START, _FORCES = 3 * LINK_COUNT, 4 * LINK_COUNT
+_START_ROWS, _FORCE_ROWS = 3 * LINK_COUNT, 4 * LINK_COUNT
 # Further doubles for contacts: pose at the last search, contact forces, displacement.
-_NEAR = POSE + MOTION + 1
+_CONTACT_ROWS = POSE + MOTION + 1
 # Fields of paths, see records.py.
 _PATHS = 'start', 'cubic', 'wave', 'rate', 'phase', 'base', 'turn', 'arm', 'first'
 
@@ -66,10 +66,10 @@ def bytes_of(
     touch, without the memory of candidate pairs.
     """
     terms, slots = terms_of(model, loaded=False), layout.slot_count
-    each = 8 * _EACH + 4 * terms.held * 8 + 2 * (model.masses is not None) * 8
+    each = 8 * _STATE_ROWS + 4 * terms.held * 8 + 2 * (model.masses is not None) * 8
     if kinked and has_jumps(model.links):
-        each += 8 * (_START + _FORCES + 3 * MOTION) + LINK_COUNT
-    each += touching * (8 * _NEAR + 4)
+        each += 8 * (_START_ROWS + _FORCE_ROWS + 3 * MOTION) + LINK_COUNT
+    each += touching * (8 * _CONTACT_ROWS + 4)
     blocks = len(layout.blocks.slot) * (4 + 1 + 4)
     if terms.linked:
         blocks += len(layout.blocks.slot) * 12 * (4 + 1)
@@ -84,7 +84,7 @@ def pair_bytes_of(model: Model, layout: Layout, *, touching: bool = False) -> in
     """Return the approximate memory [bytes] of a run by the embedded pair, with its slopes."""
     spends = model.damping is not None or model.drag is not None
     # A trial state and the initial one; slopes, powers, dissipated energy; errors.
-    more = 2 * (POSE + MOTION) + _SLOPES * (POSE + MOTION) + spends * (_SLOPES + 2) + 2
+    more = 2 * (POSE + MOTION) + _SLOPE_COUNT * (POSE + MOTION) + spends * (_SLOPE_COUNT + 2) + 2
     own = model.damping is not None and model.damping.own is not None
     more += own * LINK_COUNT + touching * 2
     return bytes_of(model, layout, touching=touching) + 8 * layout.slot_count * more
@@ -190,7 +190,7 @@ def put_crossings(fabric: Any, slot_count: int, device: Device) -> None:
     """Allocate arrays for steps that resolve jumps of slopes."""
     fabric.start, fabric.forces = (
         wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
-        for rows in (_START, _FORCES))
+        for rows in (_START_ROWS, _FORCE_ROWS))
     fabric.active = wp.zeros(LINK_COUNT * slot_count, dtype=wp.uint8, device=device.handle)
     fabric.found = wp.zeros(1, dtype=wp.int32, device=device.handle)
 

@@ -22,12 +22,13 @@ wp: Any = import_module('warp')
 # Compute capability of a H100 or H200.
 HOPPER = 90
 # Registers of a multiprocessor, threads of a group with common instructions, and most groups.
-_REGISTERS, _WARP, _MOST_WARPS = 65536, 32, 64
+_REGISTER_TOTAL, _WARP_SIZE, _MAX_WARPS = 65536, 32, 64
 # Allocation unit of registers, per thread.
-_LUMP = 8
+_REGISTER_UNIT = 8
 # Attributes of a kernel in the compiled file, and the format of numeric attributes.
 _REGISTER_COUNT, _FRAME_SIZE, _SIZED = 0x2F, 0x11, 4
-_FUSED, _ROUNDED = r'\bfma\.rn\.f64\b', r'\b(?:add|sub|mul|div|sqrt)(?:\.rn)?\.f64\b'
+_FUSED_PATTERN = r'\bfma\.rn\.f64\b'
+_ROUNDED_PATTERN = r'\b(?:add|sub|mul|div|sqrt)(?:\.rn)?\.f64\b'
 
 
 class CompiledKernel(NamedTuple):
@@ -43,8 +44,8 @@ class CompiledKernel(NamedTuple):
     @property
     def warps(self) -> int:
         """Number of groups of 32 threads that a multiprocessor holds at a time, of 64."""
-        each = -(-self.registers // _LUMP) * _LUMP * self.block
-        return min(_REGISTERS // each * self.block // _WARP, _MOST_WARPS)
+        each = -(-self.registers // _REGISTER_UNIT) * _REGISTER_UNIT * self.block
+        return min(_REGISTER_TOTAL // each * self.block // _WARP_SIZE, _MAX_WARPS)
 
 
 def compiled_kernel(
@@ -74,8 +75,8 @@ def compiled_as(kernel: Any, architecture: int = HOPPER) -> CompiledKernel:
         architecture,
         max(value for name, value in found if name == _REGISTER_COUNT),
         max(value for name, value in found if name == _FRAME_SIZE),
-        len(re.findall(_ROUNDED, text)) + len(re.findall(_FUSED, text)),
-        len(re.findall(_FUSED, text)), int(kernel.module.options['block_dim']))
+        len(re.findall(_ROUNDED_PATTERN, text)) + len(re.findall(_FUSED_PATTERN, text)),
+        len(re.findall(_FUSED_PATTERN, text)), int(kernel.module.options['block_dim']))
 
 
 def _attributes(program: bytes) -> Iterator[tuple[int, int]]:

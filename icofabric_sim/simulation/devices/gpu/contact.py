@@ -21,23 +21,23 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE, _TWO, _THREE, _FOUR, _TWELVE = (
-    wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 12.0))
-_RHO, _OUTER = wp.constant(_D(INNER)), wp.constant(_D(OUTER))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE, _TWO, _THREE, _FOUR, _TWELVE = (
+    wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 12.0))
+_RHO, _OUTER = wp.constant(_DOUBLE(INNER)), wp.constant(_DOUBLE(OUTER))
 # As on the processor: round-off of a gap, distance of coincident centres, limit of parallel faces,
 # and smallest volume.
-_ROUNDING, _COINCIDE, _NEAR, _NOTHING = (
-    wp.constant(_D(x)) for x in (1e-14, 1e-6, 1e-24, 1e-200))
-_EIGHT = wp.constant(_D(8.0))
+_ROUND_OFF, _COINCIDENT, _PARALLEL_FACES, _MIN_VOLUME = (
+    wp.constant(_DOUBLE(x)) for x in (1e-14, 1e-6, 1e-24, 1e-200))
+_EIGHT = wp.constant(_DOUBLE(8.0))
 # Squared sine of an angle below which edges are parallel. Overlap over a up to which the overlap
 # along faces and centres may exceed the smallest one.
-_PARALLEL, _SHALLOW = wp.constant(_D(1e-12)), wp.constant(_D(0.02))
+_PARALLEL, _SHALLOW = wp.constant(_DOUBLE(1e-12)), wp.constant(_DOUBLE(0.02))
 # A polygon: x, y, z and depth of its corners. A pyramid has at most four corners, and each of
 # three clipping sides adds one.
-_Polygon = wp.types.matrix(shape=(8, 4), dtype=_D)
+_Polygon = wp.types.matrix(shape=(8, 4), dtype=_DOUBLE)
 # M_0, M_1, and the integrals of n, p n, x cross n, p x cross n.
-_Sums = wp.types.vector(length=14, dtype=_D)
+_Sums = wp.types.vector(length=14, dtype=_DOUBLE)
 # Results of a pair: force on the first body, torques on both for a stiffness of 1 N/m, and the
 # contact flag.
 PUSH_SIZE = 10
@@ -83,9 +83,9 @@ def section(near: Nearness, i: int, m: wp.vec3d, offset: wp.float64):
         here, there = near.corners[3 * i + k], near.corners[3 * i + after]
         e, f = offset - wp.dot(m, here), offset - wp.dot(m, there)
         # If the centre is deeper below the other face than below its own, signs are reversed.
-        inside, beyond = e > _ZERO, f > _ZERO
-        if centre <= _ZERO:
-            inside, beyond = e < _ZERO, f < _ZERO
+        inside, beyond = e > _ZERO_F64, f > _ZERO_F64
+        if centre <= _ZERO_F64:
+            inside, beyond = e < _ZERO_F64, f < _ZERO_F64
         if inside:
             # On the line from the centre to this corner.
             whole = _ONE / (centre + e)
@@ -99,7 +99,7 @@ def section(near: Nearness, i: int, m: wp.vec3d, offset: wp.float64):
             t = e / (e - f)
             for axis in range(3):
                 found[count, axis] = here[axis] + t * (there[axis] - here[axis])
-            found[count, 3] = _ZERO
+            found[count, 3] = _ZERO_F64
             count = count + 1
     return found, count
 
@@ -112,12 +112,12 @@ def clipped(polygon: _Polygon, count: int, r: wp.vec3d, limit: wp.float64):
     before = r[0] * polygon[last, 0] + r[1] * polygon[last, 1] + r[2] * polygon[last, 2] - limit
     for k in range(count):
         value = r[0] * polygon[k, 0] + r[1] * polygon[k, 1] + r[2] * polygon[k, 2] - limit
-        if (value > _ZERO) != (before > _ZERO):
+        if (value > _ZERO_F64) != (before > _ZERO_F64):
             t = before / (before - value)
             for n in range(4):
                 kept[left, n] = polygon[last, n] + t * (polygon[k, n] - polygon[last, n])
             left = left + 1
-        if value <= _ZERO:
+        if value <= _ZERO_F64:
             for n in range(4):
                 kept[left, n] = polygon[k, n]
             left = left + 1
@@ -192,9 +192,9 @@ def with_faces(near: Nearness, sums: _Sums, i: int, j: int, c: wp.vec3d, q: wp.m
     n = near.normals[i] - m
     square = wp.dot(n, n)
     # For parallel faces, planes of equal depth are nowhere or everywhere.
-    if count > 2 and square > _NEAR:
+    if count > 2 and square > _PARALLEL_FACES:
         n = n * (_ONE / wp.sqrt(square))
-        return with_polygon(sums, polygon, count, n, wp.dot(n, c), _ZERO)
+        return with_polygon(sums, polygon, count, n, wp.dot(n, c), _ZERO_F64)
     return sums
 
 
@@ -204,7 +204,7 @@ def with_plane(near: Nearness, sums: _Sums, i: int, m: wp.vec3d, offset: wp.floa
     polygon, count = section(near, i, m, offset)
     n = near.normals[i] - m
     square = wp.dot(n, n)
-    if count > 2 and square > _NEAR:
+    if count > 2 and square > _PARALLEL_FACES:
         scale = _ONE / wp.sqrt(square)
         n = n * scale
         return with_polygon(
@@ -275,10 +275,10 @@ def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
         height = (wp.dot(normal, place) - near.planes[k + 3]) / a
         m = turned(own, normal)
         depth = across(near, m) - height
-        if height < _OUTER and depth > _ZERO:
+        if height < _OUTER and depth > _ZERO_F64:
             for i in range(20):
                 sums = with_plane(near, sums, i, m, -height)
-            if sums[0] > _NOTHING:
+            if sums[0] > _MIN_VOLUME:
                 force, torque = pushed(sums, a, own)
                 touches, overlap = _ONE, depth * a
     else:
@@ -286,18 +286,18 @@ def touch(fabric: Fabric, near: Nearness, pose: wp.array(dtype=wp.float64)):
         if wp.dot(d, d) < _FOUR * _OUTER * _OUTER * a * a:
             c = turned(own, d / a)
             q = between_axes(own, axes_of(turn_of(pose, n, t)))
-            if wp.max(wp.abs(c[0]), wp.max(wp.abs(c[1]), wp.abs(c[2]))) > _COINCIDE:
+            if wp.max(wp.abs(c[0]), wp.max(wp.abs(c[1]), wp.abs(c[2]))) > _COINCIDENT:
                 gap = gap_of(near, c, q)
-                if gap <= _ROUNDING:
+                if gap <= _ROUND_OFF:
                     for i in range(20):
                         for j in range(20):
                             sums = with_faces(near, sums, i, j, c, q)
-                    if sums[0] > _NOTHING:
+                    if sums[0] > _MIN_VOLUME:
                         force, torque = pushed(sums, a, own)
                         other = wp.cross(d, force) - torque
                         if gap < -_SHALLOW:
                             gap = gap_across_edges(near, c, q, gap)
-                        touches, overlap = _ONE, wp.max(_ZERO, -gap) * a
+                        touches, overlap = _ONE, wp.max(_ZERO_F64, -gap) * a
             else:
                 touches, overlap = _ONE, _TWO * _RHO * a
     at = PUSH_SIZE * p
@@ -318,7 +318,7 @@ def add_up(fabric: Fabric, near: Nearness):
     for e in range(near.start[s], near.start[s + 1]):
         p, side = near.entry[e] >> 1, near.entry[e] & 1
         at = PUSH_SIZE * p
-        if near.pushes[at + 9] != _ZERO:
+        if near.pushes[at + 9] != _ZERO_F64:
             k = wp.where(side == 0, near.stiffness, -near.stiffness)
             turning = at + 3 + 3 * side
             force = force + k * wp.vec3d(
@@ -368,7 +368,7 @@ def fold_ways(values: wp.array(dtype=wp.float64), count: int, found: wp.array(dt
     most = wp.float64(0.0)
     for k in range(SHARE * share, wp.min(SHARE * share + SHARE, count)):
         most = wp.max(most, values[k])
-        values[k] = _ZERO
+        values[k] = _ZERO_F64
     found[share] = most
 
 

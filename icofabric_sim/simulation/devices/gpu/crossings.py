@@ -28,15 +28,15 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0))
-_SMALLEST = wp.constant(_D(1e-300))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0))
+_MIN_SQUARE = wp.constant(_DOUBLE(1e-300))
 # Steps of Newton's method towards a crossing.
 _NEWTON = wp.constant(2)
-_Three = wp.types.vector(length=3, dtype=_D)
-_Four = wp.types.vector(length=4, dtype=_D)
-_Six = wp.types.vector(length=6, dtype=_D)
-_FourByFour = wp.types.matrix(shape=(4, 4), dtype=_D)
+_Three = wp.types.vector(length=3, dtype=_DOUBLE)
+_Four = wp.types.vector(length=4, dtype=_DOUBLE)
+_Six = wp.types.vector(length=6, dtype=_DOUBLE)
+_FourByFour = wp.types.matrix(shape=(4, 4), dtype=_DOUBLE)
 
 
 def _gauss(count: int, kind: Any) -> tuple[Any, Any]:
@@ -64,8 +64,8 @@ def value_of(c: _Six, x: wp.float64):
 @wp.func
 def slope_at(c: _Six, x: wp.float64):
     """Return the derivative of a quintic at x."""
-    return c[1] + x * ((c[2] + c[2]) + x * (_D(3.0) * c[3] + x * (
-        _D(4.0) * c[4] + x * (_D(5.0) * c[5]))))
+    return c[1] + x * ((c[2] + c[2]) + x * (_DOUBLE(3.0) * c[3] + x * (
+        _DOUBLE(4.0) * c[4] + x * (_DOUBLE(5.0) * c[5]))))
 
 
 @wp.func
@@ -74,18 +74,18 @@ def crossing(c: _Six, first: wp.float64, last: wp.float64, turn: wp.float64):
     low, high = first, last
     above, below = turn * value_of(c, low), turn * value_of(c, high)
     fall = above - below
-    x = low + (high - low) * (above / wp.where(fall > _ZERO, fall, _ONE))
+    x = low + (high - low) * (above / wp.where(fall > _ZERO_F64, fall, _ONE))
     for _step in range(_NEWTON):
         middle = _HALF * (low + high)
         if x < low or x > high:
             x = middle
         value, slope = turn * value_of(c, x), turn * slope_at(c, x)
-        if value > _ZERO:
+        if value > _ZERO_F64:
             low = x
         else:
             high = x
         x = wp.where(
-            slope < _ZERO, x - value / wp.where(slope < _ZERO, slope, -_ONE),
+            slope < _ZERO_F64, x - value / wp.where(slope < _ZERO_F64, slope, -_ONE),
             _HALF * (low + high))
     if x < low or x > high:
         x = _HALF * (low + high)
@@ -98,10 +98,10 @@ def moments_beyond(c: _Six):
     Return the integrals of g and s g over the part of [0, 1] where the quintic g is negative.
     """
     a, b = wp.float64(0.0), wp.float64(0.0)
-    early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
+    early, late = value_of(c, _HALF) < _ZERO_F64, value_of(c, _ONE) < _ZERO_F64
     if early or late:
         begin = crossing(
-            c, wp.where(early, _ZERO, _HALF), wp.where(early, _HALF, _ONE), _ONE)
+            c, wp.where(early, _ZERO_F64, _HALF), wp.where(early, _HALF, _ONE), _ONE)
         end = wp.float64(1.0)
         if early and not late:
             end = crossing(c, _HALF, _ONE, -_ONE)
@@ -118,14 +118,14 @@ def moments_beyond(c: _Six):
 def moments_foretold(c: _Six):
     """Return the integrals of g, s g, s^2 g, s^3 g where a quadratic g is negative in [0, 1]."""
     found = _Four()
-    early, late = value_of(c, _HALF) < _ZERO, value_of(c, _ONE) < _ZERO
+    early, late = value_of(c, _HALF) < _ZERO_F64, value_of(c, _ONE) < _ZERO_F64
     if early or late:
-        root = c[1] * c[1] - _D(4.0) * c[2] * c[0]
-        lower = wp.sqrt(wp.max(root, _ZERO)) - c[1]
-        begin = (c[0] + c[0]) / wp.where(lower > _ZERO, lower, _ONE)
+        root = c[1] * c[1] - _DOUBLE(4.0) * c[2] * c[0]
+        lower = wp.sqrt(wp.max(root, _ZERO_F64)) - c[1]
+        begin = (c[0] + c[0]) / wp.where(lower > _ZERO_F64, lower, _ONE)
         end = wp.float64(1.0)
         if early and not late:
-            end = lower / wp.where(c[2] > _ZERO, c[2] + c[2], _ONE)
+            end = lower / wp.where(c[2] > _ZERO_F64, c[2] + c[2], _ONE)
         span = end - begin
         for k in range(3):
             x = begin + span * _FEWER_NODES[k]
@@ -190,7 +190,7 @@ def stretch_of(
     n = fabric.stride
     v = rate_of(noted, n, other, far) - rate_of(noted, n, s, arm)
     a = second_of(noted, n, other, far) - second_of(noted, n, s, arm)
-    length = wp.sqrt(wp.max(wp.dot(u, u), _SMALLEST))
+    length = wp.sqrt(wp.max(wp.dot(u, u), _MIN_SQUARE))
     rate = wp.dot(u, v) / length
     second = ((wp.dot(v, v) + wp.dot(u, a)) - rate * rate) / length
     return length - fabric.natural[link * n + s], h * rate, _HALF * h * h * second
@@ -205,7 +205,7 @@ def inverses(fabric: Fabric, s: int, held: int):
     if held == 1:
         mass = wp.vec3d(
             fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
-        inertia = fabric.free_inertia[s] + _ZERO
+        inertia = fabric.free_inertia[s] + _ZERO_F64
     return mass, inertia
 
 
@@ -259,17 +259,17 @@ class Crossings:
                     fabric.start[12 * n + at] = v
                     fabric.start[24 * n + at] = a
                     jump = fabric.extension[at] - fabric.compression[at]
-                    side = wp.where(e > _ZERO, _ONE, -_ONE)
-                    c = _Six(side * e, side * v, side * a, _ZERO, _ZERO, _ZERO)
-                    crosses = jump != _ZERO and (
-                        value_of(c, _HALF) < _ZERO or value_of(c, _ONE) < _ZERO)
+                    side = wp.where(e > _ZERO_F64, _ONE, -_ONE)
+                    c = _Six(side * e, side * v, side * a, _ZERO_F64, _ZERO_F64, _ZERO_F64)
+                    crosses = jump != _ZERO_F64 and (
+                        value_of(c, _HALF) < _ZERO_F64 or value_of(c, _ONE) < _ZERO_F64)
                     fabric.active[at] = wp.where(crosses, wp.uint8(1), wp.uint8(0))
                     if crosses:
                         # On the other side, the stiffness is larger by - side x jump.
                         forces = -jump * (_CUBIC * moments_foretold(c))
                         for k in range(4):
                             fabric.forces[12 * k * n + at] = forces[k]
-                        square = wp.max(wp.dot(u, u), _SMALLEST)
+                        square = wp.max(wp.dot(u, u), _MIN_SQUARE)
                         pull = (kick * h * forces[0] / wp.sqrt(square)) * u
                         impulse = impulse + pull
                         turning = turning + wp.cross(arm, pull)
@@ -293,7 +293,7 @@ class Crossings:
             for link in range(12):
                 at = link * n + s
                 jump = fabric.extension[at] - fabric.compression[at]
-                if has_link(fabric, block, lane, link) == 1 and jump != _ZERO:
+                if has_link(fabric, block, lane, link) == 1 and jump != _ZERO_F64:
                     edge = link >> 1
                     other = partner_of(fabric, block, lane, link)
                     arm = arm_to(fabric, turn, edge)
@@ -302,16 +302,16 @@ class Crossings:
                     e, v, a = stretch_of(fabric, noted, link, s, other, arm, far, u, h)
                     first, rate = fabric.start[at], fabric.start[12 * n + at]
                     curve = fabric.start[24 * n + at]
-                    side = wp.where(first > _ZERO, _ONE, -_ONE)
+                    side = wp.where(first > _ZERO_F64, _ONE, -_ONE)
                     d = side * (((e - first) - rate) - curve)
                     v = side * ((v - rate) - (curve + curve))
                     a = side * (a - curve)
                     c = _Six(
                         side * first, side * rate, side * curve,
-                        _D(10.0) * d + (a - _D(4.0) * v),
-                        _D(-15.0) * d + (_D(7.0) * v - (a + a)),
-                        _D(6.0) * d + (a - _D(3.0) * v))
-                    crosses = value_of(c, _HALF) < _ZERO or side * e < _ZERO
+                        _DOUBLE(10.0) * d + (a - _DOUBLE(4.0) * v),
+                        _DOUBLE(-15.0) * d + (_DOUBLE(7.0) * v - (a + a)),
+                        _DOUBLE(6.0) * d + (a - _DOUBLE(3.0) * v))
+                    crosses = value_of(c, _HALF) < _ZERO_F64 or side * e < _ZERO_F64
                     was = int(fabric.active[at])
                     if crosses or was != 0:
                         whole, moment = wp.float64(0.0), wp.float64(0.0)
@@ -323,10 +323,10 @@ class Crossings:
                             # Applied impulse, and impulse times the remaining time.
                             for k in range(4):
                                 force = fabric.forces[12 * k * n + at]
-                                order = _D(k + 1)
+                                order = _DOUBLE(k + 1)
                                 whole = whole - force / order
                                 moment = moment - force / (order * (order + _ONE))
-                        early = _D(2.0) * h * moment
+                        early = _DOUBLE(2.0) * h * moment
                         fabric.forces[at] = h * whole - early
                         fabric.forces[12 * n + at] = early
                         fabric.active[at] = wp.uint8(2)
@@ -356,7 +356,7 @@ class Crossings:
                     arm = arm_to(fabric, turn, edge)
                     u = (place_of(pose, n, other) + arm_to(
                         fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
-                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    square = wp.max(wp.dot(u, u), _MIN_SQUARE)
                     pull = (fabric.forces[row * n + at] / wp.sqrt(square)) * u
                     impulse = impulse + pull
                     turning = turning + wp.cross(arm, pull)

@@ -31,12 +31,12 @@ from icofabric_sim.simulation.devices.gpu.rotations import (
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE, _TWO, _THREE = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
 # Lower bound of squared lengths, where a force has no direction.
-_SMALLEST = wp.constant(_D(1e-300))
+_MIN_SQUARE = wp.constant(_DOUBLE(1e-300))
 # Gauss rule for the mean power of a wrench over a drift.
-_Five = wp.types.vector(length=5, dtype=_D)
+_Five = wp.types.vector(length=5, dtype=_DOUBLE)
 _NODES = wp.constant(_Five(
     0.5 - NEAR_OFFSET, 0.5 + NEAR_OFFSET, 0.5 - FAR_OFFSET, 0.5 + FAR_OFFSET, 0.5))
 _WEIGHTS = wp.constant(_Five(
@@ -91,11 +91,11 @@ def kept_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: w
     The corrections are those of crossings. For negative `step_part`, the law of the connector
     applies.
     """
-    if step_part < _ZERO:
+    if step_part < _ZERO_F64:
         return own_law(fabric, link, s, square, step_part)
     n = fabric.stride
     at = link * n + s
-    k = wp.where(fabric.start[at] > _ZERO, fabric.extension[at], fabric.compression[at])
+    k = wp.where(fabric.start[at] > _ZERO_F64, fabric.extension[at], fabric.compression[at])
     tension = -(k * fabric.natural[at])
     if int(fabric.active[at]) != 0:
         x = step_part
@@ -140,7 +140,7 @@ def springs(law: Any, arm_to: Any) -> Any:
                     far = place_of(pose, fabric.stride, other) + arm_to(
                         fabric, turn_of(pose, fabric.stride, other), edge ^ 1)
                     u = far - end
-                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    square = wp.max(wp.dot(u, u), _MIN_SQUARE)
                     pull = pull + law(fabric, link, s, square, step_part) * u
             force = force + pull
             torque = torque + wp.cross(arm, pull)
@@ -172,10 +172,10 @@ def stiffness_of(
 ):
     """Return the stiffness against a moment [N m/rad] of a connector."""
     if values.shape[0] == 0:
-        return _ZERO
+        return _ZERO_F64
     if values.shape[0] == 1:
-        return values[0] + _ZERO
-    return values[link * stride + s] + _ZERO
+        return values[0] + _ZERO_F64
+    return values[link * stride + s] + _ZERO_F64
 
 
 def moments(arm_to: Any) -> Any:
@@ -196,12 +196,12 @@ def moments(arm_to: Any) -> Any:
                 there = turn_of(pose, fabric.stride, other)
                 axes = axes_of(there)
                 kappa = stiffness_of(fabric.bending, fabric.stride, link, s)
-                if kappa > _ZERO:
+                if kappa > _ZERO_F64:
                     arm = arm_to(fabric, turn, edge)
                     u = (place_of(pose, fabric.stride, other) + arm_to(
                         fabric, there, edge ^ 1)) - (place + arm)
                     square = wp.dot(u, u)
-                    if square > _SMALLEST:
+                    if square > _MIN_SQUARE:
                         inverse = _ONE / wp.sqrt(square)
                         d = u * inverse
                         n = on_axes(own, fabric.direction[link]) - d
@@ -212,7 +212,7 @@ def moments(arm_to: Any) -> Any:
                         torque = torque + (
                             kappa * wp.cross(n, d) + wp.cross(arm, push))
                 kappa = stiffness_of(fabric.twisting, fabric.stride, link, s)
-                if kappa > _ZERO:
+                if kappa > _ZERO_F64:
                     # Exactly opposite at the other end.
                     total = wp.cross(own[0], axes[0]) + wp.cross(own[1], axes[1])
                     total = total + wp.cross(own[2], axes[2])
@@ -243,7 +243,7 @@ def dampers(arm_to: Any) -> Any:
                     u = (place_of(pose, n, t) + other) - end
                     moving = wp.vec3d(motion[t], motion[n + t], motion[2 * n + t]) + wp.cross(
                         wp.vec3d(motion[3 * n + t], motion[4 * n + t], motion[5 * n + t]), other)
-                    inverse = _ONE / wp.sqrt(wp.max(wp.dot(u, u), _SMALLEST))
+                    inverse = _ONE / wp.sqrt(wp.max(wp.dot(u, u), _MIN_SQUARE))
                     rate = wp.dot(u, moving - speed) * inverse
                     tension = stiffness_of(fabric.damping, n, link, s) * rate
                     taken = taken + tension * rate
@@ -270,7 +270,7 @@ def factor_of(acting: Acting, w: int, time: wp.float64):
     """Return the factor of a wrench at `time` [s]."""
     after = time - acting.varying[5 * w]
     factor = acting.varying[5 * w + 1] + acting.varying[5 * w + 2] * after
-    if acting.varying[5 * w + 3] != _ZERO:
+    if acting.varying[5 * w + 3] != _ZERO_F64:
         sine, cosine = sine_and_cosine(acting.varying[5 * w + 4] * after)
         factor = factor + acting.varying[5 * w + 3] * sine
     return factor
@@ -334,7 +334,7 @@ def mean_power(
     time: wp.float64, h: wp.float64
 ):
     """Return the mean power [W] of a wrench over a drift, see kernels/loads.py."""
-    if acting.varying[5 * w + 2] == _ZERO and acting.varying[5 * w + 3] == _ZERO:
+    if acting.varying[5 * w + 2] == _ZERO_F64 and acting.varying[5 * w + 3] == _ZERO_F64:
         return acting.varying[5 * w + 1] * steady_power(acting, w, turn, velocity, spin, h)
     mean = wp.float64(0.0)
     for node in range(5):
@@ -353,11 +353,11 @@ def anchor_pull(acting: Acting, a: int, place: wp.vec3d, turn: wp.vec4d, time: w
     speed = first + t * (_TWO * second + t * (_THREE * third))
     arm = to_world(turn, acting.anchor_arm[a])
     u = (point - place) - arm
-    square = wp.max(wp.dot(u, u), _SMALLEST)
+    square = wp.max(wp.dot(u, u), _MIN_SQUARE)
     length = wp.sqrt(square)
     stretch = length - acting.anchor_law[3 * a + 2]
     tension = acting.anchor_law[3 * a + 1] * stretch
-    if stretch > _ZERO:
+    if stretch > _ZERO_F64:
         tension = acting.anchor_law[3 * a] * stretch
     force = (tension / length) * u
     return force, wp.cross(arm, force), wp.dot(force, speed)

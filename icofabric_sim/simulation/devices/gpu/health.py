@@ -40,7 +40,7 @@ import numpy as np
 wp: Any = import_module('warp')
 
 # Most values of a figure that this process sums.
-_FEW = 1024
+_HOST_SUM_COUNT = 1024
 
 
 class HealthCheck:
@@ -53,7 +53,7 @@ class HealthCheck:
         # Arrays of partial sums, from long to short.
         self._folded: list[Any] = []
         count = self._blocks
-        while not self._folded or count > _FEW:
+        while not self._folded or count > _HOST_SUM_COUNT:
             count = -(-count // SHARE)
             self._folded.append(
                 wp.zeros(FIGURES * count, dtype=wp.float64, device=device.handle))

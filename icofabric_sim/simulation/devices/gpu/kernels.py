@@ -48,7 +48,7 @@ from icofabric_sim.simulation.devices.gpu.rotations import rotated, to_world
 
 wp: Any = import_module('warp')
 
-_ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
+_ZERO_F64, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
 
 class Terms(NamedTuple):
@@ -165,8 +165,8 @@ def step_kernel(terms: Terms) -> Any:
                 fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
             inertia = fabric.free_inertia[s]
             for k in range(3):
-                if mass[k] == _ZERO:
-                    weight[k] = _ZERO
+                if mass[k] == _ZERO_F64:
+                    weight[k] = _ZERO_F64
         linear, angular = wp.vec3d(), wp.vec3d()
         if stage.source > 0:
             if stage.source == 1:
@@ -205,7 +205,7 @@ def step_kernel(terms: Terms) -> Any:
             for part in range(2):
                 # The last kick of a step and the first of the next share their forces.
                 kick = wp.where(part == 0, stage.kick, stage.again) * h
-                if kick != _ZERO:
+                if kick != _ZERO_F64:
                     velocity = velocity + kick * linear
                     spin = spin + kick * angular
                     if wp.static(loaded):
@@ -219,14 +219,14 @@ def step_kernel(terms: Terms) -> Any:
             for k in range(3):
                 motion[k * n + s] = velocity[k]
                 motion[(k + 3) * n + s] = spin[k]
-        if stage.drift != _ZERO:
+        if stage.drift != _ZERO_F64:
             for number in range(2):
                 whole = wp.where(number == 0, stage.drift, stage.second) * h
-                if whole != _ZERO:
+                if whole != _ZERO_F64:
                     if wp.static(loaded):
                         step = wp.where(number == 0, stage.drift_step, stage.second_step)
                         drifts = wp.where(number == 0, stage.drift_drifts, 0)
-                        later = wp.where(number == 0, stage.drift_later, _ZERO)
+                        later = wp.where(number == 0, stage.drift_later, _ZERO_F64)
                         now = time_at(clock, step, drifts) + later * h
                         if wp.static(driven):
                             velocity = standing(acting, block, lane, velocity)

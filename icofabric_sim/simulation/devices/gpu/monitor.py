@@ -25,19 +25,20 @@ from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _QUARTER, _ONE, _TWO = (wp.constant(_D(x)) for x in (0.0, 0.5, 0.25, 1.0, 2.0))
-_SMALLEST = wp.constant(_D(1e-300))
-_LEAN, _ALONG = wp.constant(_D(LEAN)), wp.constant(_D(ALONG))
-_INFINITY = wp.constant(_D(float('inf')))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _QUARTER, _ONE, _TWO = (
+    wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 0.25, 1.0, 2.0))
+_MIN_DIVISOR = wp.constant(_DOUBLE(1e-300))
+_LEAN, _ALONG = wp.constant(_DOUBLE(LEAN)), wp.constant(_DOUBLE(ALONG))
+_INFINITY = wp.constant(_DOUBLE(float('inf')))
 # Figures of a body, in this order; the last three are maxima, the others sums.
 LINKED, TENSIONS, KINETIC, HEIGHT, BOUND, SPIN, EXTENT = range(7)
 FIGURES, SUMMED = 7, 4
 # Blocks, or partial sums, that one thread folds.
 SHARE = 16
 
-_Six = wp.types.vector(length=6, dtype=_D)
-_SixBySix = wp.types.matrix(shape=(6, 6), dtype=_D)
+_Six = wp.types.vector(length=6, dtype=_DOUBLE)
+_SixBySix = wp.types.matrix(shape=(6, 6), dtype=_DOUBLE)
 
 
 @wp.func
@@ -60,12 +61,12 @@ def row_sum(form: _SixBySix, row: int):
 @wp.func
 def largest_of_block(form: _SixBySix):
     """Return a bound of the largest eigenvalue, as in kernels/frequency_bound.py."""
-    scale = _ZERO
+    scale = _ZERO_F64
     for k in range(6):
         scale = wp.max(scale, form[k, k])
-    part = form * (_ONE / wp.max(scale, _SMALLEST))
+    part = form * (_ONE / wp.max(scale, _MIN_DIVISOR))
     square = part * part
-    most = _ZERO
+    most = _ZERO_F64
     for k in range(6):
         most = wp.max(most, row_sum(square, k))
     return scale * wp.sqrt(most)
@@ -122,14 +123,14 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
                     other = partner_of(fabric, block, lane, link)
                     u = (place_of(pose, n, other) + arm_to(
                         fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
-                    square = wp.max(wp.dot(u, u), _SMALLEST)
+                    square = wp.max(wp.dot(u, u), _MIN_DIVISOR)
                     length = wp.sqrt(square)
                     stretch, pull, root = slope_of(fabric, link * n + s, square, length)
                     if wp.static(one_law):
                         energy = energy + stretch * stretch
                     else:
                         energy = energy + stretch * pull
-                    tension = tension + wp.max(pull, _ZERO) / length
+                    tension = tension + wp.max(pull, _ZERO_F64) / length
                     pulls = pulls + wp.abs(pull)
                     along = u * (root / length)
                     across = wp.cross(arm * root_inertia, along)

@@ -16,15 +16,15 @@ from icofabric_sim.simulation.devices.gpu.rotations import sine_and_cosine, turn
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE, _TWO, _THREE = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE, _TWO, _THREE = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
 # Largest squared angle of the series, and their coefficients, see `place_row`.
-_SERIES = wp.constant(_D(1e-4))
-_S2, _S4, _S6 = (wp.constant(_D(x)) for x in (1.0 / 48.0, 1.0 / 3840.0, 1.0 / 645120.0))
-_C2, _C4, _C6 = (wp.constant(_D(x)) for x in (0.125, 1.0 / 384.0, 1.0 / 46080.0))
-_T2, _T4, _T6 = (wp.constant(_D(x)) for x in (1.0 / 24.0, 1.0 / 720.0, 1.0 / 40320.0))
+_SERIES = wp.constant(_DOUBLE(1e-4))
+_S2, _S4, _S6 = (wp.constant(_DOUBLE(x)) for x in (1.0 / 48.0, 1.0 / 3840.0, 1.0 / 645120.0))
+_C2, _C4, _C6 = (wp.constant(_DOUBLE(x)) for x in (0.125, 1.0 / 384.0, 1.0 / 46080.0))
+_T2, _T4, _T6 = (wp.constant(_DOUBLE(x)) for x in (1.0 / 24.0, 1.0 / 720.0, 1.0 / 40320.0))
 _U0, _U2, _U4, _U6 = (
-    wp.constant(_D(x)) for x in (1.0 / 6.0, 1.0 / 120.0, 1.0 / 5040.0, 1.0 / 362880.0))
+    wp.constant(_DOUBLE(x)) for x in (1.0 / 6.0, 1.0 / 120.0, 1.0 / 5040.0, 1.0 / 362880.0))
 
 
 @wp.func
@@ -143,7 +143,7 @@ def standing(acting: Acting, block: int, lane: int, velocity: wp.vec3d):
         if is_of(acting, m, lane) and p >= 0:
             for k in range(3):
                 if moves(acting, p, k):
-                    v[k] = _ZERO
+                    v[k] = _ZERO_F64
     return v
 
 
@@ -169,9 +169,9 @@ def left_free(acting: Acting, p: int, linear: wp.vec3d, angular: wp.vec3d):
     a, b = _ONE * linear, angular
     for k in range(3):
         if moves(acting, p, k):
-            a[k] = _ZERO
+            a[k] = _ZERO_F64
     if moves(acting, p, 3):
-        b = wp.vec3d(_ZERO, _ZERO, _ZERO)
+        b = wp.vec3d(_ZERO_F64, _ZERO_F64, _ZERO_F64)
     return a, b
 
 
@@ -193,7 +193,7 @@ def resisted(
             power = path_power(acting, p, mass, inertia, velocity, spin, a, b)
             at = fabric.lanes * m + lane
             more = acting.work[at] - h * power
-            if again != _ZERO:
+            if again != _ZERO_F64:
                 more = more - again * power
             acting.work[at] = more
             a, b = left_free(acting, p, a, b)

@@ -12,34 +12,35 @@ from typing import Any
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE, _TWO = (wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE, _TWO = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0))
 # Square of the half angle up to which the series below are exact to rounding.
-_SERIES = wp.constant(_D(1.0 / 64.0))
+_SERIES = wp.constant(_DOUBLE(1.0 / 64.0))
 _C2, _C4, _C6, _C8, _C10 = (
-    wp.constant(_D(x)) for x in (-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0))
+    wp.constant(_DOUBLE(x)) for x in (
+        -0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0))
 _S3, _S5, _S7, _S9, _S11 = (
-    wp.constant(_D(x)) for x in (
+    wp.constant(_DOUBLE(x)) for x in (
         -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0))
 # fdlibm's polynomials of the sine and the cosine up to pi / 4, and pi / 2 in three parts.
 _SINE_3, _SINE_5, _SINE_7, _SINE_9, _SINE_11, _SINE_13 = (
-    wp.constant(_D(x)) for x in (
+    wp.constant(_DOUBLE(x)) for x in (
         -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04,
         2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10))
 _COSINE_4, _COSINE_6, _COSINE_8, _COSINE_10, _COSINE_12, _COSINE_14 = (
-    wp.constant(_D(x)) for x in (
+    wp.constant(_DOUBLE(x)) for x in (
         4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05,
         -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11))
 _PER_QUARTER, _QUARTER_1, _QUARTER_2, _QUARTER_3 = (
-    wp.constant(_D(x)) for x in (
+    wp.constant(_DOUBLE(x)) for x in (
         6.36619772367581382433e-01, 1.57079632673412561417e+00, 6.07710050630396597660e-11,
         2.02226624879595063154e-21))
 # Coefficients of mean_factors, from x^18 down.
 _M18, _M16, _M14, _M12, _M10, _M8, _M6, _M4 = (
-    wp.constant(_D(x)) for x in (
+    wp.constant(_DOUBLE(x)) for x in (
         -1.0 / 121645100408832000.0, 1.0 / 355687428096000.0, -1.0 / 1307674368000.0,
         1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0))
-_SIXTH = wp.constant(_D(1.0 / 6.0))
+_SIXTH = wp.constant(_DOUBLE(1.0 / 6.0))
 
 
 @wp.func

@@ -39,11 +39,11 @@ from icofabric_sim.simulation.devices.gpu.rotations import to_world
 
 wp: Any = import_module('warp')
 
-_D = wp.float64
-_ZERO, _HALF, _ONE, _TWO, _TWENTY = (
-    wp.constant(_D(x)) for x in (0.0, 0.5, 1.0, 2.0, 20.0))
-_TINY, _HUNDREDTH = wp.constant(_D(1e-300)), wp.constant(_D(0.01))
-_SLOPE, _KINK = wp.constant(_D(26.0)), wp.constant(_D(1.7))
+_DOUBLE = wp.float64
+_ZERO_F64, _HALF, _ONE, _TWO, _TWENTY = (
+    wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0, 20.0))
+_TINY, _HUNDREDTH = wp.constant(_DOUBLE(1e-300)), wp.constant(_DOUBLE(0.01))
+_SLOPE, _KINK = wp.constant(_DOUBLE(26.0)), wp.constant(_DOUBLE(1.7))
 # Rows of a state and of its slope: position, orientation, velocity, spin.
 ROWS = 13
 # First rows of each quantity; without contacts and arms the last one is the spin.
@@ -105,8 +105,8 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
                 fabric.free_mass[s], fabric.free_mass[n + s], fabric.free_mass[2 * n + s])
             inertia = fabric.free_inertia[s]
             for k in range(3):
-                if mass[k] == _ZERO:
-                    weight[k] = _ZERO
+                if mass[k] == _ZERO_F64:
+                    weight[k] = _ZERO_F64
         force, torque = pulls(fabric, pose, block, lane, s, place, turn, -_ONE)
         more, moment = resistance(fabric, pose, block, lane, s, place, turn)
         force, torque = force + more, torque + moment
@@ -117,7 +117,7 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
             torque = torque + wp.vec3d(
                 near.rows[3 * n + s], near.rows[4 * n + s], near.rows[5 * n + s])
         if wp.static(damped or dragged):
-            taken = _ZERO
+            taken = _ZERO_F64
             more, moment, taken = losing(
                 fabric, pose, motion, block, lane, s, place, turn, velocity, spin)
             force, torque = force + more, torque + moment
@@ -131,7 +131,7 @@ def slope_kernel(terms: Terms, losses: Losses) -> Any:
         if wp.static(loaded):
             for m in range(acting.start[block], acting.start[block + 1]):
                 at = fabric.lanes * m + lane
-                given = _ZERO
+                given = _ZERO_F64
                 if (int(acting.lanes[m]) >> lane) & 1 == 1:
                     w = acting.wrench[m]
                     if w >= 0:
@@ -189,7 +189,7 @@ def combine(
         total = wp.float64(0.0)
         for j in range(weights.shape[0]):
             # Many weights of high-order methods are 0.
-            if weights[j] != _ZERO:
+            if weights[j] != _ZERO_F64:
                 total = total + weights[j] * slopes[j, k * n + s]
         if k < 7:
             to_pose[k * n + s] = pose[k * n + s] + h * total
@@ -211,8 +211,8 @@ def judge(
 ):
     """Compute the error of a step of length 1 for each body, for step control and as estimate."""
     thread = wp.tid()
-    found[0, thread] = _ZERO
-    found[1, thread] = _ZERO
+    found[0, thread] = _ZERO_F64
+    found[1, thread] = _ZERO_F64
     s = slot_of(fabric, thread)
     if s < 0:
         return
@@ -233,7 +233,7 @@ def judge(
         largest_3 = wp.max(largest_3, scales[part] * square_3)
     # wp.max drops NaN; a product with 0 keeps it.
     found[0, thread] = largest_5 / wp.sqrt(
-        wp.max(largest_5 + _HUNDREDTH * largest_3, _TINY)) + _ZERO * squares
+        wp.max(largest_5 + _HUNDREDTH * largest_3, _TINY)) + _ZERO_F64 * squares
     # See kernels/probable_error.py.
     of_5, of_3 = wp.sqrt(largest_5), wp.sqrt(largest_3)
     ratio = wp.min(of_5 / wp.sqrt(wp.max(largest_3, _TINY)), _ONE)
@@ -254,8 +254,8 @@ def find_quickest(
     the step, as `fastest_points` of kernels/contact/clearance.py.
     """
     thread = wp.tid()
-    found[0, thread] = _ZERO
-    found[1, thread] = _ZERO
+    found[0, thread] = _ZERO_F64
+    found[1, thread] = _ZERO_F64
     s = slot_of(fabric, thread)
     if s < 0:
         return
