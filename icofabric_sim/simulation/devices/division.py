@@ -42,7 +42,7 @@ class Part(NamedTuple):
 
 
 class HaloBytes(NamedTuple):
-    """What a rank receives in each evaluation of the forces [B]."""
+    """Bytes that a rank receives in each evaluation of the forces."""
 
     received: int
     # The same for the bodies alone that its connectors lead to: blocks have other lanes, too.

@@ -35,7 +35,7 @@ import numpy as np
 
 
 class HeldPart:
-    """A window with its states: of the run, and of what is tried beside it."""
+    """Window of a rank with the states of a run and of its trials."""
 
     def __init__(self, transport: Transport, window: Window, weights: Weights) -> None:
         """Make room for both."""
@@ -54,11 +54,11 @@ class HeldPart:
         self._iteration: PartIteration | None = None
 
     def contacts(self, near: NearPairs | None) -> None:
-        """Have these pairs from now on."""
+        """Use these candidate pairs."""
         self._around.take_pairs(near)
 
     def loads(self, loads: Loads | None) -> None:
-        """Have these loads from now on."""
+        """Use these loads."""
         self._loads = loads
         if loads is not None:
             self._works = {True: loads.work, False: np.zeros_like(loads.work)}
@@ -68,7 +68,7 @@ class HeldPart:
         self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
-        """Have the state from the first rank."""
+        """Receive the state from the first rank."""
         loads, state, work, contacts, watch = self._arrays(of_run)
         tables = tables_of(state, work, contacts, whole=True)
         if watch is not None:
@@ -104,7 +104,7 @@ class HeldPart:
         _copy(self._states[True], self._beside[AHEAD])
 
     def branch(self) -> None:
-        """Have those of half the length begin where the others are."""
+        """Start trial steps of half the length at the state of the others."""
         _copy(self._beside[AHEAD], self._beside[HALF])
 
     def apart(self) -> None:
@@ -187,7 +187,7 @@ class HeldPart:
         self._transport.wait(requests)
 
     def _arrays(self, of_run: bool, beside: str = '') -> Arrays:
-        """What steps change."""
+        """Return the arrays that steps change."""
         state, work = self._beside[beside] if beside else self._states[of_run]
         loads = self._loads
         return Arrays(
@@ -219,7 +219,7 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
 
 
 def _copied(state: State, work: Work) -> tuple[State, Work]:
-    """Room for the same state, and for what follows from it."""
+    """Return arrays for the same state and for the quantities computed from it."""
     spent = None if work.spent is None else meter_room(state.position.shape[1])
     acceleration = aligned_zeros(work.acceleration.shape)
     return copied_state(state), work._replace(acceleration=acceleration, spent=spent)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Surroundings:
-    """The pairs that may touch, of the run and of what is tried beside it, and the watch."""
+    """Candidate pairs of a run and of its trials, and the watch."""
 
     def __init__(self, window: Window) -> None:
         """Nothing is near yet."""
@@ -21,7 +21,7 @@ class Surroundings:
         self.contacts: dict[bool, Contacts] = {}
 
     def take_pairs(self, near: NearPairs | None) -> None:
-        """Have these pairs from now on."""
+        """Use these candidate pairs."""
         self.contacts = {} if near is None else {
             of_run: contacts_of(near, self._followed.slot, self._followed, self._slot_count)
             for of_run in (True, False)}

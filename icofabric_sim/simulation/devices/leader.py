@@ -123,11 +123,11 @@ class SharedSteps:
 
     @property
     def is_apart(self) -> bool:
-        """Whether the state of the run is with the ranks alone."""
+        """True if only the ranks have the state of the run."""
         return self._is_out and self._is_stale
 
     def forget(self) -> None:
-        """What the ranks have is lost."""
+        """Discard the state that the ranks have."""
         self._is_out = self._is_stale = False
         self._sharing.forget_saved()
 
@@ -135,7 +135,7 @@ class SharedSteps:
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> tuple[PartSteps, Arrays]:
         """
-        Have the state of a run in which nothing touches with the ranks, and what acts.
+        Distribute the state of a run without contacts, and its loads.
 
         Returns what takes steps of this rank's part, and the arrays of the run.
         """
@@ -154,24 +154,24 @@ class SharedSteps:
 
     @property
     def held(self) -> tuple[PartSteps, Arrays]:
-        """What takes steps of this rank's part, and the arrays of the run that is held."""
+        """Steps of this rank's blocks, and the arrays of the run that ranks hold."""
         assert self._own is not None and self._run is not None
         return self._own, self._run
 
     def refresh(self, time: float) -> None:
-        """Have the accelerations of the state at `time` [s] with the ranks that hold it."""
+        """Compute the accelerations at `time` [s] on the ranks, which hold the state."""
         own, run = self.held
         self._sharing.order('refresh', time)
         own.refresh(run, time)
         self._is_stale = True
 
     def fill_figures(self, time: float, ledger: np.ndarray) -> None:
-        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
+        """Write the figures of a health check at `time` [s] to `ledger`."""
         self._ledger = Ledger.over(ledger)
         self._examine(self.held[1], time, self._ledger)
 
     def save_run(self, saved: State) -> bool:
-        """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        """Save the state of the run on the ranks; return False if it is here."""
         # If ranks fail where a run restarts, the state here is the one that is left.
         is_restarted = not self._is_moved and self._sharing.begun is None
         if not self.is_apart or self._run is None or self._acted is None or (
@@ -182,11 +182,11 @@ class SharedSteps:
         return True
 
     def own_fastest_square(self, velocity: np.ndarray) -> np.ndarray:
-        """As `fastest_square` of beside.py, of this rank's bodies."""
+        """Return `fastest_square` of beside.py for this rank's bodies."""
         return fastest_square(self.held[1].state, self._bodies, velocity)
 
     def own_bounds(self) -> np.ndarray:
-        """As `bounds_of_state`, of this rank's bodies."""
+        """Return `bounds_of_state` for this rank's bodies."""
         assert self._run is not None
         return bounds_of_state(self._run.state, self._bodies)
 
@@ -197,7 +197,7 @@ class SharedSteps:
         return bodies_of(self._packed.model.blocks, part.first, part.last)
 
     def _take_over(self) -> bool:
-        """Have the whole state of the run here; whether it was with the ranks until then."""
+        """Gather the state of the run; return True if the ranks had it."""
         if self.unpacked is not None:
             self.unpacked.put()
             self.unpacked = None
@@ -413,7 +413,7 @@ class SharedSteps:
         self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool, whole: bool
     ) -> None:
         """
-        Have the state of all ranks here; `whole`: with all that the next step needs.
+        Gather the state of all ranks; `whole`: with all data of the next step.
 
         `contacts`: those of the whole fabric.
         """

@@ -38,7 +38,7 @@ TOUCHING_EACH, LOSING_EACH = 2 * (6 + 7) + 7, 2 * (1 + 6 + 6 + 2)
 
 
 class ContactConstants(NamedTuple):
-    """What is the same of all contacts of a scene."""
+    """Constants of all contacts of a scene."""
 
     stiffness: float  # K [N/m]
     half_edge: float  # a [m]
@@ -57,7 +57,7 @@ class NearPairs(NamedTuple):
 
     @property
     def has_friction(self) -> bool:
-        """Whether pairs remember stretches."""
+        """True if pairs have friction springs."""
         return self.constants.losses is not None and self.constants.losses[1] > 0.0
 
 
@@ -117,7 +117,7 @@ def no_contacts(contacts: Contacts, blocks: Blocks, layout: Layout) -> Contacts:
 
 
 def team_of_one() -> Team:
-    """What kernels of contacts know of a rank."""
+    """Return the team of one thread that contact kernels get on a rank."""
     none = np.zeros(0, np.uint32)
     return Team(
         0, 1, np.zeros(flag_count(1), np.int64), Sweep(none, none, np.zeros(0, np.int32), 0),
@@ -125,7 +125,7 @@ def team_of_one() -> Team:
 
 
 def watch_stub(watch: Watch) -> Watch:
-    """The watch of a whole fabric without its places and what is near: what a rank is told."""
+    """Return the watch of a fabric without positions and pairs, for a rank."""
     nearby: dict[str, Any] = {
         name: value[..., :0] for name, value in watch.nearby._asdict().items()
         if isinstance(value, np.ndarray)}

@@ -80,11 +80,11 @@ class PartIteration:
         return self._sums
 
     def begin(self, length: float) -> None:
-        """Have the first vector of length one, which was of that `length`."""
+        """Divide the first vector by its `length`."""
         divide_vectors(self._current, self._own, length)
 
     def multiply(self) -> np.ndarray:
-        """Products of the present vector with what the Hessian makes of it, by groups."""
+        """Return the products of the present vector and its image by the Hessian, by groups."""
         model, state, points, exchange = (
             self._model, self._state, self._work.points, self._exchange)
         transport, vector = self._transport, self._current
@@ -112,7 +112,7 @@ class PartIteration:
         return self._sums
 
     def shift(self, factor: float) -> None:
-        """Go on with so many times what is left."""
+        """Scale the remainder by a factor, as the next vector."""
         exchange = self._exchange
         shift(
             self._model.blocks, factor, self._previous, self._current, self._product,

@@ -58,7 +58,7 @@ import numpy as np
 
 
 class Weights(NamedTuple):
-    """What a rank has to know of a method and of how its steps are judged."""
+    """Weights of a method, and of the roughness of the motion."""
 
     kicks: np.ndarray
     drifts: np.ndarray
@@ -74,7 +74,7 @@ class Weights(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """What steps change."""
+    """Arrays that steps change."""
 
     # None: nothing acts on any body of the fabric, and steps have loops of their own, as in
     # splitting.py.
@@ -163,7 +163,7 @@ class PartSteps:
             self._model, arrays.state, arrays.work, time, exchange.first, exchange.last)
 
     def squares(self, work: Work, fall: np.ndarray) -> np.ndarray:
-        """As `note_squares` of group_sums.py, of this part."""
+        """Return the sums of `note_squares` (group_sums.py) over this part."""
         exchange, model = self._exchange, self._model
         sums = np.zeros((2, -(-(exchange.last - exchange.first) // work.group)))
         note_squares(
@@ -172,7 +172,7 @@ class PartSteps:
         return sums
 
     def velocity_sums(self, arrays: Arrays) -> np.ndarray:
-        """As `note_sums` of group_sums.py, of the velocities of this part."""
+        """Return the sums of `note_sums` (group_sums.py) over the velocities of this part."""
         exchange, (_, state, work, _, _) = self._exchange, arrays
         sums = np.zeros((3, -(-(exchange.last - exchange.first) // work.group)))
         note_sums(
@@ -194,7 +194,7 @@ class PartSteps:
             self._transport, self._model, self._exchange, arrays.state, arrays.work)
 
     def _place(self, arrays: Arrays) -> None:
-        """Have the attachment points of its bodies in place, and those of the border."""
+        """Compute the attachment points of its bodies and of the border."""
         # Of others the last that was heard may be before the end of the step.
         self._put_poses(self._send_poses(arrays.state), arrays)
         place_all(
@@ -202,7 +202,7 @@ class PartSteps:
 
     @property
     def blocks(self) -> slice:
-        """Its own blocks, by their numbers in the arrays of the model."""
+        """Blocks of this rank, by their numbers in the arrays of the model."""
         return slice(self._exchange.first, self._exchange.last)
 
     def model_with(self, contacts: Contacts | None) -> Model:
@@ -403,7 +403,7 @@ class PartSteps:
         return requests
 
     def _put_poses(self, requests: list[Any], arrays: Arrays) -> None:
-        """Have the poses of others, once they have come."""
+        """Wait for the poses of other ranks, and store them."""
         self._transport.wait(requests)
         for _, slots, poses in self._needs:
             put_poses(self._model, arrays.state, arrays.work, slots, poses)

@@ -135,7 +135,7 @@ def move_blocks(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
     root_m: float, root_i: float, vector: np.ndarray, slots: np.ndarray
 ) -> None:
-    """Have what bodies of the blocks that begin at `slots` move by, in `moved` and `turns`."""
+    """Write displacements of the blocks that begin at `slots` to `moved` and `turns`."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         move_block(
@@ -193,7 +193,7 @@ def strike_all(
     model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, row: int,
     first: int, last: int
 ) -> None:
-    """What crossings still lack."""
+    """Apply the impulses that crossings of kinks still lack."""
     for block in range(first, last):
         strike(model, loads, kinks, state, work, row, 1.0, block, model.blocks.slot[block])
 
@@ -286,7 +286,7 @@ def errors_of(
     last: int, team: Team
 ) -> tuple[float, float, float]:
     """
-    As `largest_error` of embedded.py, of blocks first to last and the pairs of a part.
+    Return the errors of `largest_error` for blocks first to last and the pairs of a part.
 
     The error of the work of paths, which counts where something touches, comes last.
     """

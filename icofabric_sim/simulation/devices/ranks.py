@@ -68,7 +68,7 @@ class Ranks:
 
     @property
     def leads(self) -> bool:
-        """Whether this process is the first, which has the simulation."""
+        """True on the first process, which has the simulation."""
         return self._transport.rank == 0
 
     def finalize(self) -> None:
@@ -124,7 +124,7 @@ def transport_for(
     ranks: Ranks, scene: Scene, *, cosines: bool, body_force: bool
 ) -> Transport | None:
     """
-    What a simulation of the scene shares its steps by; None where it has one process only.
+    Return the transport of a simulation shared by ranks; None for one process.
 
     Raises ParameterError or ValueError where it cannot be shared.
     """

@@ -19,7 +19,7 @@ _THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8')
 
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
-    """Raise ParameterError, or ValueError for what is no parameter, where ranks cannot share."""
+    """Raise ParameterError, or ValueError without a parameter, if ranks cannot share."""
     _require(scene, _lacking(scene), _SHARED, _ONE, cosines=cosines, body_force=body_force)
 
 
@@ -122,7 +122,7 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
 
 
 def _lacking_with_contact(scene: Scene) -> Iterator[tuple[str, str, str]]:
-    """The same of scenes whose shells may touch."""
+    """Yield what a GPU lacks for scenes whose shells may touch."""
     parameters, never = scene.parameters, 'or contact.mode never'
     for name in ('contact.damping', 'contact.friction'):
         if parameters[name]:
@@ -139,7 +139,7 @@ def _lacking_with_contact(scene: Scene) -> Iterator[tuple[str, str, str]]:
 
 
 def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
-    """The same of what ranks can."""
+    """Yield what a GPU lacks but ranks support."""
     parameters = scene.parameters
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):

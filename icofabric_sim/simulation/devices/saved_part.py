@@ -19,7 +19,7 @@ class SavedPart:
         self.rows: list[np.ndarray] = []
 
     def save(self, state: State, work: Work, done: np.ndarray | None) -> None:
-        """Save a state with what was spent; `done` [J]: by the loads on the part, if any act."""
+        """Save a state and dissipated energies; `done` [J]: work of the loads, if any act."""
         tables = saved_tables(state, None if work.spent is None else work.spent.done)
         self.rows = self._slots.copied(tables, self.rows)
         if done is not None:
@@ -30,7 +30,7 @@ class SavedPart:
         transport.wait([transport.send(row, 0) for row in self.rows])
 
     def put(self, tables: Sequence[np.ndarray]) -> None:
-        """Have it in tables of all slots."""
+        """Write it to tables of all slots."""
         self._slots.put(self.rows, tables)
 
 

@@ -24,7 +24,7 @@ LOOK = 3
 
 
 def look_at(contacts: Contacts | None, watch: Watch | None) -> np.ndarray:
-    """What a rank has noted of its bodies and contacts, which is forgotten."""
+    """Return displacements and overlaps since the last call, and reset them."""
     look = np.zeros(LOOK)
     if watch is not None:
         look[0], watch.far[0] = watch.far[0], 0.0
@@ -35,7 +35,7 @@ def look_at(contacts: Contacts | None, watch: Watch | None) -> np.ndarray:
 
 
 def note_look(contacts: Contacts | None, watch: Watch | None, look: np.ndarray) -> None:
-    """Have it in the contacts and the watch of the whole fabric."""
+    """Merge displacements and overlaps of a rank into those of the whole fabric."""
     if watch is not None:
         watch.far[0] = max(watch.far[0], look[0])
     if contacts is not None:
@@ -59,7 +59,7 @@ class SharedContacts:
         self._own: dict[bool, Contacts] = {}
 
     def is_shared(self, contacts: Contacts | None) -> bool:
-        """Whether ranks have the pairs of these contacts."""
+        """Return True if ranks have the pairs of these contacts."""
         return self._pairs is (None if contacts is None else contacts.pairs)
 
     def split(self, contacts: Contacts | None) -> list[np.ndarray]:
@@ -112,7 +112,7 @@ class SharedContacts:
     def take_back(
         self, contacts: Contacts, rank: int, values: Sequence[np.ndarray]
     ) -> None:
-        """Have what the pairs of a rank remember by now."""
+        """Store stretches and slopes of friction of the pairs of a rank."""
         if values and contacts.losses is not None:
             which = self.which[rank]
             contacts.losses.stretch[which], contacts.losses.slopes[0][which] = values
@@ -125,7 +125,7 @@ class SharedContacts:
 
 def wake(contacts: Contacts, which: np.ndarray | slice, values: Sequence[np.ndarray]) -> None:
     """
-    Have the pairs tested that remember something, as they touched elsewhere.
+    Wake pairs with friction springs, as they touched on another rank.
 
     What sleeps is known to have lost all that it had, and would keep it here.
     """
@@ -137,7 +137,7 @@ def wake(contacts: Contacts, which: np.ndarray | slice, values: Sequence[np.ndar
 
 
 def remembered_by(contacts: Contacts | None) -> list[np.ndarray]:
-    """Where a rank has what its pairs remember: stretches and slopes of friction, (p, 4) each."""
+    """Return the arrays of stretches and slopes of friction of a rank, (p, 4) each."""
     losses = None if contacts is None else contacts.losses
     if losses is None or not losses.friction > 0.0:
         return []

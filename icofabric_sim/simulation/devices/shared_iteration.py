@@ -16,7 +16,7 @@ class SharedIteration:
     """The steps of `Lanczos`, each of which all ranks take; on the first of them."""
 
     def __init__(self, sharing: Sharing, own: PartSteps, run: Arrays, most: int) -> None:
-        """Begin about the state of a run that the ranks hold, for at most so many steps."""
+        """Begin at the state of a run that the ranks hold, for at most `most` steps."""
         self._sharing, self.matrix = sharing, Tridiagonal.of(most)
         layout, transport = sharing.packed.layout, sharing.transport
         sharing.order('begin_iteration')
@@ -34,11 +34,11 @@ class SharedIteration:
 
     @property
     def is_held(self) -> bool:
-        """Whether nothing can move."""
+        """True if no body can move."""
         return not self._length > 0.0
 
     def go_on(self, count: int) -> None:
-        """Take so many steps more, or those that are left."""
+        """Take `count` more steps, or those that are left."""
         matrix = self.matrix
         last = min(matrix.done + count, len(matrix.diagonal))
         if matrix.done == 0:

@@ -24,14 +24,14 @@ class SharedState:
         self._is_ready = False  # what iterations need
 
     def save(self, saved: State) -> bool:
-        """Have the ranks save the state of the run, if they alone have it; whether they did."""
+        """Save the state of the run on the ranks; return False if it is here."""
         if not self._steps.is_apart:
             return False
         with self._steps.together():
             return self._steps.save_run(saved)
 
     def put_begun(self, saved: State) -> bool:
-        """Have the state in which the run began in `saved`, if no later one has been here."""
+        """Write the start of the run to `saved`; return False if a later state was here."""
         begun = self._sharing.begun
         if begun is None:
             return False
@@ -55,7 +55,7 @@ class SharedState:
     def hold(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Have the state of a run in which nothing touches with the ranks."""
+        """Distribute the state of a run without contacts."""
         with self._steps.together():
             self._steps.hold(model, loads, state, work, watch)
 
@@ -65,19 +65,19 @@ class SharedState:
             self._steps.refresh(time)
 
     def examine(self, time: float, ledger: np.ndarray) -> None:
-        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
+        """Write the figures of a health check at `time` [s] to `ledger`."""
         with self._steps.together():
             self._steps.fill_figures(time, ledger)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
-        """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""
+        """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
         own, run = self._steps.held
         with self._steps.together():
             self._sharing.order('squares', fall)
             self._sharing.gather_sums(own.squares(run.work, fall), sums)
 
     def velocity_sums(self, sums: np.ndarray) -> None:
-        """Have sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
+        """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
         own, run = self._steps.held
         with self._steps.together():
             self._sharing.order('velocity_sums')

@@ -31,7 +31,7 @@ class SharedTrials:
     def begin(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Begin where the run is; the work of its loads stays as it is."""
+        """Begin at the state of the run; the work of its loads does not change."""
         with self._steps.together():
             own, run = self._steps.hold(model, loads, state, work, watch)
             if own is not self._own:
@@ -46,7 +46,7 @@ class SharedTrials:
             self._copy(model, run, self._arrays[AHEAD])
 
     def branch(self, model: Model) -> None:
-        """Have steps of half the length begin where the others are."""
+        """Start trial steps of half the length at the state of the others."""
         with self._steps.together():
             self._sharing.order('branch')
             self._copy(model, self._arrays[AHEAD], self._arrays[HALF])

@@ -94,16 +94,16 @@ class Sharing:
 
     @property
     def device_bytes(self) -> int:
-        """There is none."""
+        """Bytes on a device: 0."""
         return 0
 
     @property
     def has_saved(self) -> bool:
-        """Whether each rank has the part of the state that was saved last."""
+        """True if each rank has its part of the state that was saved last."""
         return self._saved_for is not None
 
     def take_saved(self) -> dict[str, np.ndarray]:
-        """Have it whole on this one; returns what had flowed by then [J], by its name."""
+        """Gather the saved state; return the energies that had flowed by then [J], by name."""
         try:
             with self.transport.alone():
                 self._bring_saved()
@@ -115,7 +115,7 @@ class Sharing:
         self, state: State, work: Work, loads: Loads, saved: State, *, keeps_work: bool
     ) -> None:
         """
-        Have each rank save the state of its bodies, which belongs into `saved` here.
+        Save the state of its bodies on each rank; `saved` is the array for it here.
 
         `keeps_work`: the work of the loads belongs into their `earlier_work`.
         """
@@ -130,7 +130,7 @@ class Sharing:
         self._saved_for = None
 
     def _bring_saved(self) -> None:
-        """Have here what the ranks have saved, unless it is."""
+        """Gather the state that the ranks have saved, unless it is here."""
         if self._saved_for is None or self._flows:
             return
         saved, loads, spent, acted, keeps_work = self._saved_for
@@ -150,7 +150,7 @@ class Sharing:
 
     def gather_figures(self, own: np.ndarray, figures: np.ndarray) -> float:
         """
-        Have the `figures` of all groups in place; returns how rough the motion was at most.
+        Receive the `figures` of all groups, and return the largest roughness.
 
         `own` are those of this rank: as the others send theirs, with the roughest at the end.
         """
@@ -166,7 +166,7 @@ class Sharing:
         return roughest
 
     def largest_of(self, own: np.ndarray) -> np.ndarray:
-        """The largest of what each rank has found; no number where one is none."""
+        """Return the largest values of all ranks; NaN if one is NaN."""
         found = [own]
         for rank in self.others:
             found.append(np.empty_like(own))
@@ -175,7 +175,7 @@ class Sharing:
         return largest
 
     def gather_sums(self, own: np.ndarray, sums: np.ndarray) -> None:
-        """Have the `sums` (..., g) of all groups in place; `own`: those of this rank."""
+        """Receive the `sums` (..., g) of all groups; `own` are those of this rank."""
         size = group_size(len(self.packed.layout.blocks.slot))
         at = own.shape[-1]
         sums[..., :at] = own
@@ -187,14 +187,14 @@ class Sharing:
             at += there.shape[-1]
 
     def bring_all(self) -> None:
-        """Have here all that ranks hold, also what was saved: they are about to end."""
+        """Gather the present and the saved state, before the ranks end."""
         self.take_over()
         with self.transport.alone():
             self._bring_saved()
 
     def take_over(self) -> bool:
         """
-        Have the whole state of the run here, where it may be looked at and changed.
+        Gather the whole state of the run, to be read or changed.
 
         Returns whether it was with the ranks until then.
         """
@@ -297,7 +297,7 @@ class Sharing:
         return True
 
     def rows_of_loads(self, loads: Loads, rank: int) -> slice:
-        """Where the work on the bodies of a rank is."""
+        """Return the rows of the work on the bodies of a rank."""
         part = self.parts[rank]
         return slice(
             LANES * int(loads.start[part.first]), LANES * int(loads.start[part.last]))

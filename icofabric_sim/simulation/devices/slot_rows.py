@@ -57,7 +57,7 @@ class SlotRows:
         return list(kept)
 
     def put(self, rows: Sequence[np.ndarray], tables: Sequence[np.ndarray]) -> None:
-        """Have such copies back in tables."""
+        """Write such copies to tables."""
         for row, copy in zip(_rows(tables), rows):
             row[self.index] = copy
 
@@ -70,7 +70,7 @@ def tables_of(
     state: State, work: Work, contacts: Contacts | None, *, whole: bool
 ) -> list[np.ndarray]:
     """
-    What is exchanged of a state, with what was spent.
+    Return the tables of a state and of dissipated energies that ranks exchange.
 
     `whole`: also what the first kick of the next step needs, accelerations and what contacts lose.
     """

@@ -22,16 +22,16 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
 
 _ORDER, _ARRAY, _POSES, _FAILED = 11, 12, 13, 14
-# Looks for a message between two checks whether a rank has failed, and how many looks keep the
+# Polls for a message between two checks for failed ranks, and the number of polls that keep the
 # processor.
-_LOOKS, _EAGER = 64, 50
-# For how long a rank that waits offers the processor between looks before it sleeps there, and for
-# how long then: at least, at most [s], and in parts of the time that it has waited.
-_AWAKE, _NAP, _LONGEST_NAP, _PART = 2e-3, 5e-5, 2e-3, 0.01
+_POLL_COUNT, _BUSY_POLL_COUNT = 64, 50
+# Time [s] after which a waiting rank sleeps between polls instead of yielding the processor; the
+# shortest and the longest sleep [s], and the ratio of a sleep to the time waited.
+_AWAKE, _NAP, _LONGEST_NAP, _NAP_RATIO = 2e-3, 5e-5, 2e-3, 0.01
 # An offer that takes longer [s] went to a process that uses its whole time slice. The scheduler
 # puts whoever offers behind such a process, and lets whoever wakes from sleep in before it, so for
 # a while [s] waits sleep.
-_TAKEN, _CROWDED = 2e-3, 0.02
+_TIME_SLICE_S, _CROWDED = 2e-3, 0.02
 # How long a rank that has failed waits for the others to hear of it [s].
 _FAREWELL = 5.0
 # Messages that no rank will take, or send, after a failure: their bytes stay where they are.
@@ -39,14 +39,14 @@ _unsent: list[Any] = []
 
 
 class Holder(Protocol):
-    """Has put a run, or parts of it, in the hands of the other ranks."""
+    """Owner of a run whose state the ranks hold."""
 
     def bring_all(self) -> None:
-        """Have all of it here."""
+        """Gather all of the state."""
 
 
 class Transport:
-    """What ranks send each other, in a communicator of their own."""
+    """Messages between ranks, in a separate communicator."""
 
     def __init__(self, communicator: Any) -> None:
         """Talk to the processes of an mpi4py `communicator`; all of them do this at once."""
@@ -90,7 +90,7 @@ class Transport:
 
     def end(self, status: int = 0) -> None:
         """
-        Have all other ranks end, from the first one, which takes over what they hold.
+        End all other ranks after the first one has gathered their states.
 
         With the exit `status` of the first: of processes that end with several statuses a launcher
         reports any.
@@ -153,7 +153,7 @@ class Transport:
         return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_POSES)
 
     def any(self, is_so: bool) -> bool:
-        """Whether it is so on any of the ranks, which all ask."""
+        """Return True if the argument is true on any rank; all ranks call it."""
         found = np.zeros(1, np.int32)
         self.wait([self._comm.Iallreduce(
             [np.array([is_so], np.int32), self._mpi.INT32_T], [found, self._mpi.INT32_T],
@@ -178,23 +178,23 @@ class Transport:
         looks, since = 0, 0.0
         while not is_so(*arguments):
             looks += 1
-            if looks % _LOOKS == 0:
+            if looks % _POLL_COUNT == 0:
                 self.require_health()
-            if looks <= _EAGER:
+            if looks <= _BUSY_POLL_COUNT:
                 continue
             now = time.monotonic()
             since = since or now
             if now - since < _AWAKE and now >= self._crowded_until:
                 os.sched_yield()
                 back = time.monotonic()
-                if back - now > _TAKEN:
+                if back - now > _TIME_SLICE_S:
                     self._crowded_until = back + _CROWDED
             else:
-                time.sleep(min(max(_NAP, _PART * (now - since)), _LONGEST_NAP))
+                time.sleep(min(max(_NAP, _NAP_RATIO * (now - since)), _LONGEST_NAP))
 
     @property
     def has_failed(self) -> bool:
-        """Whether some rank has failed, as far as this one knows."""
+        """True if this rank knows that some rank has failed."""
         return bool(self._failure)
 
     def fail(self, error: BaseException) -> None:
@@ -252,7 +252,7 @@ def _flat(value: Any) -> Any:
 
 
 def _aligned(values: np.ndarray) -> np.ndarray:
-    """The same array at the start of a cache line, if it is one of doubles in rows."""
+    """Return an array, copied to the start of a cache line if it has rows of doubles."""
     if values.dtype != np.float64 or not values.flags.c_contiguous or not values.size:
         return values
     target = aligned_empty(values.shape)

@@ -51,7 +51,7 @@ class Unpacked:
                 yield row
 
     def bounds(self) -> np.ndarray:
-        """As `bounds_of_state` of beside.py, of all bodies."""
+        """Return `bounds_of_state` of beside.py for all bodies."""
         place, _, velocity, _ = self._initial
         found = [np.concatenate([
             velocity[piece].max(axis=0), (-velocity[piece]).max(axis=0),
@@ -60,7 +60,7 @@ class Unpacked:
         return largest
 
     def put(self, slots: SlotRows | None = None, room: State | None = None) -> None:
-        """Have the state at some slots in its room, or another one; None: at all."""
+        """Write the state at some slots, None: all, to its room or to another one."""
         index = slice(None) if slots is None else slots.index
         rows = self.rows(index)
         for table in (room or self.state).rows():
@@ -69,7 +69,7 @@ class Unpacked:
 
 
 def complete(layout: Layout, state: State) -> None:
-    """Have ordinary numbers in slots of no block, which no rank has."""
+    """Write finite numbers to slots without a block, which no rank has."""
     runs = np.ones(layout.slot_count // LANES, bool)
     runs[layout.blocks.slot // LANES] = False
     state.orientation[3].reshape(-1, LANES)[runs] = 1.0

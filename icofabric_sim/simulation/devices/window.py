@@ -37,7 +37,7 @@ _PAIR_EACH = 2 * (16 * 13 + 2 * 13 + 18)
 
 
 class Exchange(NamedTuple):
-    """What a rank drifts, pushes, gives and needs, by its own blocks and slots."""
+    """Blocks and slots that a rank drifts, pushes, sends and receives."""
 
     first: int  # its own blocks
     last: int
@@ -80,12 +80,12 @@ class Window(NamedTuple):
     spends: bool = False  # whether contacts take energy
 
     def figures_room(self) -> np.ndarray:
-        """Room for what is added up of its own blocks."""
+        """Room for sums over its own blocks."""
         return figures_room(self.exchange.last - self.exchange.first, self.group)
 
 
 def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
-    """What the first rank does: it has the arrays of the whole fabric."""
+    """Return the exchange of the first rank, which has the arrays of the whole fabric."""
     slot = layout.blocks.slot
     return _exchange(part, np.arange(len(slot)), slot, samples)
 
@@ -186,7 +186,7 @@ def pair_bytes_of(slot_count: int, *, touching: bool, spends: bool) -> int:
 def bytes_of(
     slot_count: int, *, kinked: bool, touching: bool = False, spends: bool = False
 ) -> int:
-    """Bytes that a rank allocates for a window of so many slots, about; pairs come beside."""
+    """Return the approximate bytes of a window of a number of slots, without pairs."""
     each = _DOUBLES_EACH + kinked * _KINKS_EACH + touching * TOUCHING_EACH + spends * LOSING_EACH
     return 8 * each * slot_count
 
@@ -201,7 +201,7 @@ def resting(slot_count: int, *, has_arms: bool = False) -> State:
 
 
 def loads_of(loads: Loads, part: Part, slots: Slots, *, stages: int = 0) -> Loads:
-    """The rows of a part, with powers at so many `stages`; of its halo none."""
+    """Return the rows of a part without its halo, with powers at a number of `stages`."""
     first, last = int(loads.start[part.first]), int(loads.start[part.last])
     start = loads.start[part.first:part.last + 1] - first
     start = np.concatenate([start, np.full(len(part.halo), start[-1])]).astype(np.int32)

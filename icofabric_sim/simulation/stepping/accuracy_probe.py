@@ -32,7 +32,7 @@ import numpy as np
 
 # The measured error rate that is aimed at, in parts of the tolerance. Motion changes between two
 # measurements, so the aim leaves room.
-AIM = 0.15
+TARGET_RATIO = 0.15
 # What a measurement between two may change of the sum of errors, in parts of it: the next comes
 # later below the first, and sooner above the second.
 _SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
@@ -53,23 +53,23 @@ _AT_KINKS = 1.3
 # angle, measured in random fabrics. And radians below which phase errors are lost in rounding.
 _NONLINEAR_RAD, _RESOLVED_RAD = 0.6, 0.5
 # Steps of a period at most, where that is beyond counting.
-_UNCOUNTED = 2**40
+_MAX_PERIOD_STEPS = 2**40
 # Corrections of a step that theory expects to be accurate enough.
 _CORRECTIONS = 4
 # Bodies above which a quarter of a period is measured: some of so many err at any moment.
-_MANY = 20_000
+_QUARTER_PERIOD_BODIES = 20_000
 # A measurement comes early once the kinetic energy is this many times that of the last.
-_LIVELIER = 4.0
+_ENERGY_GROWTH_RATIO = 4.0
 # Rounding of positions, beside the size of the fabric, in one period: no method adds less.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
 # Part of that floor which was measured where steps only round: 0.2 to 0.45.
-_ROUNDED = 0.4
+_FLOOR_RATIO = 0.4
 # Parts of a window, and of what is added in it by then, where that grows steadily.
-_STEADY = np.array([(0.0, 0.0), (1.0, 1.0)])
+_STEADY_COURSE = np.array([(0.0, 0.0), (1.0, 1.0)])
 
 
 class AccuracyProbe:
-    """What steps of one length add to the error; positions over a, and angles [rad]."""
+    """Error that steps of equal length add: positions over a, and angles [rad]."""
 
     def __init__(
         self, trajectory: Trajectory, trials: TrialSteps, rates: MotionRates, tolerance: float,
@@ -86,7 +86,7 @@ class AccuracyProbe:
         self.total = 0.0  # errors added until the last measurement
         self._since = self._begun = trajectory.time
         self._span = 0.0  # [s] that the last measurement ran over
-        self._measured_course = _STEADY  # how errors grew in it
+        self._measured_course = _STEADY_COURSE  # how errors grew in it
         # Error of a step over the difference of its motion; 0: differences do not tell errors.
         self._weight = 0.0
         self._rounding_rate = 0.0  # [1/s] that is added to that
@@ -94,9 +94,9 @@ class AccuracyProbe:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was measured: the state has jumped. The sum of errors goes on."""
+        """Discard measurements after a jump of the state; the sum of errors continues."""
         self._window = 0.0  # [s] from that moment on for which the rate was measured
-        self._course = _STEADY  # how the errors of that time grow within it
+        self._course = _STEADY_COURSE  # how the errors of that time grow within it
         self.step = math.inf  # the longest step [s] that is accurate enough, as far as known
         self.measured_step = 0.0  # [s] whose error was measured last
         self.rate = 0.0  # error added for each second, measured last
@@ -120,7 +120,7 @@ class AccuracyProbe:
         self.settle(0.0)
 
     def state_tree(self) -> dict[str, Any]:
-        """What was measured, and when it will be again."""
+        """Return measured values and the time of the next measurement."""
         return {
             'total': self.total,
             'step': self.step,
@@ -157,7 +157,8 @@ class AccuracyProbe:
         self.checks_left = tree.count('looks_left', 1)
         self._since, self._begun = tree.number('since'), tree.number('begun')
         self._window = tree.number('window', 0.0, finite=False)
-        self._course = _checked_course(tree.array('course')) if 'course' in tree else _STEADY
+        self._course = _STEADY_COURSE if 'course' not in tree else _checked_course(
+            tree.array('course'))
         self._weight = tree.number('weight', 0.0)
         self._rounding_rate = tree.number('rounding_rate', 0.0)
         self._cost = tree.number('cost', 0.0)
@@ -201,7 +202,7 @@ class AccuracyProbe:
         return max(error - self._rounding_rate, 0.5 * error) * step / self._weight
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors at the present time; what is added from there on is known."""
+        """Set the `total` of errors at the present time."""
         ledger = self._trajectory.ledger
         self.total, ledger.rough_sum, ledger.uncounted = total, 0.0, 0.0
 
@@ -216,7 +217,7 @@ class AccuracyProbe:
 
     @property
     def reads_differences(self) -> bool:
-        """Whether health checks read errors from differences of the present motion."""
+        """True if health checks compute errors from differences of the present motion."""
         return self._differences > 0 and (self.is_smooth or self._shows_kinks)
 
     def checks_to_difference(self, interval: int) -> int:
@@ -225,7 +226,7 @@ class AccuracyProbe:
 
     @property
     def _shows_kinks(self) -> bool:
-        """Whether forces have kinks alone, and differences as low an order as what these add."""
+        """True if forces have only kinks, and differences have the order of their errors."""
         trajectory = self._trajectory
         model = trajectory.model
         return trajectory.method.order == 2 and has_jumps(model.links) and (
@@ -234,7 +235,7 @@ class AccuracyProbe:
 
     @property
     def may_measure(self) -> bool:
-        """Whether measurements have taken less than their part of all steps."""
+        """True if measurements have taken less than their fraction of all steps."""
         return self._cost <= _FIRST_COST or self.steps_to_measure <= 0
 
     @property
@@ -268,7 +269,7 @@ class AccuracyProbe:
         phase error is a shift in time.
         """
         method, rate = self._trajectory.method, self._rates.fabric.rate
-        aim, ratio = AIM * self.tolerance, longest * rate
+        aim, ratio = TARGET_RATIO * self.tolerance, longest * rate
         if not (speed > 0.0 and rate > 0.0):
             return longest
         for _ in range(_CORRECTIONS):
@@ -279,7 +280,7 @@ class AccuracyProbe:
         return min(ratio / rate, longest)
 
     def follow_forces(self) -> None:
-        """Have errors measured where differences no longer show them, as forces may jump."""
+        """Request a measurement if differences no longer show errors, as forces may jump."""
         if self._weight > 0.0 and not self.reads_differences:
             rate, time = self.present_rate, self._trajectory.time
             self.settle(self.estimate(time))
@@ -304,7 +305,7 @@ class AccuracyProbe:
             rate = self.present_rate * (step / trajectory.step) ** trajectory.order
         self.settle(self.estimate(trajectory.time))
         self._since, self._window, self._weight = trajectory.time, 0.0, weight
-        self._rounding_rate = _ROUNDED * self.floor(fastest)
+        self._rounding_rate = _FLOOR_RATIO * self.floor(fastest)
         ledger.steady_rough = max(rate - self._rounding_rate, 0.0) * step / weight
 
     def begin(self) -> None:
@@ -345,7 +346,7 @@ class AccuracyProbe:
         Choose the `gap` until the next measurement, in units of `unit` [s].
 
         `change`: how much of the sum hangs on this one; inf: the motion is new. From the `first`
-        gap to the `largest`, but no longer than one of so many parts of the motion so far: what
+        gap to the `largest`, but no longer than one of `part` parts of the motion so far: what
         no measurement has followed must not decide about the sum.
         """
         time = self._trajectory.time
@@ -366,7 +367,7 @@ class AccuracyProbe:
         self._course = self._measured_course
         self.free_rate = self._without_jumps(error)
         self.is_measured = True
-        self._trajectory.ledger.lively = _LIVELIER * self._trajectory.ledger.kinetic
+        self._trajectory.ledger.lively = _ENERGY_GROWTH_RATIO * self._trajectory.ledger.kinetic
 
     @property
     def span(self) -> float:
@@ -380,13 +381,13 @@ class AccuracyProbe:
         """
         Error that the method adds for each second with this step; the state must be saved.
 
-        Over one period, or about as many as so many steps at `least` take, each of them by
+        Over one period, or about as many as `least` steps take, each of them by
         itself: errors of different periods must neither cancel nor fade. So are the first steps of
         a given one, where loads that last a few of them add the most. `given`: no step hangs on
         it. `brief`: over a quarter of a period, where differences will soon tell more. NaN where
         not even one can be run.
         """
-        self._span, self._measured_course = 0.0, _STEADY
+        self._span, self._measured_course = 0.0, _STEADY_COURSE
         if not fastest > 0.0:
             return 0.0
         count, scale, power = self.steps_of_period(step, fastest), 1.0, 2.0**self._trajectory.order
@@ -400,7 +401,7 @@ class AccuracyProbe:
         if count > most:
             longer = 2.0 * math.pi / fastest / most
             step, count, scale = longer, most, (step / longer) ** self._trajectory.order
-        if brief or self._trajectory.packed.layout.body_count > _MANY:
+        if brief or self._trajectory.packed.layout.body_count > _QUARTER_PERIOD_BODIES:
             count = -(-count // 4)
         counts = [count] * max(round(shortest / (count * step)), 1)
         if at_first and scale == 1.0:
@@ -420,17 +421,17 @@ class AccuracyProbe:
         error = scale * total * power / (power - 1.0) / self._span
         if scale < 1.0 and total > 0.0:
             # What rounding adds does not fall with the step.
-            error = max(error, _ROUNDED * self.floor(fastest))
+            error = max(error, _FLOOR_RATIO * self.floor(fastest))
         return error
 
     def take_over(self) -> None:
         """Take for a measurement what was measured behind the steps, where shells touch."""
         self._span, self._trials.touched = 0.0, True
-        self._measured_course = _STEADY
+        self._measured_course = _STEADY_COURSE
 
     @property
     def is_smooth(self) -> bool:
-        """Whether no force jumps or has a kink in the present motion."""
+        """True if no force jumps or has a kink in the present motion."""
         model, links = self._trajectory.model, self._trajectory.model.links
         return (
             model.contacts is None and model.wrapping is None and not has_jumps(links)
@@ -440,7 +441,7 @@ class AccuracyProbe:
         """Count the steps of `step` [s] in a period of the `fastest` motion [rad/s]."""
         if not fastest > 0.0:
             return 1
-        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _UNCOUNTED)))
+        return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _MAX_PERIOD_STEPS)))
 
     def distance(self, first: State, second: State, rate: float = 0.0) -> float:
         """
@@ -460,7 +461,7 @@ class AccuracyProbe:
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
     def _joined(self, place: float, turn: float) -> float:
-        """The same of largest squares of distances [m^2] and of differences of quaternions."""
+        """Return the `distance` of given squares: distances [m^2] and quaternion differences."""
         square = max(place / self._half_edge**2, 4.0 * turn)
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
@@ -473,7 +474,7 @@ class AccuracyProbe:
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
     def floor(self, fastest: float) -> float:
-        """What rounding adds to the error in each second: no step gives less."""
+        """Return the error [1/s] that rounding adds with any step."""
         extent = 1.0 + self._trajectory.extent / self._half_edge
         return _ROUNDING * extent * fastest / (2.0 * math.pi)
 
@@ -503,7 +504,7 @@ def _doubled(count: int) -> list[int]:
 
 
 def _checked_course(course: np.ndarray) -> np.ndarray:
-    """What a checkpoint holds of it; ValueError where errors would not grow from 0 to all."""
+    """Return the course from a checkpoint; raise ValueError if it does not rise from 0 to 1."""
     if not (course.ndim == 2 and course.shape[1] == 2 and len(course) > 1
             and not course[0].any() and (course[-1] == 1.0).all()
             and (np.diff(course, axis=0) >= 0.0).all()):

@@ -96,7 +96,7 @@ def connector_numbers(values: np.ndarray, packed: PackedScene) -> np.ndarray:
 
 
 def _keys(packed: PackedScene, chosen: np.ndarray | slice) -> list[tuple[int, ...]]:
-    """What the connectors join: bodies and edges."""
+    """Return the bodies and edges that the connectors join."""
     connectors = packed.connectors
     assert connectors is not None
     columns = (

@@ -22,7 +22,7 @@ _LOGGER = logging.getLogger('icofabric_sim')
 
 
 class ContactScheduler:
-    """Keeps the contacts of a trajectory up to date; without a broad phase there are none."""
+    """Searches for the candidate pairs of a trajectory; none without a broad phase."""
 
     def __init__(self, trajectory: Trajectory, broad_phase: BroadPhase | None) -> None:
         """Find contacts of the `trajectory` by the `broad_phase`."""
@@ -42,12 +42,12 @@ class ContactScheduler:
 
     @property
     def is_possible(self) -> bool:
-        """Whether shells can touch at all."""
+        """True if shells can touch."""
         return self.broad_phase is not None
 
     @property
     def contacts(self) -> Contacts | None:
-        """What may touch before the next search."""
+        """Candidate pairs until the next search; None: no pair."""
         return None if self.broad_phase is None else self.broad_phase.contacts
 
     @property
@@ -57,7 +57,7 @@ class ContactScheduler:
 
     @property
     def least_rate(self) -> float:
-        """The same of one contact, whether there is one or not [1/s^2]."""
+        """Bound of the rate of a single contact, present or not [1/s^2]."""
         return 0.0 if self.broad_phase is None else self.broad_phase.least_rate
 
     @property
@@ -87,7 +87,7 @@ class ContactScheduler:
             _LOGGER.warning('%s', self.rounding)
 
     def count_touching(self) -> None:
-        """Count what touches at a health check, as stiff as it is, for the frequency."""
+        """Count pairs in contact at a health check, with their stiffness, for the frequency."""
         if self.broad_phase is not None:
             self.broad_phase.count_touching(self._trajectory.state)
 
@@ -127,7 +127,7 @@ class ContactScheduler:
         return -math.inf if self.broad_phase is None else self.broad_phase.search_time
 
     def has_left(self, state: State, time: float) -> bool:
-        """Whether a body has left the region that the neighbour list covers."""
+        """Return True if a body has left the region that the neighbour list covers."""
         return self.broad_phase is not None and self.broad_phase.has_left(state, time)
 
     def watching(self, *, trial: bool = False) -> Watch | None:
@@ -148,7 +148,7 @@ class ContactScheduler:
             phase.tests += phase.evaluated - before
 
     def has_touched(self) -> bool:
-        """Whether shells have touched since the last call, whatever for that was evaluated."""
+        """Return True if shells have touched since the last call, also in trials."""
         return self.broad_phase is not None and self.broad_phase.has_touched()
 
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
@@ -157,7 +157,7 @@ class ContactScheduler:
             self.broad_phase.energies(state, stretches))
 
     def touching(self, state: State) -> Touching:
-        """What touches in a state near the last search."""
+        """Return the pairs in contact in a state near the last search."""
         return NOTHING_TOUCHES if self.broad_phase is None else self.broad_phase.touching(
             state, self._trajectory.stretches())
 
@@ -210,7 +210,7 @@ class ContactScheduler:
 
     def pace(self, step: float, *, alone: bool) -> None:
         """
-        Say for a `step` [s] how often bodies are asked how far they have moved.
+        Choose for a `step` [s] how often displacements are checked.
 
         `alone`: kernels may search by themselves, as the step need not follow.
         """
@@ -320,7 +320,7 @@ class ContactScheduler:
         return '' if phase is None else phase.passing_by(before, after, start, end, long=long)
 
     def stop_passing(self, found: str) -> NoReturn:
-        """Stop a run with a given step at the saved state, because of what was `found`."""
+        """Stop a run with a given step at the saved state; `found` is the reason."""
         trajectory = self._trajectory
         trajectory.return_to_saved()
         trajectory.return_work()
@@ -346,6 +346,6 @@ class ContactScheduler:
 
     @property
     def _judged_rate(self) -> float:
-        """What health checks add to the bound of the squared frequency [1/s^2]."""
+        """Rate [1/s^2] that health checks add to the bound of the squared frequency."""
         phase = self.broad_phase
         return self.rate if phase is not None and phase.counts_listed else 0.0

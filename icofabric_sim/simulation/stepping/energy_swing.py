@@ -30,7 +30,7 @@ def energy_swing(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: flo
 def _step_matrix(
     kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: float
 ) -> tuple[list[float], list[float]]:
-    """Place and speed, in units of each other, that a step makes of both unit states."""
+    """Return the positions and speeds after a step from both unit states."""
     place, speed = [1.0, 0.0], [0.0, 1.0]
     first, second = (kicks, drifts) if len(kicks) > len(drifts) else (drifts, kicks)
     for k, weight in enumerate(first):

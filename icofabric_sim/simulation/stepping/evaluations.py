@@ -18,7 +18,7 @@ _TRAJECTORY, _ESTIMATE, _SHOWN = range(3)
 
 
 class Evaluations:
-    """How often the forces were evaluated, and what for."""
+    """Numbers of force evaluations, by purpose."""
 
     def __init__(self) -> None:
         """Begin to count."""
@@ -41,7 +41,7 @@ class Evaluations:
         return self._counts[_SHOWN]
 
     def add(self, count: int = 1) -> None:
-        """Count so many for the present purpose."""
+        """Add `count` evaluations for the present purpose."""
         self._counts[self._purpose] += count
 
     @contextmanager
@@ -69,7 +69,7 @@ class Evaluations:
         self._counts[:] = 0, 0, 0
 
     def continue_from(self, before: 'Evaluations') -> None:
-        """Add those of a run from which this one goes on."""
+        """Add the evaluations of a run that this one continues."""
         self._counts[:] = map(sum, zip(self._counts, before._counts))
 
     def restore_total(self, total: int) -> None:

@@ -16,7 +16,7 @@ _NEAREST = 1e-9
 
 
 class Moment(NamedTuple):
-    """How far below zero numbers are at a part of a step, and how fast they rise."""
+    """Values of event functions at a fraction of a step, and their slopes."""
 
     x: float  # part of the step
     value: np.ndarray  # (m,), at zero or above: reached
@@ -89,7 +89,7 @@ def _likely_place(
     before: Moment, after: Moment, doubt: float, *, humps_only: bool = False
 ) -> float | None:
     """
-    Where between two moments the first of the numbers is likely to reach zero, if any is.
+    Return the likely place of the first zero between two moments; None without one.
 
     `humps_only`: and be below it again at the second.
     """
@@ -126,7 +126,7 @@ def _cubic(
 
 def _root(low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray) -> np.ndarray:
     """
-    Where that cubic, from below zero to above it, is zero; in parts of the interval.
+    Return the zero of that rising cubic, as a fraction of the interval.
 
     By Newton's method, halved where it leaves the interval that is left.
     """

@@ -26,7 +26,7 @@ def shorter_steps(step: float, tolerance: float, fastest: str) -> str:
 
 
 def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
-    """Name what makes the fabric's vibrations fast, and its parameters; by a body of its own."""
+    """Name the term of the fabric's fastest vibration, with its parameters."""
     model = packed.model
     mass, inertia = model.inverse_mass, model.inverse_inertia
     terms = {}

@@ -69,14 +69,14 @@ import numpy as np
 
 # Corrections of a stage, in parts of a or rad, that are small enough: this, or the second of what
 # a chosen step may err by. Where rounding is larger, so that they do not shrink, the third.
-_SOLVED, _SOLVED_PART, _ROUNDED = 1e-13, 1e-3, 1e-9
+_SOLVED, _SOLVED_PART, _ROUNDING_LIMIT = 1e-13, 1e-3, 1e-9
 # A correction that is not smaller than this part of the one before asks for a matrix of its own.
-_SLOW = 0.2
-_MOST, _HALVINGS = 40, 12
+_SLOW_RATIO = 0.2
+_MAX_CORRECTIONS, _HALVINGS = 40, 12
 # Steps are aimed at this part of the tolerance, and become so many times as long at once; those
 # that would grow by less than the last number stay as they are. One that is refused becomes at
 # most so many times as long.
-_AIM, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
+_TARGET_RATIO, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
 _LESS = 0.5
 # The estimate, of order 3, over the error of order 4.
 _ESTIMATE, _POWER = 3.0, 1.0 / 3.0
@@ -92,7 +92,7 @@ _HOLD, _LONGEST_HOLD = 8.0, 64.0
 # Depth of a contact that no stage of a step sees, in parts of the way of bodies in it, at most.
 _GRAZE = 0.01
 # Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
-_KEPT = 3
+_KEPT_MATRIX_COUNT = 3
 
 
 def _even(h: float) -> float:
@@ -110,7 +110,7 @@ class _Ways:
     """Squares [m^2] of how far bodies move in a step, and of how far it was looked for them."""
 
     def __init__(self, watch: Watch | None) -> None:
-        """Go on from what the `watch` has noted."""
+        """Continue from the contacts that the `watch` has noted."""
         self._far = np.zeros(1) if watch is None else watch.far
         self._most = self._last = self.looked = float(self._far[0])
 
@@ -174,7 +174,7 @@ class _Kept(NamedTuple):
 
 
 def _can_press(model: Model, loads: Loads) -> bool:
-    """Whether bodies on paths may press on others: shells are near each other or a plane."""
+    """Return True if driven bodies may press on others: shells near each other or a plane."""
     return loads.drives is not None and model.contacts is not None
 
 
@@ -297,7 +297,7 @@ class ImplicitSteps:
                 if tolerance < _ANY and error < math.inf:
                     error = max(error, tolerance * self._energy_part(state, work, ledger, h))
                     change = min(_GROW, max(_SHRINK, (
-                        _AIM * tolerance / max(error, 1e-300)) ** _POWER))
+                        _TARGET_RATIO * tolerance / max(error, 1e-300)) ** _POWER))
                 accepted = error <= tolerance or (h <= control[KINK] and error < math.inf)
                 if accepted and h > control[CLOSE]:
                     clear = self._find_clear(
@@ -432,7 +432,7 @@ class ImplicitSteps:
         place_paths(model, loads, target, time + x * h)
 
     def dense_sum(self, rates: np.ndarray, before: Any, after: Any, h: float, x: float) -> Any:
-        """What a step of length `h` adds up from `rates` by its part `x`."""
+        """Return the integral of `rates` over the fraction `x` of a step of length `h`."""
         weights = self._weights_at(x)
         return before + h * np.tensordot(weights, rates[:len(weights)], axes=1)
 
@@ -468,9 +468,9 @@ class ImplicitSteps:
 
     def _energy_error(self, state: State, work: Work, h: float) -> float:
         """
-        Energy [J] that a step of `h` [s] from a state probably errs by, of its present stages.
+        Return the probable energy error [J] of a step of `h` [s], from its present stages.
 
-        By what the embedded method makes of velocities: where motion dies out within a step, the
+        By the velocities of the embedded method: where motion dies out within a step, the
         energy that it leaves is not counted right.
         """
         weights, trail = self._tableau.error, _trail(work)
@@ -531,15 +531,15 @@ class ImplicitSteps:
         factors, own, before = self._factors(model, saved, work, g), False, math.inf
         left = look_at(velocity)
         size = self._size(left)
-        for _ in range(_MOST):
+        for _ in range(_MAX_CORRECTIONS):
             if factors is None or not math.isfinite(size):
                 return False
             change = factors.solve((left * self._root).ravel()).reshape(left.shape) / self._root
             correction = g * float(np.abs(change * self._part).max(initial=0.0))
             if not math.isfinite(correction):
                 return False
-            is_slow = correction > _SLOW * before
-            if is_slow and correction <= _ROUNDED:
+            is_slow = correction > _SLOW_RATIO * before
+            if is_slow and correction <= _ROUNDING_LIMIT:
                 return True
             if is_slow and not own:
                 # The velocities are those of the last look.
@@ -554,7 +554,7 @@ class ImplicitSteps:
                 found = look_at(other)
                 found_size = self._size(found)
                 # Near the solution rounding decides.
-                if found_size < size or part * correction <= _ROUNDED:
+                if found_size < size or part * correction <= _ROUNDING_LIMIT:
                     break
                 part *= 0.5
             else:
@@ -566,7 +566,7 @@ class ImplicitSteps:
         return False
 
     def _size(self, left: np.ndarray) -> float:
-        """Of a residual, as energies count it."""
+        """Return the size of a residual in the energy norm."""
         with np.errstate(over='ignore', invalid='ignore'):
             return float(np.sqrt(((left * self._root)**2).sum()))
 
@@ -581,7 +581,8 @@ class ImplicitSteps:
         found = _Kept(
             g, copied_state(saved),
             self._matrix.factors(model, saved, work.points, g))
-        self._kept = [kept for kept in self._kept if kept.time != g][1 - _KEPT:] + [found]
+        self._kept = [
+            kept for kept in self._kept if kept.time != g][1 - _KEPT_MATRIX_COUNT:] + [found]
         return found.factors
 
 

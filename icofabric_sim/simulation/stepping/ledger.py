@@ -20,7 +20,7 @@ import numpy as np
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 # Energy of motions so small beside the tolerance that errors within it may take a part of it that
 # counts, in parts of `floor`; and how far the floor is raised above an error that is allowed.
-_SMALL, _ROOM = 1e6, 1.25
+_SMALL_ENERGY_RATIO, _FLOOR_MARGIN_RATIO = 1e6, 1.25
 # What the balance of the energy has found since it began.
 _BALANCE = [
     monitor.BASE, monitor.BASE_LINKED, monitor.BASE_BENT, monitor.BASE_FIELD,
@@ -30,7 +30,7 @@ _BALANCE = [
 
 
 class EnergyBalance(NamedTuple):
-    """All energy, less the work done and with what was spent, beside what it was at the start."""
+    """Energy plus dissipation less work, compared with the energy at the start."""
 
     error: float  # [J], at the last health check
     # [J], the largest sum of energies that moved, were exchanged or put in
@@ -47,7 +47,7 @@ class EnergyBalance(NamedTuple):
 
 class Ledger:
     """
-    Energies, work and rates of one run, and what health checks are asked to look out for.
+    Energies, work and rates of one run, and the limits of its health checks.
 
     What each number is: kernels/monitor.py.
     """
@@ -149,7 +149,7 @@ class Ledger:
         self, moving: float, squares: float, rate: float, speed: float
     ) -> None:
         """
-        Begin the balance with what a health check has just found.
+        Begin the balance with the figures of the last health check.
 
         `moving`: kinetic energy [J] of driven bodies, for which no work was needed;
         `squares` [N^2/kg]: of the forces and torques of all bodies over their masses and inertias,
@@ -192,9 +192,10 @@ class Ledger:
         moved = rate * errors * math.sqrt(self.bodies * inertia)
         explained = moved * math.sqrt(2.0 * self.scale) + 0.5 * moved**2
         error = abs(self.error)
-        if not (error <= explained and self.scale <= _SMALL * self.floor and self.limit > 0.0):
+        if not (error <= explained and self.limit > 0.0 and (
+                self.scale <= _SMALL_ENERGY_RATIO * self.floor)):
             return False
-        self.floor = max(self.floor, _ROOM * error)
+        self.floor = max(self.floor, _FLOOR_MARGIN_RATIO * error)
         return True
 
     def allow_rounding(self, loads: Loads, model: Model, span: float) -> None:
@@ -216,7 +217,7 @@ class Ledger:
         self.earlier_work += math.fsum(loads.work)
 
     def state_tree(self) -> dict[str, Any]:
-        """All numbers, but for what a call of kernels says of itself."""
+        """Return all numbers, except those that only describe one kernel call."""
         numbers = self.numbers.copy()
         numbers[monitor.SAVED_AT] = -1.0
         return {'numbers': numbers}

@@ -115,7 +115,7 @@ class MethodCalls:
             return beside.apart()
 
     def hold(self, elsewhere: Elsewhere) -> None:
-        """Have the state of the trajectory with those who answer for it."""
+        """Distribute the state of the trajectory to the processes that answer queries."""
         trajectory = self._trajectory
         loads, state, _, work = trajectory.for_steps()
         with self.or_lost():
@@ -135,7 +135,7 @@ class MethodCalls:
         return max(self.portions.count, least)
 
     def _evaluations(self, steps: int) -> int:
-        """Count the evaluations of the forces of so many `steps`, which were the last ones."""
+        """Count the force evaluations of the last `steps` steps."""
         method, kinks = self._trajectory.method, self._trajectory.for_steps()[3].kinks
         more = method.count_evaluations()
         if kinks is not None:
@@ -164,7 +164,7 @@ class MethodCalls:
 
     def is_ready(self, kernel: Kernel | None = None, *, touching: bool = True) -> bool:
         """
-        Whether steps could be taken at once, and if `touching` with contacts that may come.
+        Return True if all kernels of steps are compiled, with contacts if `touching`.
 
         By the `kernel` that takes them, if that is not the method's own.
         """

@@ -73,7 +73,7 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
 
 
 def is_damped(scene: Scene) -> bool:
-    """Whether connectors are damped."""
+    """Return True if connectors are damped."""
     return bool(scene.connector_count and scene.connectors.damping.any())
 
 
@@ -124,5 +124,5 @@ def contact_losses(scene: Scene) -> str:
         if parameters['contact.damping'] > 0.0:
             return 'contact.damping is a force that depends on velocities'
         if parameters['contact.friction'] > 0.0:
-            return 'contact.friction follows the slip of what touches'
+            return 'contact.friction follows the slip of shells in contact'
     return ''

@@ -13,7 +13,7 @@ from collections.abc import Collection
 import math
 from typing import NamedTuple
 
-from icofabric_sim.simulation.stepping.accuracy_probe import AIM
+from icofabric_sim.simulation.stepping.accuracy_probe import TARGET_RATIO
 from icofabric_sim.simulation.stepping.methods import facts_of, KINK_ORDER, Method, METHODS
 
 # Where slopes jump: what methods that mend kinks add in a second to motion of 1 a/s at step x
@@ -172,7 +172,7 @@ def _for_kinks(
     candidates: dict[str, Method], tolerance: float, liveliness: float, kinks: int
 ) -> Choice:
     """
-    The candidate with the least work where the slopes of so many connectors jump.
+    Return the candidate with the least work if slopes of connectors jump.
 
     Steps of dop8 find every crossing, which took 30 to 40 times as long wherever it was measured.
     """
@@ -186,8 +186,8 @@ def _for_kinks(
         name,
         f'{kinks:,} connectors pull otherwise than they push: least work for {tolerance:g} in a '
         f'second where methods with steps of one length are of order 2, or {KINK_ORDER} where '
-        f'they mend what crossings leave: {work[name]:.3g} evaluations for each radian of the '
-        f'fastest vibration ({others})')
+        f'they correct the errors of crossings: {work[name]:.3g} evaluations for each radian of '
+        f'the fastest vibration ({others})')
 
 
 def longest_at_kinks(method: Method, tolerance: float, liveliness: float) -> float:
@@ -207,7 +207,7 @@ def _allowed_ratio(method: Method, tolerance: float, liveliness: float) -> float
     """Step times frequency for the wanted accuracy, as far as the method may go."""
     if not liveliness > 0.0:
         return method.chosen
-    accurate = (AIM * tolerance / (method.error * liveliness)) ** (1.0 / method.order)
+    accurate = (TARGET_RATIO * tolerance / (method.error * liveliness)) ** (1.0 / method.order)
     return min(accurate, method.chosen)
 
 

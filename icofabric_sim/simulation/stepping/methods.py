@@ -41,18 +41,18 @@ class StateHolder(Protocol):
 
     @property
     def has_saved(self) -> bool:
-        """Whether the state that was saved last is there, and not in this process."""
+        """True if the state that was saved last is not in this process."""
 
     def take_saved(self) -> dict[str, np.ndarray]:
         """
-        Have it in the arrays of this process, with the work that loads had done.
+        Gather the saved state, and the work that loads had done.
 
         Returns what had flowed by then [J], by name: `work` of the loads, and what meters showed.
         """
 
     def take_over(self) -> bool:
         """
-        Have it whole in the arrays of this process, which may change it.
+        Gather the whole state in the arrays of this process, which may change it.
 
         Returns whether it was elsewhere until then.
         """
@@ -67,7 +67,7 @@ class Beside(Protocol):
         """Begin where the run is."""
 
     def branch(self, model: Model) -> None:
-        """Have steps of half the length begin where the others are."""
+        """Start trial steps of half the length at the state of the others."""
 
     def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
         """Take steps of one kind, `ahead` or `half`."""
@@ -77,13 +77,13 @@ class Beside(Protocol):
 
 
 class Elsewhere(Protocol):
-    """Holds the state of a run, and answers what is asked of the whole of it."""
+    """Processes that hold the state of a run and answer queries about all of it."""
 
     def save(self, saved: State) -> bool:
         """Save the state of the run there, if it is there alone; whether that was done."""
 
     def put_begun(self, saved: State) -> bool:
-        """Have the state in which the run began in `saved`, if no later one has been here."""
+        """Write the start of the run to `saved`; return False if a later state was here."""
 
     def bounds(self) -> np.ndarray | None:
         """
@@ -95,19 +95,19 @@ class Elsewhere(Protocol):
     def hold(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Have the state of a run in which nothing touches there: what follows asks of it."""
+        """Distribute the state of a run without contacts, for the queries below."""
 
     def refresh(self, time: float) -> None:
         """Compute the accelerations of the state at `time` [s]."""
 
     def examine(self, time: float, ledger: np.ndarray) -> None:
-        """Have the figures of the state at `time` [s] in `ledger`, as kernels/monitor.py does."""
+        """Write the figures of a health check at `time` [s] to `ledger`."""
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
-        """Have sums (2, g) of squares of accelerations, as `note_squares` of group_sums.py."""
+        """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
 
     def velocity_sums(self, sums: np.ndarray) -> None:
-        """Have sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
+        """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
 
     def fastest_square(self, velocity: np.ndarray) -> float:
         """Return the largest square of a velocity less `velocity` (3,) [m^2/s^2]."""
@@ -122,7 +122,7 @@ def _no_more() -> int:
 
 
 class Method(NamedTuple):
-    """What there is to know about a method."""
+    """Properties of an integration method."""
 
     order: int
     symplectic: bool
@@ -157,7 +157,7 @@ class Method(NamedTuple):
     @property
     def runs_through_contacts(self) -> bool:
         """
-        Whether steps need not follow where contacts begin and end, which leave errors of order 2.
+        True if steps need not resolve the start and end of contacts: errors of order 2.
 
         Such a method also takes what contacts lose (kernels/contact/losses.py).
         """

@@ -23,7 +23,7 @@ _SHORTEST_STEP = 1e-9
 
 
 class Term(Enum):
-    """What the largest rate may be of."""
+    """Term of the motion that may have the largest rate."""
 
     FABRIC, SPIN, LOADS, LOSSES, CONTACTS = range(5)
 
@@ -93,7 +93,7 @@ class MotionRates:
         return fastest_term(self._terms())
 
     def fastest_kind(self) -> Term:
-        """What kind of thing moves or vibrates fastest."""
+        """Return the term that moves or vibrates fastest."""
         kinds = (Term.FABRIC, Term.SPIN, Term.LOADS, Term.LOSSES, Term.CONTACTS)
         rates = tuple(self._terms().values())
         return kinds[max(range(len(rates)), key=rates.__getitem__)]

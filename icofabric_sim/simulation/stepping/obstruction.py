@@ -18,7 +18,7 @@ _CHECKS = 4
 
 class Obstruction:
     """
-    Remembers the first connector that was seen in a shell of its own.
+    First connector that a health check found in the shell of one of its bodies.
 
     Every fourth health check counts them (kernels/obstruction.py), every one where that ends
     the run; what is between two of these, and over before the second, is not seen, but within
@@ -35,7 +35,7 @@ class Obstruction:
 
     @property
     def is_watching(self) -> bool:
-        """Whether nothing was found yet that could be."""
+        """True if an obstruction could still be found."""
         return not self.found and self._packed.model.links is not None
 
     def note(self, time: float, state: State, broken_since: np.ndarray | None) -> None:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the pieces of a driver are to each other, and what a new one has to offer.
+Interfaces of the components of a driver.
 
 `driver.py` holds them all. A step-size controller is a file in `controllers/`, an event a file in
 `events/`.
@@ -23,7 +23,7 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 
 
 class StepChoice(NamedTuple):
-    """What a step-size controller is chosen by, and what it is asked for."""
+    """Properties of a run that select its step-size controller."""
 
     method: Method
     given: float  # `solver.step` [s]; 0: the step is chosen
@@ -57,7 +57,7 @@ class StepController(Protocol):
 
     def excess(self) -> float | None:
         """
-        How many times the tolerance the steps since the last health check err by.
+        Return the ratio of the error since the last health check to the tolerance.
 
         Above 1 the driver rejects them. Asked where the motion has become rougher than
         `ledger.rough_limit`; None: it cannot tell yet.
@@ -95,12 +95,12 @@ class Pieces(Protocol):
         """Take the step that the controller proposes from now on."""
 
     def respond(self, status: int, time: float) -> None:
-        """Do what a `status` of the kernels at `time` [s] asks for."""
+        """React to a `status` of the kernels at `time` [s]."""
 
 
 class EventLocator(Protocol):
     """
-    What may end a step: the driver cuts it where the first event happens.
+    Locator of an event that may end a step, at the first event in the step.
 
     Beside the class its module has `why` and `make`, see `events`.
     """
@@ -114,17 +114,17 @@ class EventLocator(Protocol):
         """Return the part of the step in progress at which it first happens; None: not in it."""
 
     def happen(self) -> None:
-        """Change the present state, which is that of the event; the next step begins anew."""
+        """Change the present state, which is that of the event; the next step restarts."""
 
     def state_tree(self) -> dict[str, Any]:
-        """What the steps to come depend on, as entries of the driver's."""
+        """Return all data that later steps depend on, as entries of the driver's."""
 
     def load_state(self, tree: StateTree) -> None:
         """Go on from there."""
 
 
 class Stepping(Protocol):
-    """How steps are taken, and what lies between their ends."""
+    """Control of steps, and states between their ends."""
 
     @property
     def next_step_time(self) -> float:
@@ -134,10 +134,10 @@ class Stepping(Protocol):
         """The state has jumped to where the trajectory is: nothing from before is reused."""
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors at the present step end."""
+        """Set the `total` of errors at the present step end."""
 
     def adopt(self, other: 'Stepping') -> None:
-        """The motion goes on from that of `other`, after a restart: its errors are alike."""
+        """Use the error estimate of `other`, whose motion continues after a restart."""
 
     def forget(self) -> None:
         """Count errors from zero again."""
@@ -184,7 +184,7 @@ class Stepping(Protocol):
         """Errors added from the start to a present `time` [s], as if none had grown or faded."""
 
     def is_ready(self, *, touching: bool) -> bool:
-        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add what the steps to come depend on to the `tree` of the driver."""

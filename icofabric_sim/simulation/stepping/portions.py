@@ -21,7 +21,7 @@ class Portions:
         self.count = max(1, _FIRST_WORK // max(work, 1))
 
     def note(self, steps: int, seconds: float) -> None:
-        """Learn from a call that took so many `steps` in so many `seconds`."""
+        """Adapt to a call that took `steps` steps in `seconds`."""
         each = seconds / max(steps, 1)
         # A clock that stands still has nothing to say.
         if each > 0.0:

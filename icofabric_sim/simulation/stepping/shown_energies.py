@@ -15,7 +15,7 @@ import numpy as np
 
 
 class ShownEnergies:
-    """What a snapshot needs for its balance, beside its own state; all in [J]."""
+    """Energies [J] that a snapshot needs for its balance, in addition to its state."""
 
     def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
         """Show a state of the `trajectory` by `note`."""
@@ -76,7 +76,7 @@ class ShownEnergies:
             trajectory.model, loads, trajectory.state if state is None else state))
 
     def state_tree(self) -> dict[str, Any]:
-        """Where the balance begins, as an entry; none without a body force."""
+        """Return the start of the balance, as an entry; empty without a body force."""
         if self._trajectory.work.given is None:
             return {}
         return {'potential_start': self.potential_start}

@@ -13,7 +13,7 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 _LOGGER = logging.getLogger('icofabric_sim')
 
 # The sum is within so many times of what was added: above it more was, for certain.
-_CERTAIN = 3.0
+_CERTAIN_RATIO = 3.0
 
 
 class StepErrors:
@@ -37,7 +37,7 @@ class StepErrors:
         if self.touching is None or self._is_reported:
             return
         allowed = self.probe.tolerance * time
-        if allowed > 0.0 and self.touching.total > _CERTAIN * allowed:
+        if allowed > 0.0 and self.touching.total > _CERTAIN_RATIO * allowed:
             self._is_reported = True
             _LOGGER.warning(
                 'steps in which forces begin, end or jump (contacts, connectors around shells, or '
@@ -85,7 +85,7 @@ class StepErrors:
         self.probe.forget()
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors at the present time."""
+        """Set the `total` of errors at the present time."""
         self.probe.settle(total)
         if self.touching is not None:
             self.touching.settle(0.0)
@@ -96,7 +96,7 @@ class StepErrors:
         self.begin(time)
 
     def state_tree(self) -> dict[str, Any]:
-        """What was measured, and when it will be again, as entries."""
+        """Return measured values and the times of the next measurements, as entries."""
         tree: dict[str, Any] = {
             'returned_to': self.returned_to, 'accuracy': self.probe.state_tree()}
         if self.touching is not None:

@@ -52,7 +52,7 @@ class StepInProgress:
 
     @property
     def trail(self) -> Trail:
-        """What the kernel has left behind of it."""
+        """Arrays of the step that the kernel keeps."""
         trail = self._trajectory.work.trail
         assert trail is not None
         return trail
@@ -64,7 +64,7 @@ class StepInProgress:
 
     @property
     def length(self) -> float:
-        """Its length [s]; 0: none is in progress."""
+        """Length of the step [s]; 0: no step is in progress."""
         return self.control.length
 
     @property
@@ -95,7 +95,7 @@ class StepInProgress:
         self._has_dense = False
 
     def prepare_dense(self) -> None:
-        """Have the slopes that states within it need."""
+        """Compute the slopes that states within the step need."""
         if self._has_dense:
             return
         trajectory, trail, length = self._trajectory, self.trail, self.length
@@ -176,7 +176,7 @@ class StepInProgress:
 
     @property
     def _is_within(self) -> bool:
-        """Whether there are states within a step; after a failure only the last good one is."""
+        """True if states within a step exist; after a failure only the last good one does."""
         return self._trajectory.failure is None and self.length > 0.0
 
     def state_tree(self, tree: dict[str, Any]) -> None:

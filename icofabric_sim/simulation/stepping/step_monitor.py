@@ -90,7 +90,7 @@ class StepMonitor:
         return steps
 
     def _in_windows(self, steps: int) -> int:
-        """At least so many `steps`, in whole differences if the step follows them."""
+        """Return at least `steps`, in whole differences if these limit the step."""
         return -(-steps // self._window) * self._window
 
     def follow_step(self) -> None:
@@ -232,7 +232,7 @@ class StepMonitor:
         return shorter_steps(self._trajectory.step, self._tolerance, self._rates.fastest_term())
 
     def state_tree(self) -> dict[str, Any]:
-        """When the next check is, and what it will judge, as entries."""
+        """Return the time and the data of the next health check, as entries."""
         tree: dict[str, Any] = {
             'since_check': self.since_check, 'look_interval': self.interval,
             'search_interval': self.search_interval}
@@ -265,7 +265,7 @@ class StepMonitor:
 
     @property
     def _is_in_window(self) -> bool:
-        """Whether some, but not all, of the steps of a difference are taken."""
+        """True if some but not all steps of a difference are taken."""
         if self._differences < 1:
             return False
         if self._trajectory.method.stages < 4:

@@ -52,7 +52,7 @@ _LONG_STEP = 1.2
 # Relative excess of the probable error for each unit of that product, in shorter steps.
 _DECAY_BIAS = 0.45
 # Part of the largest error within a window that counts at least: errors swing within a period.
-_LEAST = 0.5
+_MIN_ERROR_RATIO = 0.5
 # Steps until the next judgement, with which a call of kernels ends: after one in which shells may
 # touch, or one that is short beside the decay where that is slow; where the decay is faster.
 _SKIPPED, _SHORT_SKIPPED = 16, 2
@@ -72,7 +72,7 @@ def needs_samples(pieces: Pieces) -> bool:
 
 
 def _is_kinked(pieces: Pieces) -> bool:
-    """Whether tensions have kinks, or jump where bands change to another geodesic."""
+    """Return True if tensions have kinks, or jump at a change of geodesic."""
     model = pieces.trajectory.model
     links = model.links
     return has_jumps(links) or model.wrapping is not None or (
@@ -121,7 +121,7 @@ class StepSamples:
 
     def adopt(self, other: 'StepSamples') -> None:
         """
-        The motion goes on from that of `other`, in a fabric that may be a little different.
+        Use the measurements of `other`, whose motion continues in a similar fabric.
 
         The next window is measured, and then as few as there; what was seen there counts as one.
         """
@@ -139,7 +139,7 @@ class StepSamples:
         self._steps = 0
 
     def settle(self, total: float, time: float) -> None:
-        """Have a `total` of errors at a `time` [s], with no step in progress."""
+        """Set the `total` of errors at a `time` [s], without a step in progress."""
         self._control.total = self._control.clear_total = total
         self._total = self._counted = total if self._active else 0.0
         self._since, self._rate = time, _NOT
@@ -181,7 +181,7 @@ class StepSamples:
             time - self._since)
 
     def allowed(self, count: int) -> int:
-        """How many of `count` steps to take in a call: none beyond one that is measured."""
+        """Return the number of steps for a call, up to `count` and to the next measured step."""
         return min(count, self._left) if self._active else count
 
     def note(self, done: int, *, sound: bool) -> None:
@@ -218,7 +218,7 @@ class StepSamples:
         is_last = end >= self._end
         # At its end a window counts by what the two are apart there, and before by the least that
         # can follow.
-        worst = max(_LEAST * apart, self._worst, apart if is_last else 0.0)
+        worst = max(_MIN_ERROR_RATIO * apart, self._worst, apart if is_last else 0.0)
         self._total, self._counted, self._since = (
             self._total + (worst - self._worst), control.clear_total, end)
         self._rate = (worst - self._worst) / control.length

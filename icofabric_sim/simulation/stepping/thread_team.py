@@ -44,7 +44,7 @@ _present: 'weakref.WeakSet[ThreadTeam]' = weakref.WeakSet()
 
 
 def _start_anew() -> None:
-    """Have teams start threads again in a forked child: those of the parent are not in it."""
+    """Let teams start threads again in a forked child, which has none of the parent."""
     for team in _present:
         team.forget_threads()
 
@@ -61,7 +61,7 @@ def core_count() -> int:
 
 @contextmanager
 def teams_of(size: int) -> Iterator[None]:
-    """Have simulations that are compiled within use `size` threads, for comparisons of bits."""
+    """Compile simulations for `size` threads within this context, to compare bits."""
     token = _forced.set(size)
     try:
         yield
@@ -71,7 +71,7 @@ def teams_of(size: int) -> Iterator[None]:
 
 def size_for(wanted: int, body_count: int, *, loose: bool = False) -> int:
     """
-    Threads for so many bodies; clamps what is `wanted` to the cores there are, with a warning.
+    Return the number of threads for a number of bodies, `wanted` or fewer, with a warning.
 
     `loose`: shells that no connector holds, and that may touch.
     """
@@ -89,7 +89,7 @@ def size_for(wanted: int, body_count: int, *, loose: bool = False) -> int:
 
 
 class ThreadTeam:
-    """As many threads as `wanted` (0: one for each core), and as the number of bodies is worth."""
+    """Threads of a simulation: `wanted` (0: one for each core), fewer for few bodies."""
 
     def __init__(self, wanted: int, packed: PackedScene, *, is_shared: bool = True) -> None:
         """
@@ -121,7 +121,7 @@ class ThreadTeam:
         return sum(len(sweep.pushes) > 0 for sweep in self._apart)
 
     def prepare_contacts(self, wanted: bool) -> None:
-        """Whether there are contacts: then all bodies drift before one is pushed."""
+        """Drift all bodies before the kicks if there are contacts."""
         if wanted == (self._rooms[0] is not None):
             return
         self._teams = {}
@@ -139,11 +139,11 @@ class ThreadTeam:
         self._pool = None
 
     def alone(self) -> Team:
-        """What kernels know of a team of one."""
+        """Return the record of a team of one thread."""
         return Team(0, 1, self._flags, self._sweeps[0], self._rooms[0])
 
     def team(self, member: int) -> Team:
-        """What kernels know of the thread_team, in the thread `member`."""
+        """Return the record of the team for the thread `member`."""
         if member not in self._teams:
             self._teams[member] = Team(
                 member, self.size, self._flags, self._sweeps[member], self._rooms[member])

@@ -29,7 +29,7 @@ from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 
 # So many stretches are measured, then twice as many that stand for two each, and so on up to the
 # second number. Few of them make most of the error: which kink lies where in its step is chance.
-_SAMPLES, _MOST = 128, 8
+_SAMPLES, _MAX_WEIGHT = 128, 8
 # Where steps run through contacts every stretch counts while something is near, and one in which
 # nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
 # of so many that are alike have been seen: the second number is for forces that jump without a
@@ -71,7 +71,7 @@ class TouchingErrors:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the stretch in progress: the state has jumped. The sum goes on."""
+        """Discard the interval in progress after a jump; the sum of errors continues."""
         self._every, self._left, self._waiting = 1, _SAMPLES, 0
         # Sums of the errors of measured stretches, and of their squares.
         self._sum = self._squares = self._rate = self._step = 0.0
@@ -94,7 +94,7 @@ class TouchingErrors:
         return self.total + self._slip * max(time - self._since, 0.0)
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors at the present time, of which none moves bodies on."""
+        """Set the `total` of errors at the present time, none of them of velocities."""
         self.total, self._slip = total, 0.0
 
     def spoil(self) -> None:
@@ -107,24 +107,24 @@ class TouchingErrors:
             self.end(time, rate, is_last=True)
 
     def rate_with(self, step: float) -> float:
-        """Error [1/s] of steps of `step` [s] by what was measured last; infinite: nothing was."""
+        """Return the error [1/s] of steps of `step` [s] by the last measurement; inf: none."""
         if not (self._runs_through and self._step > 0.0):
             return math.inf
         return self._rate * max(step / self._step, 1.0) ** 2
 
     @property
     def is_due(self) -> bool:
-        """Whether the next stretch in which shells touch is to be measured."""
+        """True if the next interval with contacts is measured."""
         return self._waiting + 1 >= self._every
 
     @property
     def needs_search(self) -> bool:
-        """Whether the next stretch has to begin with a search, or again could not be measured."""
+        """True if the next interval can be measured only after a search at its start."""
         return self.is_due and self._is_starved
 
     def prepare(self, step: float, since_check: int, interval: int, count: int) -> int:
         """
-        How many of `count` steps of `step` [s] to take, so that what touches can be judged.
+        Return the number of steps, up to `count`, after which contacts can be measured.
 
         Not beyond a health check, one of which is after each `interval` steps: the state of the
         one before is then kept if a measurement is due. Nothing is done where nothing is near.
@@ -210,12 +210,12 @@ class TouchingErrors:
                     elif alike < 0.125 * wanted:
                         self._every = max(self._every // 2, 1)
                 elif not self._left:
-                    self._every = min(2 * self._every, _MOST)
+                    self._every = min(2 * self._every, _MAX_WEIGHT)
                     self._left = _SAMPLES * self._every
         self._begin(time)
 
     def state_tree(self) -> dict[str, Any]:
-        """What was measured, and when it will be again."""
+        """Return measured values and the time of the next measurement."""
         tree: dict[str, Any] = {
             'total': self.total, 'every': self._every, 'left': self._left,
             'waiting': self._waiting, 'start': self._start, 'touched': self._touched,

@@ -153,7 +153,7 @@ class Trajectory:
 
     @property
     def saved_time(self) -> float:
-        """Its time [s]."""
+        """Time [s] of the saved state."""
         return self._saved_time
 
     @saved_time.setter
@@ -164,7 +164,7 @@ class Trajectory:
 
     @property
     def loads(self) -> Loads:
-        """What acts, with the work that it has done."""
+        """Loads, with the work that they have done."""
         self._take_over()
         return self._loads
 
@@ -175,7 +175,7 @@ class Trajectory:
 
     @property
     def work(self) -> Work:
-        """What follows from the state."""
+        """Quantities computed from the state."""
         self._take_over()
         return self._work
 
@@ -216,7 +216,7 @@ class Trajectory:
 
     @property
     def velocity_spread(self) -> float:
-        """How much velocities of bodies differ [m/s] at most, along all axes together."""
+        """Largest difference of the velocities of bodies [m/s], over all axes."""
         bounds = self._bounds()
         if bounds is None:
             velocity = self.state.linear_velocity[:, self.packed.layout.slot]
@@ -251,7 +251,7 @@ class Trajectory:
         return self.time_of(self.index) if self.control is None else self.control.start
 
     def time_of(self, index: int) -> float:
-        """Time [s] after so many steps of one length."""
+        """Return the time [s] after `index` steps."""
         return self.origin + index * self.step if index else self.origin
 
     def begin_at(self, time: float) -> None:
@@ -277,7 +277,7 @@ class Trajectory:
         self.note_saved(self.time if time is None else time)
 
     def _is_saved_there(self, elsewhere: Elsewhere) -> bool:
-        """Have the state saved where it is; whether that could be done."""
+        """Save the state on its ranks; return False if it is here."""
         try:
             return elsewhere.save(self._saved)
         except ElsewhereError as error:
@@ -335,7 +335,7 @@ class Trajectory:
         """
         Compute the accelerations of the state, of the present or of a `time` [s].
 
-        With what contacts remember in a `model` of a trial, for a `step` [s] of its own.
+        A trial has another `model`, with its friction springs, and another `step` [s].
         """
         model = model or self.model
         last = len(model.blocks.slot)
@@ -363,7 +363,7 @@ class Trajectory:
 
     def refresh_places(self, *, anew: bool = False) -> None:
         """
-        The same, but what contacts remember stays as it is, and so do accelerations unless `anew`.
+        Refresh, but keep friction springs, and accelerations unless `anew`.
         """
         losses, acceleration = self.losses, self.work.acceleration.copy()
         kept = {} if losses is None else {
@@ -375,7 +375,7 @@ class Trajectory:
             np.copyto(getattr(losses, name), values)
 
     def _loses(self, model: Model) -> bool:
-        """Whether contacts take energy in steps that begin with forces from before."""
+        """Return True if contacts dissipate in steps that begin with earlier forces."""
         return self.method.symplectic and contact_losses(model.contacts) is not None
 
     def set_contacts(self, contacts: Contacts | None) -> None:
@@ -541,7 +541,7 @@ class Trajectory:
     @property
     def _keeps_accelerations(self) -> bool:
         """
-        Whether a step begins with a kick, for which its forces are known from the one before.
+        True if a step begins with a kick by the forces of the step before.
         """
         return len(self.method.kicks) > len(self.method.drifts)
 

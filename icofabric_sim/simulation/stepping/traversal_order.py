@@ -23,7 +23,7 @@ _PANEL = 3200
 # Rows by which a panel's drifts lie across its border: its neighbours are one row away.
 _OVERLAP = 1
 # Blocks whose neighbours are looked up at once: bounds the temporary arrays.
-_PIECE = 1 << 14
+_BATCH_BLOCKS = 1 << 14
 # Of a byte whose bits are lanes.
 _FIRST_LANE = np.array([max(0, (byte & -byte).bit_length() - 1) for byte in range(256)])
 _LAST_LANE = np.array([max(0, byte.bit_length() - 1) for byte in range(256)])
@@ -90,8 +90,8 @@ def neighbours_of(
         return
     number = np.full(layout.slot_count // LANES, -1, np.int32)
     number[layout.blocks.slot // LANES] = np.arange(len(layout.blocks.slot), dtype=np.int32)
-    for start in range(0, len(blocks), _PIECE):
-        part = slice(start, min(start + _PIECE, len(blocks)))
+    for start in range(0, len(blocks), _BATCH_BLOCKS):
+        part = slice(start, min(start + _BATCH_BLOCKS, len(blocks)))
         present = links.present[blocks[part]]
         place = links.place[blocks[part]] % layout.slot_count
         seen = np.concatenate(

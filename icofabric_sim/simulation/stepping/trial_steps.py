@@ -124,7 +124,7 @@ class TrialSteps:
         joined: Callable[[float, float], float]
     ) -> list[float]:
         """
-        Errors of windows of so many steps each, as `distance` has them; the state must be saved.
+        Return errors of windows of `counts` steps by `distance`; the state must be saved.
 
         Fewer where a body force fails. `joined`: the same of the largest squares of distances
         [m^2] and of differences of quaternions, which is all that is known where states are
@@ -150,7 +150,7 @@ class TrialSteps:
         self, step: float, counts: Sequence[int], compare: Callable[[State, State], None]
     ) -> int:
         """
-        Take windows of so many steps each, and come back; the state must be saved.
+        Take windows of `counts` steps, and restore the state, which must be saved.
 
         After each `compare` gets where they lead, and where twice as many of half the length do
         from the beginning of the window. Returns the number of windows: fewer where a body force
@@ -234,9 +234,9 @@ class TrialSteps:
         self, start: float, count: int, windows: int, compare: Callable[[State, State], float]
     ) -> float | None:
         """
-        Repeat the last `count` steps with twice as many of half the length, and come back.
+        Repeat the last `count` steps with twice as many of half the length.
 
-        From the state of `start` [s], which `keep_earlier` has kept, in so many windows, each from
+        From the state of `start` [s], which `keep_earlier` has kept, in `windows`, each from
         where the steps themselves led. Returns the sum of what `compare` finds for their ends;
         None where a body force fails.
         """
@@ -287,12 +287,12 @@ class TrialSteps:
         self._earlier_stretch = None
 
     def copy_loads(self) -> Loads:
-        """Return the same loads, with room of their own for what they do."""
+        """Return the same loads with separate work."""
         loads = self._trajectory.loads
         return loads._replace(work=np.zeros_like(loads.work)) if len(loads.wrench) else loads
 
     def _copy_model(self, model: Model | None = None) -> Model:
-        """The same constants, with room of their own for what contacts remember."""
+        """Return the same constants with a copy of friction springs."""
         model = model or self._trajectory.model
         losses = contact_losses(model.contacts)
         if losses is None or model.contacts is None:
@@ -304,7 +304,7 @@ class TrialSteps:
             contacts=model.contacts._replace(losses=losses._replace(**copies)))
 
     def _copy_work(self) -> Work:
-        """The same room, with meters of its own."""
+        """Return the same arrays with new meters."""
         work, layout = self._trajectory.work, self._trajectory.packed.layout
         if work.spent is None and work.given is None:
             return work

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What is asked of the whole state of a run, wherever it is: forces, figures, the largest frequency.
+Queries about the full state of a run: forces, figures, the largest frequency.
 
-Who takes the steps may have the state, and answer for it (`Elsewhere` in methods.py); else this
-process looks at it. The sums are the same bits.
+Ranks that take the steps may hold the state and answer (`Elsewhere` in methods.py); else this
+process computes the answer. The sums are bit-identical.
 """
 
 import math
@@ -22,7 +22,7 @@ import numpy as np
 
 
 class WholeState:
-    """Asks it."""
+    """Queries about the full state, local or distributed."""
 
     def __init__(self, trajectory: Trajectory, calls: MethodCalls) -> None:
         """Ask the state of the `trajectory`, by `calls` where others have it."""
@@ -39,7 +39,7 @@ class WholeState:
             elsewhere.refresh(trajectory.time)
 
     def examine(self) -> None:
-        """Have the figures of a health check in the ledger."""
+        """Write the figures of a health check to the ledger."""
         trajectory, elsewhere = self._trajectory, self._elsewhere()
         numbers = trajectory.ledger.numbers
         if elsewhere is not None:
@@ -114,7 +114,7 @@ class WholeState:
             trajectory.time)
 
     def _elsewhere(self) -> Elsewhere | None:
-        """Who has the state, and answers for it; None: this process looks at it."""
+        """Return the processes that answer for the state; None: this process."""
         trajectory = self._trajectory
         elsewhere, (loads, _, _, work) = trajectory.method.elsewhere, trajectory.for_steps()
         # What touches, anchors, paths, and what is spent are added up here alone.

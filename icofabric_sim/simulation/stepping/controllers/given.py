@@ -25,7 +25,7 @@ RANK = 0
 
 
 def suits(choice: StepChoice) -> bool:
-    """Whether the step is given, and steps have one length."""
+    """Return True if the step is given and steps have equal length."""
     return choice.given > 0.0 and not choice.embedded
 
 
@@ -95,7 +95,7 @@ class GivenStep:
         """Nothing changes the step."""
 
     def follow_jump(self) -> bool:
-        """Have the error measured anew where loads are faster."""
+        """Request a measurement of the error, as loads may be faster."""
         return True
 
     def _measure_briefly(self, fastest: float) -> None:

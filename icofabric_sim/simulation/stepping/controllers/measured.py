@@ -11,7 +11,7 @@ import math
 
 from icofabric_sim.simulation.contact.broad_phase import LOOK_AFTER
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.stepping.accuracy_probe import AIM
+from icofabric_sim.simulation.stepping.accuracy_probe import TARGET_RATIO
 from icofabric_sim.simulation.stepping.energy_swing import longest_ratio
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.method_selection import longest_at_kinks
@@ -21,12 +21,12 @@ import numpy as np
 
 # Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
 # short (lengthen it).
-_LONGEST, _SHORTEST = 1.25, 0.4
+_MAX_STEP_RATIO, _MIN_STEP_RATIO = 1.25, 0.4
 # The exact frequency is computed again once its bound has grown so many times, and where steps
 # come so near to the limit of the method.
-_GROWN, _NEAR = 1.1, 0.9
+_GROWN, _NEAR_LIMIT_RATIO = 1.1, 0.9
 # The range of the measured error rate in which a step is kept, in parts of the tolerance.
-_LARGEST, _SMALLEST = 0.4, 0.02
+_MAX_ERROR_RATIO, _MIN_ERROR_RATIO = 0.4, 0.02
 # Shortest periods until the next measurement, which costs three: at first, and at most.
 _FIRST_GAP, _LARGEST_GAP = 2, 64
 # The same where contacts keep steps short, whose errors are measured behind the steps.
@@ -40,7 +40,7 @@ _LARGEST_BLIND_GAP = 16
 _ROUGHER = 1.5
 # By how much a step changes at once, and how often until it is accurate enough.
 _LARGEST_CHANGE = 0.1, 4.0
-_TRIES = 8
+_MAX_TRIAL_COUNT = 8
 # An error that does not fall with the step is taken for rounding up to so many times its floor;
 # above that the step was so long that it passed what bends the motion.
 _ROUNDINGS = 1e4
@@ -116,7 +116,7 @@ def _largest_ratio_at_kinks(method: Method, energy_limit: float, error: float) -
 
 
 def suits(choice: StepChoice) -> bool:
-    """Whether the step is chosen, and steps have one length."""
+    """Return True if the step is chosen and steps have equal length."""
     return not choice.given > 0.0 and not choice.embedded
 
 
@@ -174,11 +174,11 @@ class MeasuredStep:
         longest, stable = pieces.contact.longest_step, cap
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
-        least, most = (_RELAXED, 1.0) if cap == contact else (_SHORTEST, _LONGEST)
+        least, most = (_RELAXED, 1.0) if cap == contact else (_MIN_STEP_RATIO, _MAX_STEP_RATIO)
         if not least * min(cap, errors.step) <= step <= most * cap:
             step = rounded_down(min(cap, errors.step))
         # What held steps short, contacts to come, says nothing of longer ones.
-        longer = not through and step > _LONGEST * errors.measured_step
+        longer = not through and step > _MAX_STEP_RATIO * errors.measured_step
         jumped = errors.is_new or longer or rates.load_rate > errors.load_rate
         if probe and not jumped and not shorter > 1.0 and self._may_wait:
             # Asked again once the run has paid for it.
@@ -204,12 +204,12 @@ class MeasuredStep:
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
         # Above the first the exact frequency is computed again once its bound has grown; near the
         # limit of the method at every health check.
-        near = min(_GROWN * ledger.rate, _NEAR * method.stability / step)
-        ledger.high = max(_LONGEST * chosen / step, near)
+        near = min(_GROWN * ledger.rate, _NEAR_LIMIT_RATIO * method.stability / step)
+        ledger.high = max(_MAX_STEP_RATIO * chosen / step, near)
         # Of contacts the bound of the frequency at health checks knows nothing. Nor does a lower
         # one make steps longer that contacts or crossings to come keep short.
         follows = errors.step >= cap and not through and not cap < stable
-        ledger.low = _SHORTEST * chosen / step if follows else 0.0
+        ledger.low = _MIN_STEP_RATIO * chosen / step if follows else 0.0
         return step
 
     def _contact_step(self) -> float:
@@ -264,18 +264,19 @@ class MeasuredStep:
 
     @property
     def _may_wait(self) -> bool:
-        """Whether a measurement at kinks or tables costs too much now, and none is pressing."""
+        """True if a measurement at kinks or tables is too expensive now, and not urgent."""
         trajectory, errors = self._pieces.trajectory, self._pieces.errors.probe
         ledger, model = trajectory.ledger, trajectory.model
         if errors.is_smooth or errors.reads_differences or not (
                 model.contacts is None and model.wrapping is None):
             return False
-        pressing = ledger.kinetic > ledger.lively or _LARGEST * ledger.rough > ledger.rough_limit
+        pressing = ledger.kinetic > ledger.lively or (
+            _MAX_ERROR_RATIO * ledger.rough > ledger.rough_limit)
         return not (pressing or errors.may_measure)
 
     def excess(self) -> float | None:
         """
-        How many times the tolerance the error probably was where the motion became rougher.
+        Return the probable ratio of the error to the tolerance after rougher motion.
 
         None where this is the first time that roughness is known.
         """
@@ -283,7 +284,7 @@ class MeasuredStep:
         if ledger.rough_limit == 0.0:
             self._expect(ledger.rough)
             return None
-        return _LARGEST * ledger.rough / ledger.rough_limit
+        return _MAX_ERROR_RATIO * ledger.rough / ledger.rough_limit
 
     def follow_contacts(self) -> bool:
         """Propose another step."""
@@ -328,7 +329,7 @@ class MeasuredStep:
         floor = errors.floor(fastest)
         touching = self._pieces.errors.touching
         known = math.inf if touching is None or jumped else touching.rate_with(step)
-        if held and step >= cap and known <= _LARGEST * tolerance:
+        if held and step >= cap and known <= _MAX_ERROR_RATIO * tolerance:
             # The stretches that are measured behind the steps say it already.
             errors.take_over()
             error = known
@@ -341,15 +342,15 @@ class MeasuredStep:
             errors.checks_left = 1
             return step
         change = errors.add(errors.free_rate if jumped else error)
-        low = _SMALLEST if not errors.is_new else 0.25 * AIM
+        low = _MIN_ERROR_RATIO if not errors.is_new else 0.25 * TARGET_RATIO
         best = error, step
-        for _ in range(_TRIES):
-            if error <= _LARGEST * tolerance and (error >= low * tolerance or step >= cap):
+        for _ in range(_MAX_TRIAL_COUNT):
+            if error <= _MAX_ERROR_RATIO * tolerance and (error >= low * tolerance or step >= cap):
                 break
             if error <= floor:
                 # Shorter steps only add roundings.
                 break
-            wish = (AIM * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
+            wish = (TARGET_RATIO * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
             change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
             other = min(rounded_down(step * change), cap)
             if other == step:
@@ -362,8 +363,8 @@ class MeasuredStep:
                 break
             step, error = other, found
             best = min(best, (error, step))
-            low = 0.25 * AIM
-        if error > max(_LARGEST * tolerance, best[0]):
+            low = 0.25 * TARGET_RATIO
+        if error > max(_MAX_ERROR_RATIO * tolerance, best[0]):
             # Nothing tried is accurate enough.
             error, step = best
         rough = trajectory.ledger.rough
@@ -410,17 +411,17 @@ class MeasuredStep:
         if is_known:
             error = errors.present_rate
             # Longer ones are measured first: differences foretell nothing of a collapse.
-            low = _SMALLEST * tolerance if errors.may_measure else 0.0
+            low = _MIN_ERROR_RATIO * tolerance if errors.may_measure else 0.0
         else:
             error = errors.measured(step, fastest, brief=not is_pulse)
-            low = 0.25 * AIM * tolerance
-        for _ in range(_TRIES):
-            if not error > _LARGEST * tolerance and (not error < low or step >= cap):
+            low = 0.25 * TARGET_RATIO * tolerance
+        for _ in range(_MAX_TRIAL_COUNT):
+            if not error > _MAX_ERROR_RATIO * tolerance and (not error < low or step >= cap):
                 break
             if error <= floor:
                 # Shorter steps only add roundings.
                 break
-            wish = (AIM * tolerance / error) ** (1.0 / order)
+            wish = (TARGET_RATIO * tolerance / error) ** (1.0 / order)
             change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
             other = min(rounded_down(step * change), cap)
             if other == step:
@@ -429,7 +430,7 @@ class MeasuredStep:
             if math.isnan(found) or (
                     other < step and error <= found and error <= _ROUNDINGS * floor):
                 break
-            step, error, low = other, found, 0.25 * AIM * tolerance
+            step, error, low = other, found, 0.25 * TARGET_RATIO * tolerance
         if math.isnan(error):
             error = errors.present_rate
         is_same = step == trajectory.step and not jumped
@@ -439,7 +440,7 @@ class MeasuredStep:
         errors.checks_left = -(-steps // self._pieces.monitor.interval_with(step))
         errors.is_new = False
         errors.step, errors.measured_step = math.inf if step >= cap else step, step
-        ledger.rough_limit = errors.largest_difference(_LARGEST * tolerance, step)
+        ledger.rough_limit = errors.largest_difference(_MAX_ERROR_RATIO * tolerance, step)
         if is_same:
             # One that did not go back is not asked again at each health check.
             ledger.rough_limit = max(ledger.rough_limit, _ROUGHER * ledger.rough)
@@ -448,8 +449,8 @@ class MeasuredStep:
     def _expect(self, rough: float) -> None:
         """Note how rough the motion is with the error that was measured; more asks for another."""
         errors, ledger = self._pieces.errors.probe, self._pieces.trajectory.ledger
-        error = max(errors.rate, 1e-3 * AIM * errors.tolerance)
-        room = max(_LARGEST * errors.tolerance / error, _ROUGHER)
+        error = max(errors.rate, 1e-3 * TARGET_RATIO * errors.tolerance)
+        room = max(_MAX_ERROR_RATIO * errors.tolerance / error, _ROUGHER)
         # Not known: the next health check will find out.
         ledger.rough_limit = room * rough if rough >= 0.0 else 0.0
 

@@ -72,7 +72,7 @@ class AnchorBreakage:
         anchors.extension[found] = anchors.compression[found] = 0.0
 
     def state_tree(self) -> dict[str, Any]:
-        """What breaks where the step in progress ends, as an entry."""
+        """Return the anchors that break at the end of the step in progress, as an entry."""
         return {'due_anchors': self._found.astype(float)} if self.is_due else {}
 
     def load_state(self, tree: StateTree) -> None:

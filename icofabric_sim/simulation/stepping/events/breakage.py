@@ -96,7 +96,7 @@ class Breakage:
         trajectory.ledger.lost += before - self._stored_energy()
 
     def state_tree(self) -> dict[str, Any]:
-        """What breaks where the step in progress ends, as an entry."""
+        """Return the connectors that break at the end of the step in progress, as an entry."""
         return {'due': self._found.astype(float)} if self.is_due else {}
 
     def load_state(self, tree: StateTree) -> None:

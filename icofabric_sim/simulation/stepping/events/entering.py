@@ -20,7 +20,7 @@ import numpy as np
 
 # Radians of the fastest motion from one look to the next, at most; looks within a step. A look
 # takes as long as a step of a few dozen bodies.
-_APART, _MOST = 1.0, 7
+_APART, _MAX_SAMPLE_COUNT = 1.0, 7
 
 
 def why(scene: Scene) -> str:
@@ -49,7 +49,7 @@ class Entering:
         if not pieces.monitor.obstruction.is_watching:
             return None
         rate = pieces.rates.fabric.rate + pieces.trajectory.ledger.spin
-        looks = min(int(step.length * rate / _APART), _MOST)
+        looks = min(int(step.length * rate / _APART), _MAX_SAMPLE_COUNT)
         parts = (number / (looks + 1) for number in range(1, looks + 1))
         return next((part for part in parts if self._enters(step.dense(part))), None)
 
