@@ -9,7 +9,6 @@ Equation numbers are those of "A Mathematical Model of Icosahedral Materials".
 import math
 from typing import NamedTuple
 
-from icofabric_sim.kernels.integrators.embedded import DOP8
 import numpy as np
 
 
@@ -87,10 +86,11 @@ def amplification(method, product):
         # The stability function 1 + z b.(1 - z A)^-1 1 on the imaginary axis.
         count, z = method.stages, 1j * product
         matrix = np.zeros((count, count))
-        for row, weights in enumerate(DOP8.stages[:count - 1], start=1):
-            matrix[row, :row] = weights[:row]
+        pair = method.embedded.pair
+        for row, weights in enumerate(pair.stage_weights[:-1], start=1):
+            matrix[row, :len(weights)] = weights
         solved = np.linalg.solve(np.eye(count) - z * matrix, np.ones(count))
-        return abs(1.0 + z * DOP8.step[:count] @ solved)
+        return abs(1.0 + z * pair.step @ solved)
     kicks, drifts = list(method.kicks), list(method.drifts)
     flows = [None] * (len(kicks) + len(drifts))
     first = int(len(drifts) > len(kicks))

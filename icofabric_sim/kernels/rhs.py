@@ -47,6 +47,9 @@ from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, p
 from icofabric_sim.kernels.wrap.rates import add_wrapped_damping, creep_around
 import numpy as np
 
+# Slot of the slope at the end of a step.
+LAST = 12
+
 
 @compiled
 def place_blocks(
@@ -435,7 +438,10 @@ def interpolate(
     target: State, s: int
 ) -> None:
     """
-    Write the state of a block at the fraction `x` of a step, by DOP853's interpolation of order 7.
+    Write the state of a block at the fraction `x` of a step.
+
+    The interpolation is the cubic of Hermite plus x^2 (1 - x)^2 (c_0 + x (c_1 + (1 - x) (c_2 + x
+    c_3))), where c_i = h sum of dense_ij slope_j.
     """
     turn = rows_of(start.orientation)
     row = interpolate_rows(
@@ -476,7 +482,7 @@ def interpolate_rows(
     step, here, rest = splat(h), splat(x), splat(1.0 - x)
     for k in range(start.shape[0]):
         old, new = load(start, k, s), load(end, k, s)
-        first, last = load(slopes[0], row + k, s), load(slopes[12], row + k, s)
+        first, last = load(slopes[0], row + k, s), load(slopes[LAST], row + k, s)
         change = new - old
         total = splat(0.0)
         for i in range(dense.shape[0] - 1, -1, -1):

@@ -7,8 +7,10 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, s
 section II.10 and the program DOP853.
 """
 
+from icofabric_sim.kernels.integrators.tableau import Tableau
+
 # Weights of the slopes before each stage; time-dependent terms are evaluated at their sum.
-STAGES = (
+_STAGES = (
     (),
     (0.05260015195876773,),
     (0.0197250569845379, 0.0591751709536137,),
@@ -31,26 +33,26 @@ STAGES = (
 )
 
 # The step itself; its last slope is the first of the next step.
-STEP = (
+_STEP = (
     0.054293734116568765, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003,
     -5.801203960010585, 0.3111643669578199, -0.1521609496625161, 0.20136540080403034,
     0.04471061572777259,
 )
 
 # Errors of embedded formulas of order 5 and 3.
-ERROR_5 = (
+_ERROR_5 = (
     0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502,
     1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571,
     -0.022355307863886294,
 )
-ERROR_3 = (
+_ERROR_3 = (
     -0.18980075407240762, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003,
     -5.801203960010585, -0.4226823213237919, -0.1521609496625161, 0.20136540080403034,
     0.02265179219836082,
 )
 
 # Three more stages for dense output of order 7; slope 12 is that at the end of the step.
-DENSE_STAGES = (
+_DENSE_STAGES = (
     (0.056167502283047954, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25350021021662483, -0.2462390374708025,
      -0.12419142326381637, 0.15329179827876568, 0.00820105229563469, 0.007567897660545699,
      -0.008298,),
@@ -63,7 +65,7 @@ DENSE_STAGES = (
 )
 
 # Weights of all 16 slopes in the last four coefficients of the interpolation.
-DENSE = (
+_DENSE = (
     (-8.428938276109013, 0.0, 0.0, 0.0, 0.0, 0.5667149535193777, -3.0689499459498917,
      2.38466765651207, 2.117034582445028, -0.871391583777973, 2.2404374302607883,
      0.6315787787694688, -0.08899033645133331, 18.148505520854727, -9.194632392478356,
@@ -81,3 +83,9 @@ DENSE = (
      29.8402934266605, -43.53345659001114, 96.32455395918828, -39.17726167561544,
      -149.72683625798564,),
 )
+
+TABLEAU = Tableau(
+    stages=_STAGES, step=_STEP, higher_error=_ERROR_5, lower_error=_ERROR_3, error_order=7,
+    dense_stages=_DENSE_STAGES, dense=_DENSE,
+    # The combined error was 30 to 200 times the error in every scene that was measured.
+    estimate_ratio=0.5)

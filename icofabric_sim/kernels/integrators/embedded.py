@@ -7,8 +7,7 @@ Not symplectic, but valid also if forces depend on velocities, with an error est
 step.
 """
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR_CONTACT, NO_ROOM
@@ -34,6 +33,7 @@ from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, judge_
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.integrators import dop853
+from icofabric_sim.kernels.integrators.tableau import FIRST, Pair, pair_of, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import (
@@ -53,6 +53,7 @@ from icofabric_sim.kernels.rhs import (
     find_slopes,
     interpolate,
     larger_of,
+    LAST,
     normalise,
     path_error,
     place_blocks,
@@ -94,9 +95,7 @@ SCALES = 23
 CONTROL_COUNT = 27
 # Target of the error as a fraction of the tolerance (a step is rejected above the tolerance);
 # smallest and largest factor of the step length at once.
-_AIM_RATIO, _SHRINK, _GROW = 0.4, 0.2, 4.0
-# Factor of the estimate of order 7, which was 30 to 200 times the error in all measured scenes.
-_ESTIMATE = 0.5
+_AIM_RATIO, _SHRINK_RATIO, _GROW_RATIO = 0.4, 0.2, 4.0
 # Number of shorter steps after a step that was rejected because of a possible contact, and its
 # largest value if the next long step is rejected too.
 _HOLD, _LONGEST_HOLD = 8.0, 64.0
@@ -107,34 +106,7 @@ ANY = 1e300
 # Sentinel: a body left the region that the neighbour list covers.
 _MISSED = 1e300
 
-# Numbers of slopes: the first, that of the first stage, that of the end, the first of the dense
-# output.
-FIRST, SECOND, LAST, DENSE = 0, 1, 12, 13
-
-
-class Pair(NamedTuple):
-    """Weights of a pair, see dop853.py."""
-
-    nodes: np.ndarray  # times of the stages, as fractions of the step; those of dense output last
-    stages: tuple[np.ndarray, ...]
-    step: np.ndarray
-    error_5: np.ndarray
-    error_3: np.ndarray
-    dense_stages: tuple[np.ndarray, ...]
-    dense: np.ndarray
-
-
-# Time-dependent terms are evaluated at the sums of the weights; slope 12 is at the step's end.
-_STAGE_WEIGHTS = (*dop853.STAGES, (1.0,), *dop853.DENSE_STAGES)
-DOP8 = Pair(
-    nodes=np.array([math.fsum(row) for row in _STAGE_WEIGHTS]),
-    stages=tuple(np.array(row) for row in dop853.STAGES[1:]),
-    step=np.array(dop853.STEP),
-    error_5=np.array(dop853.ERROR_5),
-    error_3=np.array(dop853.ERROR_3),
-    dense_stages=tuple(np.array(row) for row in dop853.DENSE_STAGES),
-    dense=np.array(dop853.DENSE),
-)
+DOP8 = pair_of(dop853.TABLEAU)
 
 
 @compiled
@@ -169,15 +141,14 @@ def try_step(
 
     The end of the step goes into trail.stage.
     """
-    index = SECOND
-    for weights in pair.stages:
+    for index in range(SECOND, pair.step.shape[0]):
+        weights = pair.weights[index, :pair.lengths[index]]
         for block in range(first, last):
             combine(state, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
         combine_stretches(losses_of(model.contacts), weights, h, False, team)
         slope_at(
             model, loads, trail.stage, work, trail, index, team, watch,
             time + pair.nodes[index] * h, first, last)
-        index += 1
     for block in range(first, last):
         s = model.blocks.slot[block]
         combine(state, trail.slopes, pair.step, h, trail.stage, s)
@@ -272,16 +243,16 @@ def largest_error(
     smooth = SMOOTH_RATIO * control[KINKED] * h * h if control[KINKED] > 0.0 else 1e300
     for block in range(first, last):
         error, error_of_step = step_error(
-            trail.slopes, turn_rows, pair.error_5, pair.error_3, control[SCALES:], smooth,
+            trail.slopes, turn_rows, pair.higher_error, pair.lower_error, control[SCALES:], smooth,
             model.blocks.slot[block])
         largest = larger_of(largest, error)
         probable = max(probable, error_of_step)
     if has_touched(loads.drives, model.contacts, team.size):
         largest = larger_of(largest, path_error(
-            loads.drives, model, loads, trail.slopes, turn_rows, pair.error_5, pair.error_3,
-            control[SCALES + 2], first, last))
+            loads.drives, model, loads, trail.slopes, turn_rows, pair.higher_error,
+            pair.lower_error, control[SCALES + 2], first, last))
     error, error_of_step = stretch_error(
-        losses_of(model.contacts), pair.error_5, pair.error_3, control[SCALES], smooth,
+        losses_of(model.contacts), pair.higher_error, pair.lower_error, control[SCALES], smooth,
         team)
     largest = larger_of(largest, error)
     probable = max(probable, error_of_step)
@@ -293,7 +264,7 @@ def largest_error(
     for member in range(team.size):
         largest = larger_of(largest, trail.errors[member])
         probable = max(probable, trail.probable[member])
-    return _ESTIMATE * largest, probable
+    return pair.estimate_ratio * largest, pair.probable_ratio * probable
 
 
 @compiled
@@ -355,31 +326,37 @@ def adaptive_pair(
             try_step(
                 pair, model, loads, state, work, trail, team, watch, start + length, h, first,
                 last)
-            evaluations += len(pair.stages)
+            evaluations += pair.step.shape[0] - 1
+            if pair.judges_end:
+                slope_at(
+                    model, loads, trail.stage, work, trail, LAST, team, watch, start + length + h,
+                    first, last)
+                evaluations += 1
             # Per unit of time, so the length of the step cancels.
             error, probable = largest_error(
                 pair, model, loads, trail, control, turn_rows, team, watch, h, first, last)
-            change = _SHRINK
+            change = _SHRINK_RATIO
             if error <= tolerance or error * h <= tolerance * spare:
                 accepted = True
-                change = _GROW
+                change = _GROW_RATIO
             if 0.0 < error and error < np.inf:
-                change = min(change, max(_SHRINK, (_AIM_RATIO * tolerance / error) ** (1.0 / 7.0)))
+                ratio = (_AIM_RATIO * tolerance / error) ** pair.exponent
+                change = min(change, max(_SHRINK_RATIO, ratio))
             elif not error <= tolerance:
-                change = _SHRINK
-            finite = error < _ESTIMATE * _MISSED
+                change = _SHRINK_RATIO
+            finite = error < pair.estimate_ratio * _MISSED
             if not accepted and h <= kink and finite:
                 accepted = True
-                change = _GROW
+                change = _GROW_RATIO
             clear = CLEAR
             if accepted and h > close:
                 clear = find_clear(
-                    watch, model.blocks, state, trail, pair.error_5.shape[0], team,
+                    watch, model.blocks, state, trail, pair.step.shape[0], team,
                     start + length, h, first, last)
                 accepted = clear == CLEAR
             # Steps do not depend on the list: repeat the step after a search with a longer reach,
             # or with a longer list of pairs.
-            unknown = not accepted and error == _ESTIMATE * _MISSED
+            unknown = not accepted and error == pair.estimate_ratio * _MISSED
             again = clear == NO_ROOM or (unknown and can_look_farther(watch, start + length))
             if accepted:
                 held, is_clear = max(held - 1.0, 0.0), 0.0
@@ -425,11 +402,16 @@ def adaptive_pair(
                 h = min(h, close)
         if landing and status == 0:
             h = min(max(h, resume), close if held > 0.0 else longest)
+        if status != 0 and pair.judges_end:
+            # The slope at the end of a refused step has replaced that of the present state.
+            has_last = False
         if status == 0:
-            slope_at(
-                model, loads, state, work, trail, LAST, team, watch, start + length, first, last)
+            if not pair.judges_end:
+                slope_at(
+                    model, loads, state, work, trail, LAST, team, watch, start + length, first,
+                    last)
+                evaluations += 1
             has_last = True
-            evaluations += 1
             done += 1
             since_check += 1
             if is_breaking(model, work.breakage, state, work, trail, team, length, first, last):
@@ -458,7 +440,7 @@ def repeat_slope(
     for block in range(first, last):
         s = model.blocks.slot[block]
         for k in range(trail.slopes.shape[1]):
-            store(trail.slopes[0], k, s, load(trail.slopes[12], k, s))
+            store(trail.slopes[0], k, s, load(trail.slopes[LAST], k, s))
     repeat_power(loads, first, last)
     repeat_flow(work.spent, model.blocks.slot, first, last)
     repeat_flow(work.given, model.blocks.slot, first, last)
@@ -468,7 +450,7 @@ def repeat_slope(
 def repeat_power(loads: Loads, first: int, last: int) -> None:
     """Copy the last powers of loads in a step to the first of the next."""
     for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
-        store(loads.power, 0, m, load(loads.power, 12, m))
+        store(loads.power, 0, m, load(loads.power, LAST, m))
 
 
 @compiled
@@ -476,17 +458,16 @@ def prepare_dense(
     pair: Pair, model: Model, loads: Loads, work: Work, team: Team, trail: Trail,
     watch: Watch | None, time: float, h: float
 ) -> None:
-    """Compute three more slopes of the step in progress from `time` [s] on, for `dense_state`."""
+    """Compute the slopes of `dense_state` for the step in progress, which begins at `time` [s]."""
     first, last = own_blocks(team, model.blocks.slot.shape[0])
-    index = DENSE
-    for weights in pair.dense_stages:
+    for index in pair.dense_slots:
+        weights = pair.weights[index, :pair.lengths[index]]
         for block in range(first, last):
             combine(trail.start, trail.slopes, weights, h, trail.stage, model.blocks.slot[block])
         combine_stretches(losses_of(model.contacts), weights, h, True, team)
         slope_at(
             model, loads, trail.stage, work, trail, index, team, watch,
             time + pair.nodes[index] * h, first, last)
-        index += 1
 
 
 @compiled
@@ -510,9 +491,10 @@ def dense_sum(
     """
     Integrate `rates` over the fraction `x` of a step of length `h`, as `dense_state` does.
 
-    (16,) for a number, (16, m) for m of them.
+    `rates`: its rates at the slopes, (16,) for one quantity, (16, m) for m of them; `before` and
+    `after`: its values at the start and the end.
     """
-    rise, first, last = after - before, h * rates[0], h * rates[12]
+    rise, first, last = after - before, h * rates[0], h * rates[LAST]
     total = 0.0 * rise
     for i in range(len(pair.dense) - 1, -1, -1):
         part = h * (pair.dense[i] @ rates[:pair.dense.shape[1]])

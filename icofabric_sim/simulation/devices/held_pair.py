@@ -4,7 +4,7 @@
 
 from typing import Any
 
-from icofabric_sim.kernels.integrators.embedded import Pair
+from icofabric_sim.kernels.integrators.tableau import Pair, SLOPE_COUNT
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
 from icofabric_sim.simulation.devices.held_window import Surroundings
 from icofabric_sim.simulation.devices.near_pairs import NearPairs
@@ -16,8 +16,6 @@ from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
-
-_SLOPES = 16
 
 
 class HeldPair:
@@ -110,13 +108,13 @@ class HeldPair:
         window, count = self._window, self._window.slot_count
         has_arms = window.model.maxwell is not None
         state, stage, start = (resting(count, has_arms=has_arms) for _ in range(3))
-        slopes = aligned_empty((_SLOPES, 25 if has_arms else 13, count))
+        slopes = aligned_empty((SLOPE_COUNT, 25 if has_arms else 13, count))
         speeds = aligned_empty((len(self._points) if window.model.damping is not None else 0,))
         slopes[:] = 0.0
         speeds[:] = 0.0
         spent = None
         if window.spends:
-            spent = Meter(aligned_empty((_SLOPES, count)), aligned_empty((2, count)))
+            spent = Meter(aligned_empty((SLOPE_COUNT, count)), aligned_empty((2, count)))
             spent.power[:] = spent.done[:] = 0.0
         # The points are placed anew in each evaluation, so both states share them.
         return state, Work(

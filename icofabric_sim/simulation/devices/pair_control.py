@@ -13,6 +13,7 @@ from types import FunctionType
 from typing import Any
 
 from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.kernels.integrators.tableau import Pair
 
 # Status, steps done and steps since the last health check, by the pieces that take them.
 Steps = Callable[[dict[str, Any]], tuple[int, int, int]]
@@ -25,14 +26,14 @@ def with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
         plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)
 
 
-def adaptive_steps(*arguments: Any) -> Steps:
+def adaptive_steps(pair: Pair, *arguments: Any) -> Steps:
     """Steps as `adaptive_pair` takes them, once pieces are given."""
-    return lambda pieces: with_pieces(embedded.adaptive_pair, pieces)(embedded.DOP8, *arguments)
+    return lambda pieces: with_pieces(embedded.adaptive_pair, pieces)(pair, *arguments)
 
 
-def fixed_steps(*arguments: Any) -> Steps:
+def fixed_steps(pair: Pair, *arguments: Any) -> Steps:
     """The same as `fixed_pair`."""
-    return lambda pieces: with_pieces(embedded.fixed_pair, pieces)(embedded.DOP8, *arguments)
+    return lambda pieces: with_pieces(embedded.fixed_pair, pieces)(pair, *arguments)
 
 
 def idle_pieces() -> dict[str, Any]:

@@ -21,6 +21,7 @@ from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.monitor import (
     coarse_up_to,
     conclude,
@@ -73,7 +74,7 @@ _NO_BLOCKS = np.zeros(0, np.int64)
 class SharedPair:
     """Steps of the pair of `dop8` that all ranks of a transport take; made on the first."""
 
-    def __init__(self, transport: Transport, packed: PackedScene) -> None:
+    def __init__(self, transport: Transport, packed: PackedScene, pair: Pair) -> None:
         """
         Divide the fabric.
 
@@ -84,7 +85,7 @@ class SharedPair:
         self.holder = self._sharing = Sharing(transport, packed, partial(
             pair_bytes_of, touching=contact is not None,
             spends=contact is not None and contact.spends), self._take_over)
-        self._pair = embedded.DOP8
+        self._pair = pair
         self._own: PairPart | None = None
         self._touches = False  # whether steps with contacts were ready
         self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
@@ -115,8 +116,8 @@ class SharedPair:
     ) -> tuple[int, int, int]:
         """Take steps as `adaptive_pair` does, with all ranks."""
         steps = adaptive_steps(
-            model, loads, state, saved, work, team, control, count, since_check, check_interval,
-            watch, ledger)
+            self._pair, model, loads, state, saved, work, team, control, count, since_check,
+            check_interval, watch, ledger)
         return self._take(
             steps, model, loads, state, work, watch, of_run=check_interval < NEVER,
             control=control)
@@ -128,8 +129,8 @@ class SharedPair:
     ) -> tuple[int, int, int]:
         """Take steps as `fixed_pair` does, with all ranks."""
         steps = fixed_steps(
-            model, loads, state, saved, work, team, origin, index, h, count, since_check,
-            check_interval, watch, ledger)
+            self._pair, model, loads, state, saved, work, team, origin, index, h, count,
+            since_check, check_interval, watch, ledger)
         return self._take(
             steps, model, loads, state, work, watch, of_run=check_interval < NEVER, control=None)
 
@@ -250,7 +251,7 @@ class SharedPair:
         self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
         team: Team, watch: Watch | None, time: float, first: int, last: int
     ) -> None:
-        self._order('slope', False, int(index), float(time))
+        self._order('slope', state is trail.stage, int(index), float(time))
 
     def _try_step(
         self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
@@ -277,7 +278,7 @@ class SharedPair:
             watch.far[0] = max(watch.far[0], far)
             if far > watch.limits[LATE] and largest < embedded._MISSED:
                 largest = embedded._MISSED
-        return embedded._ESTIMATE * largest, probable
+        return self._pair.estimate_ratio * largest, self._pair.probable_ratio * probable
 
     def _accept(
         self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,

@@ -21,12 +21,13 @@ from icofabric_sim.kernels.contact.losses import (
 )
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.embedded import DENSE, LAST, Pair, repeat_slope, SECOND
+from icofabric_sim.kernels.integrators.embedded import repeat_slope
+from icofabric_sim.kernels.integrators.tableau import DENSE, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import save
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Trail, Watch, Work
-from icofabric_sim.kernels.rhs import add_work, find_slopes, place_blocks
+from icofabric_sim.kernels.rhs import add_work, find_slopes, LAST, place_blocks
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.rank_kernels import (
@@ -187,8 +188,8 @@ class PairPart:
         first, last, slot = self._exchange.first, self._exchange.last, self._model.blocks.slot
         if forget and watch is not None:
             watch.far[0] = 0.0
-        for index, weights in enumerate((*pair.stages, pair.step), start=1):
-            is_end = index > len(pair.stages)
+        for index, weights in enumerate(pair.stage_weights, start=1):
+            is_end = index == pair.stage_count
             combine_all(state, arrays.trail, weights, h, slot, first, last, is_end)
             if losses is not None:
                 combine_stretches(losses, weights, h, False, self._team)
@@ -207,8 +208,8 @@ class PairPart:
         contacts, watch = arrays.contacts, arrays.watch
         found = errors_of(
             arrays.trail, self._model, arrays.loads,
-            None if contacts is None else contacts.losses, self._pair.error_5,
-            self._pair.error_3, scales, smooth, self._exchange.first, self._exchange.last,
+            None if contacts is None else contacts.losses, self._pair.higher_error,
+            self._pair.lower_error, scales, smooth, self._exchange.first, self._exchange.last,
             self._team)
         touched = has_touched(arrays.loads.drives, contacts, 1)
         return np.array([*found, touched, 0.0 if watch is None else watch.far[0]])
@@ -241,7 +242,7 @@ class PairPart:
         assert arrays.watch is not None
         return np.array(fastest_points(
             arrays.watch, self._model.blocks, arrays.state, arrays.trail,
-            len(self._pair.error_5), mean, time, self._exchange.first, self._exchange.last))
+            self._pair.stage_count, mean, time, self._exchange.first, self._exchange.last))
 
     def _look(self, arrays: PairArrays) -> np.ndarray:
         """What was noted of bodies and contacts, which is forgotten."""
@@ -285,8 +286,8 @@ class PairPart:
         combine_all(state, trail, pair.step, 0.0, slot, 0, 0, True)
         losses = None if contacts is None else contacts.losses
         errors_of(
-            trail, self._model, loads, losses, pair.error_5, pair.error_3, np.zeros(4), 1.0, 0, 0,
-            self._team)
+            trail, self._model, loads, losses, pair.higher_error, pair.lower_error, np.zeros(4),
+            1.0, 0, 0, self._team)
         save(self._model, state, trail.start, 0, 0)
         keep_work(loads, 0, 0)
         add_work(loads, 0.0, pair.step, 0, 0)
@@ -302,7 +303,7 @@ class PairPart:
         if watch is not None:
             ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
             fastest_points(
-                watch, model.blocks, state, trail, len(pair.error_5), (0.0, 0.0, 0.0), 0.0, 0, 0)
+                watch, model.blocks, state, trail, pair.stage_count, (0.0, 0.0, 0.0), 0.0, 0, 0)
 
 
 def _longest_run(blocks: np.ndarray, first: int) -> tuple[int, int]:

@@ -5,7 +5,7 @@
 import socket
 from typing import Any
 
-from icofabric_sim.kernels.integrators.embedded import Pair
+from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.held_pair import HeldPair
 from icofabric_sim.simulation.devices.held_part import HeldPart

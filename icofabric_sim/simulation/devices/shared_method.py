@@ -25,11 +25,11 @@ def shared_method(
     """
     require_shareable_method(name)
     method = facts_of(name)
-    if method.embedded is not None:
+    if method.embedded is not None and method.embedded.pair is not None:
         if unpacked is not None:
             # What steps of a pair need is on the first rank, too.
             unpacked.put()
-        pair = SharedPair(transport, packed)
+        pair = SharedPair(transport, packed, method.embedded.pair)
         return method._replace(
             advance=pair.advance, holder=pair.holder,
             embedded=method.embedded._replace(take=pair.take))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol, TYPE_CHECKING
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
+from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 import numpy as np
@@ -185,6 +186,13 @@ def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: st
         advance=partial(splitting, np.array(all_kicks), np.array(all_drifts)), **facts)
 
 
+def _embedded(pair: Pair, **facts: Any) -> Method:
+    """Return the method of an explicit embedded `pair`; its `facts` are fields of `Method`."""
+    return Method(
+        symplectic=False, adaptive=True, stages=pair.stage_count, kicks=(), drifts=(),
+        advance=partial(fixed_pair, pair), embedded=kernels_of(pair), **facts)
+
+
 def _needs_scene(*_: Any) -> Any:
     """Stand for steps that are made for a scene (`implicit_method` in implicit.py)."""
     raise ValueError('implicit steps are made for a scene: take compile_scene')
@@ -221,12 +229,10 @@ METHODS: dict[str, Method] = {
         first='drift', odd_kicks=True, order=8, stability=3.139, chosen=1.9, error=3.8e-9,
         source='Blanes, Casas and Escorihuela-Tomas 2022, arXiv:2202.01541: a scheme of 19 '
         'stages that begins with a drift'),
-    'dop8': Method(
-        order=8, symplectic=False, adaptive=True, stages=12, stability=5.95, chosen=2.0,
-        error=6.7e-8,
+    'dop8': _embedded(
+        DOP8, order=8, stability=5.95, chosen=2.0, error=6.7e-8,
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
-        'Differential Equations I, II.10: DOP853, an embedded pair with dense output',
-        kicks=(), drifts=(), advance=partial(fixed_pair, DOP8), embedded=kernels_of(DOP8)),
+        'Differential Equations I, II.10: DOP853, an embedded pair with dense output'),
 }
 
 # Methods whose steps are solutions of equations; only damping that is beyond all others asks for

@@ -18,6 +18,7 @@ from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.tableau import FIRST, Pair
 from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, SAVED_AT, TOO_DEEP, UNSOUND
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
@@ -69,8 +70,7 @@ import numpy as np
 wp: Any = import_module('warp')
 
 # Stored slopes of a step: start, stages and end.
-SLOPES = 13
-_FIRST, _LAST = 0, 12
+SLOPES = embedded.LAST + 1
 # Most values of an error that this process folds.
 _FEW = 1024
 _NOTHING_NEAR = Nearness()
@@ -78,11 +78,11 @@ _Run = tuple[Loads, State, Work]
 
 
 class DevicePair:
-    """Steps of the embedded pair of `dop8` on a GPU."""
+    """Steps of an embedded pair on a GPU."""
 
-    def __init__(self, device: Device, packed: PackedScene) -> None:
+    def __init__(self, device: Device, packed: PackedScene, pair: Pair) -> None:
         """Copy the fabric to the device; raise ValueError if memory is insufficient."""
-        self._device, self._packed, self._pair = device, packed, embedded.DOP8
+        self._device, self._packed, self._pair = device, packed, pair
         require_room(device, packed.layout.body_count, self.device_bytes)
         model, slots = packed.model, packed.layout.slot_count
         self._fabric = fabric_of(model, packed.layout, device)
@@ -100,9 +100,9 @@ class DevicePair:
         # [J] in total, and at the start of the step in progress.
         self._done = [self._zeros(slots if spends else 0) for _ in range(2)]
         self._power, self._earlier = self._zeros((SLOPES, 0)), self._zeros(0)
-        self._weights = [doubles(row, device) for row in (*self._pair.stages, self._pair.step)]
+        self._weights = [doubles(row, device) for row in pair.stage_weights]
         self._errors_by = [
-            doubles(row, device) for row in (self._pair.error_5, self._pair.error_3)]
+            doubles(row, device) for row in (pair.higher_error, pair.lower_error)]
         self._errors = [self._zeros((2, self._threads))]
         while self._errors[-1].shape[1] > _FEW:
             self._errors.append(self._zeros((2, -(-self._errors[-1].shape[1] // SHARE))))
@@ -184,8 +184,8 @@ class DevicePair:
     ) -> tuple[int, int, int]:
         """Take steps on the device, as `adaptive_pair`."""
         steps = adaptive_steps(
-            model, loads, state, saved, work, team, control, count, since_check, check_interval,
-            watch, ledger)
+            self._pair, model, loads, state, saved, work, team, control, count, since_check,
+            check_interval, watch, ledger)
         return self._take(
             steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
             adapts=True)
@@ -197,8 +197,8 @@ class DevicePair:
     ) -> tuple[int, int, int]:
         """Take steps on the device, as `fixed_pair`."""
         steps = fixed_steps(
-            model, loads, state, saved, work, team, origin, index, h, count, since_check,
-            check_interval, watch, ledger)
+            self._pair, model, loads, state, saved, work, team, origin, index, h, count,
+            since_check, check_interval, watch, ledger)
         return self._take(
             steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
             adapts=False)
@@ -252,7 +252,9 @@ class DevicePair:
         self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
         *rest: Any
     ) -> None:
-        self._slope(self._state.poses[0], self._state.motion, int(index), float(rest[2]))
+        is_stage = state is trail.stage
+        pose, motion = self._stage if is_stage else (self._state.poses[0], self._state.motion)
+        self._slope(pose, motion, int(index), float(rest[2]))
 
     def _slope(self, pose: Any, motion: Any, index: int, time: float) -> None:
         if self._acting is not None and self._acting.paths:
@@ -319,7 +321,7 @@ class DevicePair:
         if not self._speeds:
             self._speeds = [self._zeros(values.shape) for values in self._errors]
         self._launch(
-            find_quickest, self._near.near, time, len(self._pair.error_5), wp.vec3d(*mean),
+            find_quickest, self._near.near, time, self._pair.stage_count, wp.vec3d(*mean),
             self._slopes, self._state.poses[0], self._speeds[0])
         speed, moved = self._largest(self._speeds)
         return speed, moved
@@ -368,18 +370,18 @@ class DevicePair:
             judge, *self._errors_by, wp.vec4d(*scales), smooth, self._slopes, self._errors[0])
         largest, probable = self._largest(self._errors)
         if loads.drives is not None and self._has_touched():
-            for index in range(_LAST):
+            for index in range(pair.stage_count):
                 copy_back(trail.slopes[index], self._slopes[index])
                 copy_back(loads.power[index], self._power[index])
             rows = rows_of(trail.start.orientation).shape[0]
             largest = max(largest, path_error(
-                loads.drives, model, loads, trail.slopes, rows, pair.error_5, pair.error_3,
-                scales[2], first, last))
+                loads.drives, model, loads, trail.slopes, rows, pair.higher_error,
+                pair.lower_error, scales[2], first, last))
         if self._is_watching and watch is not None and self._near is not None:
             self._near.note_ways(watch)
             if watch.far[0] > watch.limits[LATE] and largest < embedded._MISSED:
                 largest = embedded._MISSED
-        return embedded._ESTIMATE * largest, probable
+        return self._pair.estimate_ratio * largest, self._pair.probable_ratio * probable
 
     def _has_touched(self) -> bool:
         """Return True if any pair has touched since the last call."""
@@ -419,7 +421,7 @@ class DevicePair:
         """Copy the last slope of a step to the first slope of the next."""
         for rows in (self._slopes, self._spent, self._power):
             if rows.size:
-                wp.copy(rows[_FIRST], rows[_LAST])
+                wp.copy(rows[FIRST], rows[embedded.LAST])
 
     def _look(
         self, now: _Run, model: Model, loads: Loads, state: State, saved: State, work: Work,
@@ -473,11 +475,11 @@ class DevicePair:
             # Slots without a body are never written.
             wp.copy(target, self._state.poses[0])
         assert work.trail is not None
-        wp.copy(self._slopes[_LAST], seen(work.trail.slopes[_LAST]))
+        wp.copy(self._slopes[embedded.LAST], seen(work.trail.slopes[embedded.LAST]))
         if work.spent is not None and self._done[0].size:
             for target, values in zip(self._done, work.spent.done):
                 wp.copy(target, seen(values))
-            wp.copy(self._spent[_LAST], seen(work.spent.power[_LAST]))
+            wp.copy(self._spent[embedded.LAST], seen(work.spent.power[embedded.LAST]))
         if len(loads.wrench) or self._acting is not None:
             self._put_loads(loads)
         if model.links is not None:
@@ -495,7 +497,7 @@ class DevicePair:
             self._power, self._earlier = self._zeros((SLOPES, count)), self._zeros(count)
         if count:
             wp.copy(self._earlier, seen(loads.earlier_work))
-            wp.copy(self._power[_LAST], seen(loads.power[_LAST]))
+            wp.copy(self._power[embedded.LAST], seen(loads.power[embedded.LAST]))
 
     def _gather(self, now: _Run, *, whole: bool) -> None:
         """
@@ -511,7 +513,7 @@ class DevicePair:
         with_start = whole and self._has_stepped
         if with_start:
             self._copy_rows(trail.start, *self._start, back=True)
-        for index in range(SLOPES) if with_start else (_LAST,):
+        for index in range(SLOPES) if with_start else (embedded.LAST,):
             copy_back(trail.slopes[index], self._slopes[index])
             if work.spent is not None and self._done[0].size:
                 copy_back(work.spent.power[index], self._spent[index])

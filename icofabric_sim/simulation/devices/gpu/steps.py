@@ -460,8 +460,8 @@ def device_method(
         require_room(device, packed.layout.body_count, bytes_of(
             packed.model, packed.layout, kinked=method.mends_kinks, touching=touching
         ) + pair_bytes_of(packed.model, packed.layout, touching=touching))
-    if method.embedded is not None:
-        pair = DevicePair(device, packed)
+    if method.embedded is not None and method.embedded.pair is not None:
+        pair = DevicePair(device, packed, method.embedded.pair)
         return method._replace(
             advance=pair.advance, holder=pair, embedded=method.embedded._replace(take=pair.take))
     steps = DeviceSteps(device, packed, method, given=given, estimated=estimated)
