@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What trial steps beside a run are on all ranks: their names, their room, and differences."""
+"""Trial steps on all ranks beside a run: names, arrays and differences."""
 
 from icofabric_sim.kernels.records import Blocks, Meter, State
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -13,15 +13,15 @@ AHEAD, HALF = 'ahead', 'half'
 
 
 def meter_room(slot_count: int) -> Meter:
-    """Room for what steps that split spend."""
+    """Return a meter of dissipated energy for splitting steps."""
     return Meter(np.zeros((16, 0)), aligned_zeros((2, slot_count)))
 
 
 def squares_apart(one: State, other: State, rows: SlotRows) -> np.ndarray:
     """
-    Largest squares of distances [m^2] and of differences of orientations, (2,).
+    Return the largest squared distance [m^2] and squared difference of orientations, (2,).
 
-    Of two states, at the slots of some `rows`.
+    The two states are compared at the slots of `rows`.
     """
     with np.errstate(over='ignore', invalid='ignore'):
         return np.array([
@@ -31,20 +31,20 @@ def squares_apart(one: State, other: State, rows: SlotRows) -> np.ndarray:
 
 
 def bodies_of(blocks: Blocks, first: int, last: int) -> np.ndarray:
-    """Slots of the bodies in blocks first to last."""
+    """Return the slots of the bodies in blocks first to last."""
     lanes = np.arange(LANES)
     there = blocks.alive[first:last, None] >> lanes & 1 > 0
     return (blocks.slot[first:last, None] + lanes)[there]
 
 
 def bounds_of_state(state: State, bodies: np.ndarray) -> np.ndarray:
-    """Largest velocities and minus the least [m/s], and the largest coordinate [m], (7,)."""
+    """Return largest and minus least velocities [m/s] and the largest coordinate [m], (7,)."""
     velocity, place = state.linear_velocity[:, bodies], state.position[:, bodies]
     return np.concatenate([
         velocity.max(axis=1), (-velocity).max(axis=1), [np.abs(place).max()]])
 
 
 def fastest_square(state: State, bodies: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Largest square of a velocity less `velocity` (3,) [m^2/s^2], (1,)."""
+    """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2], (1,)."""
     apart = state.linear_velocity[:, bodies] - velocity[:, None]
     return np.array([(apart**2).sum(axis=0).max(initial=0.0)])

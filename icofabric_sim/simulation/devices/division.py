@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a fabric is divided among ranks: who owns which blocks, and who needs whose poses.
+Division of a fabric among ranks: ownership of blocks, and exchange of poses.
 
-Each rank owns a run of blocks, in the order in which one process computes them: as a rule layers
-of the fabric. It needs the poses of the blocks outside that its connectors lead to, and of those
-that its bodies may touch, once in each evaluation of the forces.
+Each rank owns a run of blocks in the order of a single process, usually layers of the fabric. In
+each force evaluation it needs the poses of outside blocks that its connectors lead to or its
+bodies may touch.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ import numpy as np
 
 
 class Part(NamedTuple):
-    """The blocks of a rank, by their numbers in the whole fabric."""
+    """Blocks of a rank, by their numbers in the whole fabric."""
 
     first: int
     last: int  # the one after its last
@@ -36,7 +36,7 @@ class Part(NamedTuple):
 
     @property
     def halo(self) -> np.ndarray:
-        """Blocks of others that it needs, rising."""
+        """Blocks of others that the rank needs, rising."""
         blocks = [blocks for _, blocks in self.needs]
         return np.concatenate([np.zeros(0, np.int64), *blocks])
 
@@ -51,7 +51,7 @@ class HaloBytes(NamedTuple):
 
 def bounds_of(block_count: int, rank_count: int) -> np.ndarray:
     """
-    First block of each rank, and the number of blocks at the end, (r + 1,).
+    Return the first block of each rank, followed by the number of blocks, (r + 1,).
 
     A rank has whole groups of blocks, over which sums are formed (kernels/figures.py).
     """
@@ -66,9 +66,9 @@ def divide(
     near: Sequence[np.ndarray] | None = None
 ) -> list[Part]:
     """
-    Give each rank its part; `near`: blocks that its bodies may touch, of each.
+    Return the part of each rank; `near` are the blocks that its bodies may touch.
 
-    Raises ValueError where there are fewer groups of blocks than ranks.
+    Raises ValueError if there are fewer groups of blocks than ranks.
     """
     block_count = len(layout.blocks.slot)
     size = group_size(block_count)
@@ -98,7 +98,7 @@ def divide(
 
 
 def halo_bytes(layout: Layout, links: Links | None, part: Part) -> HaloBytes:
-    """Count what a rank receives in an evaluation, and what it needs at least."""
+    """Return the bytes that a rank receives per evaluation, and the minimum."""
     needed = np.zeros(layout.slot_count, bool)
     if links is not None:
         own = slice(part.first, part.last)
@@ -116,7 +116,7 @@ def _within(blocks: np.ndarray, first: int, last: int) -> np.ndarray:
 
 
 def _halo(layout: Layout, links: Links | None, first: int, last: int) -> np.ndarray:
-    """Blocks outside of first to last that connectors of these lead to, rising."""
+    """Return outside blocks that connectors of blocks first to last lead to, rising."""
     found = [np.zeros(0, np.int64)]
     for _, blocks in neighbours_of(layout, links, np.arange(first, last)):
         seen = np.unique(blocks)
@@ -128,9 +128,9 @@ def _order(
     layout: Layout, links: Links | None, first: int, last: int, given: np.ndarray
 ) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
     """
-    Drifts, how many of them others need, inner pushes and the drifts ahead of their tiles.
+    Return drifts, the number needed by others, inner kicks, and the drifts before their tiles.
 
-    `given`: blocks that others need.
+    `given` are blocks that others need.
     """
     own, width = np.arange(first, last), panel_width(layout)
     border = np.zeros(len(own), bool)

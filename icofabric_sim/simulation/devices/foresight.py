@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the step control of the embedded pair asks about what may touch, where bodies are elsewhere.
+Prediction of contacts for the step control of the embedded pair, with bodies elsewhere.
 
-The searches and all that judges contacts are in this process: they get the state here when it
-matters. How fast points of shells are, and how far they have come, is found where they are.
+Searches and all tests of contacts run in this process, which receives the state when necessary.
+Speeds and displacements of points of shells are computed where the bodies are.
 """
 
 from collections.abc import Callable
@@ -22,22 +22,22 @@ _FIRST_SLOPE = range(1)
 
 
 class Foresight:
-    """Foresees contacts, for steps that are tried elsewhere."""
+    """Prediction of contacts for trial steps elsewhere."""
 
     def __init__(
         self, have_state: Callable[[range], Any],
         quickest: Callable[[Mean, float], tuple[float, float]]
     ) -> None:
         """
-        `have_state` brings the state here, and some slopes.
+        Use `have_state` to copy the state and some slopes to this process.
 
-        `quickest`: the largest speed [m/s] of a point at the stages beside a mean one, and the
-        square of the longest way [m^2] since the last search at a time [s].
+        `quickest` returns the largest speed [m/s] of a point at the stages relative to a mean
+        velocity, and the largest squared displacement [m^2] since the last search at a time [s].
         """
         self._have_state, self._quickest = have_state, quickest
 
     def pieces(self) -> dict[str, Any]:
-        """Return what the step control calls, by its names there."""
+        """Return the functions of the step control by name."""
         return {'foresee': self._foresee, 'land': self._land, 'find_clear': self._find_clear}
 
     # With the arguments of there.

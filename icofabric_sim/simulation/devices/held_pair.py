@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rank other than the first holds of a fabric that an embedded pair steps."""
+"""Data of a fabric on a rank other than the first, for steps of an embedded pair."""
 
 from typing import Any
 
@@ -19,10 +19,10 @@ import numpy as np
 
 
 class HeldPair:
-    """A window with its states: of the run, and of what is tried beside it."""
+    """A window with its states, of the run and of trial steps."""
 
     def __init__(self, transport: Transport, window: Window, pair: Pair) -> None:
-        """Make room for a state when it is first needed."""
+        """Prepare to allocate a state when it is first needed."""
         self._transport, self._window = transport, window
         slot, exchange = window.model.blocks.slot, window.exchange
         self._steps = PairPart(transport, window.model, exchange, pair)
@@ -37,21 +37,21 @@ class HeldPair:
         self._saved = SavedPart(self._rows)
 
     def contacts(self, near: NearPairs | None) -> None:
-        """Have these pairs from now on."""
+        """Use these pairs from now on."""
         self._around.take_pairs(near)
 
     def loads(self, loads: Loads) -> None:
-        """Have these loads from now on."""
+        """Use these loads from now on."""
         self._acting = {True: loads, False: loads._replace(
             work=np.zeros_like(loads.work), earlier_work=np.zeros_like(loads.earlier_work),
             power=np.zeros_like(loads.power))}
 
     def watch(self, frame: np.ndarray) -> None:
-        """Watch bodies from where they are."""
+        """Record displacements from the present poses."""
         self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
-        """Have the state from the first rank."""
+        """Receive the state from the first rank."""
         now = self._arrays(of_run)
         tables = now.tables(END, with_start=False)
         if now.watch is not None:
@@ -66,27 +66,27 @@ class HeldPair:
             wake(now.contacts, slice(None), (remembered[0], remembered[2]))
 
     def pair(self, of_run: bool, what: str, words: tuple[Any, ...]) -> None:
-        """Do a piece of a step, and answer where it has an answer."""
+        """Execute a part of a step, and send its result, if any."""
         answer = self._steps.do(what, self._arrays(of_run), *words)
         if answer is not None:
             self._transport.wait([self._transport.send(answer, 0)])
 
     def examine(self, time: float, limit: float, inside: bool) -> None:
-        """Send the first rank what it needs to know for a health check."""
+        """Send the figures of a health check to the first rank."""
         figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
         self._transport.wait([self._transport.send(figures, 0)])
 
     def save(self) -> None:
-        """Save the state, and what loads had done."""
+        """Save the state and the work of loads."""
         now = self._arrays(True)
         self._saved.save(now.state, now.work, now.loads.work)
 
     def give_saved(self) -> None:
-        """Send them to the first rank."""
+        """Send the saved state to the first rank."""
         self._saved.give(self._transport)
 
     def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
-        """Send the state to the first rank, with some slopes."""
+        """Send the state and some slopes to the first rank."""
         now, slopes = self._arrays(of_run), range(*which)
         requests = self._rows.send(
             self._transport, now.tables(slopes, with_start=with_start), 0)

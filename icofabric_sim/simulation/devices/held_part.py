@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rank other than the first holds of a fabric whose steps split: its window and states."""
+"""Data of a fabric on a rank other than the first, for splitting steps: window and states."""
 
 from functools import cached_property
 from typing import Any
@@ -38,7 +38,7 @@ class HeldPart:
     """Window of a rank with the states of a run and of its trials."""
 
     def __init__(self, transport: Transport, window: Window, weights: Weights) -> None:
-        """Make room for both."""
+        """Allocate both states."""
         self._transport = transport
         slot, exchange = window.model.blocks.slot, window.exchange
         self._steps = PartSteps(transport, window.model, exchange, weights)
@@ -64,7 +64,7 @@ class HeldPart:
             self._works = {True: loads.work, False: np.zeros_like(loads.work)}
 
     def watch(self, frame: np.ndarray) -> None:
-        """Watch bodies from where they are."""
+        """Record displacements from the present poses."""
         self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
@@ -97,7 +97,7 @@ class HeldPart:
             self._transport.wait(requests)
 
     def begin_beside(self) -> None:
-        """Begin trial steps where the run is."""
+        """Start trial steps at the state of the run."""
         if AHEAD not in self._beside:
             # Only one kind of trials goes on at a time.
             self._beside = {AHEAD: _copied(*self._states[True]), HALF: self._states[False]}
@@ -108,17 +108,17 @@ class HeldPart:
         _copy(self._beside[AHEAD], self._beside[HALF])
 
     def apart(self) -> None:
-        """Say how far they have led apart."""
+        """Send the distance of both trials to the first rank."""
         (ahead, _), (half, _) = self._beside[AHEAD], self._beside[HALF]
         self._answer(squares_apart(ahead, half, self._rows))
 
     def bounds(self) -> None:
-        """Say how fast bodies of the run are, and where."""
+        """Send the bounds of velocities and positions of the run to the first rank."""
         self._answer(bounds_of_state(self._states[True][0], self._bodies))
 
     @cached_property
     def _bodies(self) -> np.ndarray:
-        """Slots of its bodies."""
+        """Slots of the bodies of this rank."""
         own = self._steps.blocks
         return bodies_of(self._blocks, own.start, own.stop)
 
@@ -126,7 +126,7 @@ class HeldPart:
         self._transport.wait([self._transport.send(numbers, 0)])
 
     def examine(self, time: float, limit: float, inside: bool) -> None:
-        """Send the first rank what it needs to know for a health check."""
+        """Send the figures of a health check to the first rank."""
         figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
         self._answer(figures)
 
@@ -135,41 +135,41 @@ class HeldPart:
         self._steps.refresh(self._arrays(True), time)
 
     def squares(self, fall: np.ndarray) -> None:
-        """Send squares of them."""
+        """Send sums of squared accelerations to the first rank."""
         self._answer(self._steps.squares(self._arrays(True).work, fall))
 
     def velocity_sums(self) -> None:
-        """Send sums of velocities."""
+        """Send sums of velocities to the first rank."""
         self._answer(self._steps.velocity_sums(self._arrays(True)))
 
     def fastest_square(self, velocity: np.ndarray) -> None:
-        """Send the largest square of a velocity less `velocity`."""
+        """Send the largest squared velocity relative to `velocity` to the first rank."""
         self._answer(fastest_square(self._states[True][0], self._bodies, velocity))
 
     def begin_iteration(self) -> None:
-        """Begin an iteration for the largest frequency; say what it starts with."""
+        """Start an iteration for the largest frequency; send its first sums."""
         self._iteration = self._steps.iteration(self._arrays(True))
         self._rows.receive(self._transport, [self._iteration.start], 0)
         self._answer(self._iteration.bound())
         self._answer(self._iteration.square())
 
     def iterate(self, name: str, *numbers: float) -> None:
-        """Go on with it; send what there is to add up."""
+        """Continue the iteration; send the sums, if any."""
         found = getattr(self._iteration, name)(*numbers)
         if found is not None:
             self._answer(found)
 
     def end_iteration(self) -> None:
-        """Let its vectors go."""
+        """Discard the vectors of the iteration."""
         self._iteration = None
 
     def save(self) -> None:
-        """Save the state, and what loads had done."""
+        """Save the state and the work of loads."""
         loads, state, work, *_ = self._arrays(True)
         self._saved.save(state, work, None if loads is None else loads.work)
 
     def give_saved(self) -> None:
-        """Send them to the first rank."""
+        """Send the saved state to the first rank."""
         self._saved.give(self._transport)
 
     def gather(self, of_run: bool, whole: bool) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rank other than the first knows of the surroundings of its bodies."""
+"""Candidate pairs and displacements on a rank other than the first."""
 
 from icofabric_sim.kernels.records import Blocks, Contacts, State
 from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
@@ -12,7 +12,7 @@ class Surroundings:
     """Candidate pairs of a run and of its trials, and the watch."""
 
     def __init__(self, window: Window) -> None:
-        """Nothing is near yet."""
+        """Start without candidate pairs."""
         self._slot_count = window.slot_count
         # Whose poses are known.
         self._followed = Blocks(window.model.blocks.slot, window.known, 0)
@@ -27,7 +27,7 @@ class Surroundings:
             for of_run in (True, False)}
 
     def watch_from(self, state: State, frame: np.ndarray) -> None:
-        """Watch bodies from where they are."""
+        """Record displacements from the poses of a state."""
         assert self.watch is not None
         self.watch.frame[:] = frame
         np.copyto(self.watch.reference, state.position)

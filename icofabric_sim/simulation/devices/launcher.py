@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that an MPI launcher has started: who leads, who serves, and who should not run."""
+"""Processes of an MPI launcher: the leading process, the serving ones, and errors of start."""
 
 from collections.abc import Callable
 import os
@@ -17,9 +17,9 @@ _LAUNCHERS = (
 
 def require_alone() -> None:
     """
-    Refuse to do in each of several processes what one is to do.
+    Raise ValueError in the first of several processes of a launcher; the others exit.
 
-    The first one raises ValueError, the others end.
+    This guards programs that a single process is to execute.
     """
     for size_name, rank_name in _LAUNCHERS:
         size = os.environ.get(size_name, '')
@@ -32,7 +32,7 @@ def require_alone() -> None:
 
 
 def launched_ranks() -> 'Ranks':
-    """Return the ranks that the launcher has started; ValueError where there is no MPI."""
+    """Return the ranks of the launcher; raise ValueError without MPI."""
     # A program that is alone needs none of it.
     from icofabric_sim.simulation.devices.ranks import RankError, Ranks
 
@@ -44,9 +44,9 @@ def launched_ranks() -> 'Ranks':
 
 def lead_or_serve(name: str, ranks: 'Ranks', lead: Callable[[], int]) -> int:
     """
-    Do `lead` in the first process of the program `name`; the others serve it.
+    Call `lead` in the first process of the program `name`; the others serve this process.
 
-    Returns the exit status of each, which is that of `lead`.
+    Returns the exit status of `lead` in each process.
     """
     from icofabric_sim.simulation.errors import RankError
 

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The first rank's side: a method whose steps all ranks take, each of its part.
+A method whose steps all ranks take, each for its part: code of the first rank.
 
-The run, its driver and all that judges it are on the first rank, with arrays for the whole fabric.
-States stay where they are computed; they are gathered whenever the trajectory is asked for its
-state, and at health checks where shells touch. Sums over all bodies are formed over groups of
-blocks (kernels/figures.py): so they are those of a single process.
+The run, its driver and all checks are on the first rank, with arrays for the whole fabric. States
+stay where they are computed. They are gathered when the trajectory needs its state, and at health
+checks with contacts. Sums over all bodies are formed over groups of blocks (kernels/figures.py),
+so they equal those of a single process.
 """
 
 from collections.abc import Iterator
@@ -35,10 +35,10 @@ from icofabric_sim.simulation.devices.executor import Call, Interval, take_steps
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
-    LOOK,
     look_at,
     note_look,
     remembered_by,
+    REPORT_SIZE,
     wake,
 )
 from icofabric_sim.simulation.devices.sharing import Sharing
@@ -56,18 +56,17 @@ import numpy as np
 
 
 class SharedSteps:
-    """Steps of a method that all ranks of a transport take; made on the first of them."""
+    """Steps of a method that all ranks of a transport take; created on the first rank."""
 
     def __init__(
         self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
         estimated: bool, half_edge: float, unpacked: Unpacked | None = None
     ) -> None:
         """
-        Divide the fabric; `given`: the step is, and its error is `estimated`.
+        Divide the fabric; `given` means a given step, whose error is `estimated`.
 
-        `unpacked`: the state in which the run starts, where it has not been packed.
-
-        Raises ValueError where ranks are too many or lack memory.
+        `unpacked` is the initial state of the run if it is not packed. Raises ValueError if ranks
+        are too many or lack memory.
         """
         self._transport, self._packed = transport, packed
         self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
@@ -97,14 +96,14 @@ class SharedSteps:
         self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
 
     def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
-        """Take steps as `splitting` of kernels/integrators/splitting.py does, with all ranks."""
+        """Take steps with all ranks, as `splitting` of kernels/integrators/splitting.py."""
         with self.together():
             return take_steps(
                 self, self._weights.differences, self._weights.stages, model, *arguments)
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """Do something with all ranks, which fail if this one does."""
+        """Let all ranks fail if this one fails in the block."""
         self._transport.require_health()
         if self._transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
@@ -118,7 +117,7 @@ class SharedSteps:
                 raise
 
     def count_evaluations(self) -> int:
-        """Return how often steps evaluated the forces again where connectors crossed kinks."""
+        """Return the number of force evaluations that crossings of kinks added."""
         return 0 if self._own is None else self._own.take_crossed()
 
     @property
@@ -192,7 +191,7 @@ class SharedSteps:
 
     @cached_property
     def _bodies(self) -> np.ndarray:
-        """Slots of this rank's bodies, which no other windows change."""
+        """Slots of this rank's bodies, which other windows do not change."""
         part = self._sharing.parts[0]
         return bodies_of(self._packed.model.blocks, part.first, part.last)
 
@@ -272,7 +271,9 @@ class SharedSteps:
             self._is_gathered = True
 
     def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
-        """Status bits of the state at `now` [s], as `examine` finds them; ranks keep theirs."""
+        """
+        Return the status bits of the state at `now` [s], as `examine`; ranks keep their states.
+        """
         assert self._own is not None
         limit, inside = float(coarse_up_to(book.numbers)), bool(looks_inside(book.numbers))
         self._sharing.order('examine', now, limit, inside)
@@ -294,7 +295,7 @@ class SharedSteps:
                 mine = slice(self._sharing.parts[0].first, self._sharing.parts[0].last)
                 contacts.pushes[mine] = own.pushes[mine]
         for rank in self._sharing.others:
-            look = np.zeros(LOOK)
+            look = np.zeros(REPORT_SIZE)
             self._sharing.receive(look, rank)
             note_look(contacts, call.watch, look)
             if is_guarded and contacts is not None:
@@ -315,7 +316,7 @@ class SharedSteps:
         return status
 
     def _share(self, contacts: Contacts | None) -> None:
-        """Say which of these pairs each rank has; windows are wider where bodies are new there."""
+        """Assign pairs to ranks; windows grow if they lack bodies."""
         if self._is_out and self._run is not None:
             self._gather(self._run, self._contacts, of_run=True, whole=True)
             self._is_out = self._is_stale = False
@@ -326,9 +327,9 @@ class SharedSteps:
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> PartSteps:
         """
-        Send the windows with the first steps, and the pairs that may touch.
+        Send windows before the first steps, and the candidate pairs.
 
-        By then all that they need is compiled here.
+        All kernels that they need are compiled here before.
         """
         if self._own is None:
             self._own = self._send_windows(model, loads, state, work, watch)
@@ -366,7 +367,7 @@ class SharedSteps:
     def _scatter(
         self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool
     ) -> None:
-        """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""
+        """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
         assert self._own is not None
         loads, state, work, mine, watch = arrays
         self._sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
@@ -439,7 +440,7 @@ class SharedSteps:
                 for row in values:
                     self._sharing.receive(row, rank)
                 self._sharing.contacts.take_back(contacts, rank, values)
-            look = np.zeros(LOOK)
+            look = np.zeros(REPORT_SIZE)
             self._sharing.receive(look, rank)
             note_look(contacts, watch, look)
             if not of_run:

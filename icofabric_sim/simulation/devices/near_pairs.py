@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The pairs that may touch, as a rank has them: those of which a body is its own.
+Candidate pairs of a rank: those with at least one of its bodies.
 
-A pair whose bodies belong to two ranks is evaluated by both, from the same poses and with the same
-memory, so it does the same to the last bit in both; each body adds up its pairs in the order that
-these have in the whole fabric.
+A pair whose bodies belong to two ranks is evaluated by both, from the same poses and history. So
+both results are bit-identical. Each body sums its pairs in the order of the whole fabric.
 """
 
 from typing import Any, NamedTuple
@@ -50,7 +49,7 @@ class ContactConstants(NamedTuple):
 
 
 class NearPairs(NamedTuple):
-    """The pairs of a rank."""
+    """Candidate pairs of a rank."""
 
     pairs: np.ndarray  # (p, 2) int32 first slots, as Contacts.pairs, in the window
     constants: ContactConstants
@@ -62,7 +61,7 @@ class NearPairs(NamedTuple):
 
 
 def constants_of(contacts: Contacts) -> ContactConstants:
-    """Read them from the contacts of a whole fabric."""
+    """Return the constants of the contacts of a whole fabric."""
     losses = contacts.losses
     return ContactConstants(
         contacts.stiffness, contacts.half_edge, contacts.planes, contacts.sleep.radius,
@@ -74,10 +73,10 @@ def contacts_of(
     near: NearPairs, slot: np.ndarray, followed: Blocks, slot_count: int, address: int = 0
 ) -> Contacts:
     """
-    Contacts of such pairs, of which nothing is known yet.
+    Return contacts of such pairs, without history.
 
-    `slot`: first slots of all blocks of the window; `followed`: those whose poses are known;
-    `address` of `touch_some`, 0: it is compiled or loaded.
+    `slot` are first slots of all blocks of the window; `followed` are blocks with known poses.
+    `address` is that of `touch_some`; 0: it is compiled or loaded.
     """
     pairs, constants = near.pairs, near.constants
     count, block_count = len(pairs), len(slot)
@@ -110,7 +109,7 @@ def contacts_of(
 
 
 def no_contacts(contacts: Contacts, blocks: Blocks, layout: Layout) -> Contacts:
-    """Contacts like those of a whole fabric, but without pairs: what is compiled for is known."""
+    """Return contacts without pairs, of the type of those of a whole fabric."""
     return contacts_of(
         NearPairs(contacts.pairs[:0], constants_of(contacts)), layout.blocks.slot, blocks,
         layout.slot_count, contacts.touch_address)
@@ -135,14 +134,14 @@ def watch_stub(watch: Watch) -> Watch:
 
 
 def watch_of(stub: Watch, slot_count: int) -> Watch:
-    """The watch of a window."""
+    """Return the watch of a window."""
     reference, turned = aligned_empty((3, slot_count)), aligned_empty((4, slot_count))
     reference[:] = turned[:] = 0.0
     return stub._replace(reference=reference, turned=turned)
 
 
 def _sleep(near: NearPairs, blocks: Blocks, slot_count: int) -> Sleep:
-    """Let pairs sleep where it takes less to follow all bodies than to test them."""
+    """Let pairs sleep if tracking all bodies is cheaper than testing the pairs."""
     count = len(near.pairs)
     followed = slot_count
     if not SLOTS_OF_A_PAIR * count > followed:

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The step control of the embedded pair, for steps that are taken elsewhere.
+Step control of the embedded pair, for steps that are computed elsewhere.
 
-Which steps are tried, accepted and refused is decided by the code of a single process
-(`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py): it is run in Python, and
-what it calls for all bodies is a piece of whoever has the bodies. So there is one step control.
+The code of a single process (`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py)
+selects, accepts and rejects steps. It runs in Python, and its calls for all bodies are functions
+of the ranks or device with the bodies. So there is one step control.
 """
 
 from collections.abc import Callable
@@ -20,24 +20,24 @@ Steps = Callable[[dict[str, Any]], tuple[int, int, int]]
 
 
 def with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
-    """A kernel as a function of Python that calls these `pieces` by the names that it knows."""
+    """Return a kernel as a Python function that calls `pieces` by the names in its code."""
     plain = getattr(steps, 'py_func', steps)
     return FunctionType(
         plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)
 
 
 def adaptive_steps(pair: Pair, *arguments: Any) -> Steps:
-    """Steps as `adaptive_pair` takes them, once pieces are given."""
+    """Return steps as `adaptive_pair` takes them, as a function of the pieces."""
     return lambda pieces: with_pieces(embedded.adaptive_pair, pieces)(pair, *arguments)
 
 
 def fixed_steps(pair: Pair, *arguments: Any) -> Steps:
-    """The same as `fixed_pair`."""
+    """Return steps as `fixed_pair` takes them, as a function of the pieces."""
     return lambda pieces: with_pieces(embedded.fixed_pair, pieces)(pair, *arguments)
 
 
 def idle_pieces() -> dict[str, Any]:
-    """Pieces that have nothing to do where the bodies are elsewhere, by their names there."""
+    """Return functions without effect for bodies elsewhere, by name."""
     return {
         'own_blocks': lambda team, count: (0, count),
         'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
@@ -47,4 +47,4 @@ def idle_pieces() -> dict[str, Any]:
 
 
 def nothing(*_: Any) -> None:
-    """Do nothing: a piece that is not needed."""
+    """Do nothing: an unused function."""

@@ -1,13 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The first rank's side of an embedded Runge-Kutta pair whose steps all ranks take.
+An embedded Runge-Kutta pair whose steps all ranks take: code of the first rank.
 
-Which steps are tried, accepted and refused is decided here, by the code of a single process
-(`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py): it is run in Python, and
-what it calls for all bodies is an order to the ranks. So there is one step control, whoever takes
-the steps. What it asks of pairs, when a contact begins or ends, is found here too, for which the
-state is gathered where something is near.
+The code of a single process (`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py)
+selects, accepts and rejects steps. It runs in Python, and its calls for all bodies are orders to
+the ranks. So there is one step control. The start and end of contacts are predicted here, too,
+from a gathered state if shells are near each other.
 """
 
 from functools import partial
@@ -60,7 +59,7 @@ from icofabric_sim.simulation.devices.pair_steps import (
     PairPart,
     remembered_of,
 )
-from icofabric_sim.simulation.devices.shared_contacts import LOOK, look_at, note_look, wake
+from icofabric_sim.simulation.devices.shared_contacts import look_at, note_look, REPORT_SIZE, wake
 from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import exchange_of, pair_bytes_of
@@ -72,14 +71,12 @@ _NO_BLOCKS = np.zeros(0, np.int64)
 
 
 class SharedPair:
-    """Steps of the pair of `dop8` that all ranks of a transport take; made on the first."""
+    """
+    Steps of the pair of `dop8` that all ranks of a transport take; created on the first rank.
+    """
 
     def __init__(self, transport: Transport, packed: PackedScene, pair: Pair) -> None:
-        """
-        Divide the fabric.
-
-        Raises ValueError where ranks are too many or lack memory.
-        """
+        """Divide the fabric; raise ValueError if ranks are too many or lack memory."""
         self._transport, self._packed = transport, packed
         contact = packed.contact
         self.holder = self._sharing = Sharing(transport, packed, partial(
@@ -101,7 +98,7 @@ class SharedPair:
         self._of_run = self._is_here = False
 
     def _take_over(self) -> bool:
-        """Have the whole state of the run here; whether it was with the ranks until then."""
+        """Copy the whole state of the run to this rank; return True if it was on the ranks."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with self._transport.alone():
@@ -114,7 +111,7 @@ class SharedPair:
         control: np.ndarray, count: int, since_check: int, check_interval: int,
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
-        """Take steps as `adaptive_pair` does, with all ranks."""
+        """Take steps with all ranks, as `adaptive_pair`."""
         steps = adaptive_steps(
             self._pair, model, loads, state, saved, work, team, control, count, since_check,
             check_interval, watch, ledger)
@@ -127,7 +124,7 @@ class SharedPair:
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
-        """Take steps as `fixed_pair` does, with all ranks."""
+        """Take steps with all ranks, as `fixed_pair`."""
         steps = fixed_steps(
             self._pair, model, loads, state, saved, work, team, origin, index, h, count,
             since_check, check_interval, watch, ledger)
@@ -163,7 +160,7 @@ class SharedPair:
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None, *,
         of_run: bool
     ) -> None:
-        """Have all ranks know the fabric, what touches, what acts, and the state."""
+        """Send fabric, candidate pairs, loads and state to all ranks, as far as changed."""
         sharing, contacts, layout = self._sharing, model.contacts, self._packed.layout
         if not sharing.contacts.is_shared(contacts):
             if self._is_out and self._run is not None:
@@ -206,7 +203,9 @@ class SharedPair:
             self._is_out = self._is_stale = True
 
     def _pieces(self, control: np.ndarray | None) -> dict[str, Any]:
-        """What the step control calls, by its names there: orders, or nothing to do here."""
+        """
+        Return the functions of the step control by name: orders, or functions without effect.
+        """
         return {
             **idle_pieces(), 'note_lengths': self._note_lengths,
             'is_breaking': self._is_breaking,
@@ -219,7 +218,7 @@ class SharedPair:
             'look': self._look}
 
     def _order(self, what: str, *words: Any) -> np.ndarray | None:
-        """Have all ranks do a piece of a step; returns what is known of this one's part."""
+        """Let all ranks execute a part of a step; return the result of this rank."""
         assert self._own is not None and self._now is not None
         self._sharing.order('pair', self._of_run, what, words)
         found = self._own.do(what, self._now, *words)
@@ -228,7 +227,7 @@ class SharedPair:
         return found
 
     def _asked(self, what: str, *words: Any) -> np.ndarray:
-        """The same of a piece that all of them answer, by numbers of each rank, (r, n)."""
+        """Let all ranks execute a part of a step; return the results of all ranks, (r, n)."""
         own = self._order(what, *words)
         assert own is not None
         found = np.empty((self._transport.size, len(own)))
@@ -238,7 +237,7 @@ class SharedPair:
         return found
 
     def _have_state(self, slopes: range = range(0)) -> None:
-        """Have the state of all ranks here, and some slopes."""
+        """Gather the state of all ranks, and some slopes."""
         assert self._now is not None
         if not self._is_here or slopes:
             self._gather(
@@ -309,7 +308,7 @@ class SharedPair:
             model, breakage, state, work, trail, team_of_one(), h, first, last))
 
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
-        """As `fastest_points` of all ranks."""
+        """Return the result of `fastest_points` over all ranks."""
         speed, moved = (float(number) for number in self._asked(
             'speeds', mean, time).max(axis=0))
         return speed, moved
@@ -319,7 +318,7 @@ class SharedPair:
         since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
         time: float, step: float, first: int, last: int
     ) -> tuple[int, int]:
-        """As `look` of embedded.py does."""
+        """Perform the checks of `look` in embedded.py."""
         examined, status, contacts = since_check >= check_interval, 0, model.contacts
         if watch is not None and self._of_run:
             if contacts is not None:
@@ -358,7 +357,9 @@ class SharedPair:
         return int(status), since_check
 
     def _examine(self, time: float, ledger: np.ndarray) -> int:
-        """Status bits of the state at `time` [s], as `examine` finds them; ranks keep theirs."""
+        """
+        Return the status bits of the state at `time` [s], as `examine`; ranks keep their states.
+        """
         assert self._own is not None and self._now is not None
         work = self._now.work
         limit, inside = float(coarse_up_to(ledger)), bool(looks_inside(ledger))
@@ -368,7 +369,7 @@ class SharedPair:
         return int(conclude(self._packed.model, self._now.state, work.figures, ledger))
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
-        """Give each rank the state of its bodies; `contacts`: those of the whole fabric."""
+        """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
         sharing, transport, watch = self._sharing, self._transport, now.watch
         sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
         tables = now.tables(END, with_start=False)
@@ -395,9 +396,9 @@ class SharedPair:
         slopes: range | None = None
     ) -> None:
         """
-        Have the state of all ranks here; `whole`: with all that states within the step need.
+        Gather the state of all ranks; `whole` adds the data for states within the step.
 
-        Of a step that was taken since the ranks got the state: what was before is here.
+        Data from before the last step on the ranks are here already.
         """
         with_start = whole and self._has_stepped
         if slopes is None:
@@ -417,7 +418,7 @@ class SharedPair:
             for row in values:
                 sharing.receive(row, rank)
             self._take_back(values, rows, contacts, rank)
-            look = np.zeros(LOOK)
+            look = np.zeros(REPORT_SIZE)
             sharing.receive(look, rank)
             note_look(contacts, now.watch, look)
 
@@ -425,7 +426,7 @@ class SharedPair:
         self, values: list[np.ndarray], rows: list[np.ndarray], contacts: Contacts | None,
         rank: int
     ) -> None:
-        """Have what the pairs of a rank remember in the rows of all pairs."""
+        """Copy the history of the pairs of a rank to the rows of all pairs."""
         if not rows or contacts is None:
             return
         which = self._sharing.contacts.which[rank]

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of an embedded Runge-Kutta pair on one rank's part of a fabric: what it does when told.
+Steps of an embedded Runge-Kutta pair on the part of one rank, executed on orders.
 
-The pieces of kernels/integrators/embedded.py, for the blocks of a part. At each stage poses travel
-to the ranks that need them, with velocities where forces depend on them; inner blocks are computed
-meanwhile.
+The functions are those of kernels/integrators/embedded.py for the blocks of a part. At each stage,
+ranks exchange poses, with velocities if forces depend on them, while inner blocks are computed.
 """
 
 from typing import Any, NamedTuple
@@ -51,7 +50,7 @@ ALL, END = range(DENSE), range(LAST, DENSE)
 
 
 class PairArrays(NamedTuple):
-    """What steps change."""
+    """Arrays that steps change."""
 
     loads: Loads
     state: State
@@ -66,7 +65,9 @@ class PairArrays(NamedTuple):
         return self.work.trail
 
     def tables(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
-        """Rows (r, s) that travel: the state, what was spent, these slopes and their powers."""
+        """
+        Return rows (r, s) to exchange: state, dissipated energy, these slopes and their powers.
+        """
         tables = [*self.state.rows()]
         if with_start:
             tables += self.trail.start.rows()
@@ -77,14 +78,16 @@ class PairArrays(NamedTuple):
         return tables
 
     def remembered(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
-        """What pairs remember, (p, 4) each: stretches of friction, and their slopes."""
+        """
+        Return the history of pairs, (p, 4) each: stretches of friction springs, and their slopes.
+        """
         return remembered_of(self.contacts, slopes, with_start=with_start)
 
 
 def remembered_of(
     contacts: Contacts | None, slopes: range, *, with_start: bool
 ) -> list[np.ndarray]:
-    """The same of any contacts."""
+    """Return the history of the pairs of any contacts."""
     losses = None if contacts is None else contacts.losses
     if losses is None or not losses.friction > 0.0:
         return []
@@ -93,13 +96,13 @@ def remembered_of(
 
 
 def done_by(loads: Loads, rows: slice, slopes: range) -> list[np.ndarray]:
-    """Work and powers of the loads on the bodies of a part, (m,) each."""
+    """Return work and powers of the loads on the bodies of a part, (m,) each."""
     return [
         loads.work[rows], loads.earlier_work[rows], *(loads.power[k, rows] for k in slopes)]
 
 
 class PairPart:
-    """Takes steps of a part, with the poses of its neighbours."""
+    """Steps of a part, with the poses of its neighbours."""
 
     def __init__(
         self, transport: Transport, model: Model, exchange: Exchange, pair: Pair
@@ -120,16 +123,16 @@ class PairPart:
 
     @property
     def own(self) -> slice:
-        """Its own blocks, by their numbers in the arrays of the model."""
+        """Own blocks, by their numbers in the arrays of the model."""
         return slice(self._exchange.first, self._exchange.last)
 
     def take_touches(self) -> int:
-        """Return how often contacts were evaluated since this was asked last."""
+        """Return the number of evaluations of contacts since the last call."""
         found, self.touches = self.touches, 0
         return found
 
     def do(self, what: str, arrays: PairArrays, *words: Any) -> np.ndarray | None:
-        """Do a piece of a step by its name; returns what the first rank has to know of it."""
+        """Execute a part of a step by name; return the result for the first rank."""
         found: np.ndarray | None = getattr(self, f'_{what}')(arrays, *words)
         return found
 
@@ -137,9 +140,9 @@ class PairPart:
         self, arrays: PairArrays, time: float, limit: float, *, inside: bool
     ) -> np.ndarray:
         """
-        Add up what a health check at `time` [s] has to know of this part.
+        Sum the figures of a health check at `time` [s] over this part.
 
-        As `note_figures`; the last row is not of this part.
+        The result is that of `note_figures`; the last row is not of this part.
         """
         loads, state, work, contacts, _ = arrays
         first, last = self._exchange.first, self._exchange.last
@@ -159,7 +162,7 @@ class PairPart:
         return self._touching
 
     def _slope(self, arrays: PairArrays, at_stage: bool, index: int, time: float) -> None:
-        """Slope number `index` at the state or the stage, at a `time` [s]."""
+        """Compute slope number `index` at the state or the stage, at a `time` [s]."""
         loads, state, work, contacts, watch = arrays
         model, number = self._model_with(contacts), np.int64(index)
         trail, (first, last) = arrays.trail, (self._exchange.first, self._exchange.last)
@@ -182,7 +185,7 @@ class PairPart:
         find_slopes(model, loads, state, work, time, slope, number, first, last)
 
     def _try(self, arrays: PairArrays, time: float, h: float, forget: bool) -> None:
-        """The other slopes of a step of `h` [s] at `time` [s]; its end is the stage."""
+        """Compute the other slopes of a step of `h` [s] at `time` [s]; its end is the stage."""
         state, contacts, watch, pair = arrays.state, arrays.contacts, arrays.watch, self._pair
         losses = None if contacts is None else contacts.losses
         first, last, slot = self._exchange.first, self._exchange.last, self._model.blocks.slot
@@ -201,9 +204,9 @@ class PairPart:
 
     def _errors(self, arrays: PairArrays, scales: np.ndarray, smooth: float) -> np.ndarray:
         """
-        What the step errs by: to be judged, and probably, and in the work of paths.
+        Return the errors of the step: for step control, probable, and of the work of paths.
 
-        Then whether something touched, and the square of the longest way.
+        They are followed by the contact flag and the largest squared displacement.
         """
         contacts, watch = arrays.contacts, arrays.watch
         found = errors_of(
@@ -215,7 +218,7 @@ class PairPart:
         return np.array([*found, touched, 0.0 if watch is None else watch.far[0]])
 
     def _accept(self, arrays: PairArrays, h: float, keeps_start: bool) -> None:
-        """The step has been taken: the stage is the state."""
+        """Accept the step: the stage becomes the state."""
         loads, state, work, contacts, _ = arrays
         first, last, pair = self._exchange.first, self._exchange.last, self._pair
         if keeps_start:
@@ -228,7 +231,7 @@ class PairPart:
         add_flow(work.spent, self._model.blocks.slot, h, pair.step, first, last)
 
     def _repeat(self, arrays: PairArrays) -> None:
-        """The last slope of a step is the first of the next."""
+        """Copy the last slope of a step to the first slope of the next."""
         repeat_slope(
             self._model, arrays.loads, arrays.work, arrays.trail, self._exchange.first,
             self._exchange.last)
@@ -238,23 +241,23 @@ class PairPart:
     def _speeds(
         self, arrays: PairArrays, mean: tuple[float, float, float], time: float
     ) -> np.ndarray:
-        """The fastest point at the stages, and the square of the longest way before the step."""
+        """Return the largest speed at the stages, and the largest squared displacement before."""
         assert arrays.watch is not None
         return np.array(fastest_points(
             arrays.watch, self._model.blocks, arrays.state, arrays.trail,
             self._pair.stage_count, mean, time, self._exchange.first, self._exchange.last))
 
     def _look(self, arrays: PairArrays) -> np.ndarray:
-        """What was noted of bodies and contacts, which is forgotten."""
+        """Return and reset recorded displacements and overlaps."""
         return look_at(arrays.contacts, arrays.watch)
 
     def _is_moving(self, contacts: Contacts | None) -> bool:
-        """Whether forces on a body depend on the velocities of its neighbours."""
+        """Return True if forces on a body depend on the velocities of its neighbours."""
         return self._model.damping is not None or (
             contacts is not None and contacts.losses is not None)
 
     def _send(self, state: State, contacts: Contacts | None) -> list[Any]:
-        """Begin to exchange the poses of the border."""
+        """Start the exchange of poses at the border."""
         transport, moving = self._transport, self._is_moving(contacts)
         gives, needs = self._motions if moving else self._poses
         requests = [transport.receive_poses(poses, rank) for rank, _, poses in needs]
@@ -272,7 +275,7 @@ class PairPart:
             (put_stage if moving else put_poses)(self._model, state, work, slots, poses)
 
     def make_ready(self, arrays: PairArrays) -> None:
-        """Compile what pieces of steps need, or load it: with nothing to do, and no pairs."""
+        """Compile or load the kernels of steps, by calls without bodies and pairs."""
         loads, state, work, contacts, watch = arrays
         model, trail, none = self._model_with(contacts), arrays.trail, np.zeros(0, np.int32)
         slot, pair, number = model.blocks.slot, self._pair, np.int64(0)
@@ -307,7 +310,7 @@ class PairPart:
 
 
 def _longest_run(blocks: np.ndarray, first: int) -> tuple[int, int]:
-    """First and one after the last of the longest run of numbers; an empty one at `first`."""
+    """Return the bounds of the longest run of numbers; an empty one at `first`."""
     if not len(blocks):
         return first, first
     numbers = np.sort(blocks.astype(np.int64))

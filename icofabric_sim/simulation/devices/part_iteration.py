@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The part of a rank in an iteration of Lanczos for the largest frequency (model/lanczos.py).
+Part of a rank in a Lanczos iteration for the largest frequency (model/lanczos.py).
 
-Vectors lie where the bodies are. For a product a rank hears what bodies of the blocks across its
-border move by, 6 numbers each, and moves their attachment points itself.
+Vectors are stored with the bodies. For a product, a rank receives the 6 components of bodies of
+blocks across its border, and moves their attachment points itself.
 """
 
 import math
@@ -28,12 +28,12 @@ import numpy as np
 
 
 class PartIteration:
-    """Vectors of the bodies of a part, and what they are multiplied with."""
+    """Vectors of the bodies of a part, and their products."""
 
     def __init__(
         self, transport: Transport, model: Model, exchange: Exchange, state: State, work: Work
     ) -> None:
-        """About a `state` whose attachment points are in place, also those of the border."""
+        """Prepare for a `state` with known attachment points, including those of the border."""
         self._transport, self._model, self._exchange = transport, model, exchange
         self._state, self._work = state, work
         self._gives, self._needs = (
@@ -49,7 +49,7 @@ class PartIteration:
         self._roots = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
 
     def make_ready(self) -> None:
-        """Compile what it needs, or load it: with nothing to do."""
+        """Compile or load the kernels, by calls without bodies."""
         model, state, none = self._model, self._state, np.zeros(0, np.int32)
         vector, values, sums = self._current, aligned_empty((VECTOR, 0)), np.zeros(0)
         given = model, state, self._work.points, self._moved, self._turns, *self._roots
@@ -65,17 +65,17 @@ class PartIteration:
 
     @property
     def start(self) -> np.ndarray:
-        """Rows (6, s) that the iteration starts from."""
+        """Rows (6, s) of the start vector."""
         return self._current
 
     def bound(self) -> np.ndarray:
-        """Upper bound of the largest squared frequency [1/s^2] of its bodies, (1,)."""
+        """Return an upper bound of the largest squared frequency [1/s^2] of its bodies, (1,)."""
         exchange = self._exchange
         return np.array([bound_of_blocks(
             self._model, self._state, self._work, exchange.first, exchange.last)])
 
     def square(self) -> np.ndarray:
-        """Squares of the present vector, by groups of blocks."""
+        """Return the squares of the present vector, by groups of blocks."""
         self._note_products(self._current)
         return self._sums
 
@@ -104,7 +104,9 @@ class PartIteration:
         return self._sums
 
     def subtract(self, alpha: float, beta: float) -> np.ndarray:
-        """Product less `alpha` times the present and `beta` times the vector before; squares."""
+        """
+        Subtract `alpha` times the present and `beta` times the last vector; return the squares.
+        """
         exchange = self._exchange
         subtract(
             self._model.blocks, alpha, self._current, beta, self._previous, self._product,

@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of one rank's part of a fabric, each evaluation of the forces beside those of the others.
+Steps of the part of one rank, with force evaluations in parallel to other ranks.
 
-The same steps as those of kernels/integrators/splitting.py, in the same order for every body. Its
-loop over evaluations stands here, because poses travel in each: the blocks that others need drift
-first, their poses leave, the inner blocks are drifted and pushed, and the rest is pushed once the
-poses of the others have come. Where shells may touch all drift first, as in one process, and pairs
-are evaluated once the poses have come; what takes energy asks for velocities, too.
+The steps are those of kernels/integrators/splitting.py, in the same order for every body. The loop
+over evaluations is in this module because ranks exchange poses in each. Blocks that others need
+drift first, and their poses are sent. Inner blocks drift and are kicked meanwhile, and the
+remaining blocks are kicked once the poses of other ranks have arrived. If shells may touch, all
+blocks drift first, as in one process, and pairs are evaluated once poses have arrived; dissipative
+forces need velocities, too.
 """
 
 from typing import Any, NamedTuple
@@ -69,7 +70,7 @@ class Weights(NamedTuple):
 
     @property
     def stages(self) -> int:
-        """Count the evaluations of the forces in a step."""
+        """Number of force evaluations in a step."""
         return min(len(self.kicks), len(self.drifts))
 
 
@@ -86,7 +87,7 @@ class Arrays(NamedTuple):
 
 
 class PartSteps:
-    """Takes steps of a part, with the poses of its neighbours."""
+    """Steps of a part, with the poses of its neighbours."""
 
     def __init__(
         self, transport: Transport, model: Model, exchange: Exchange, weights: Weights
@@ -142,9 +143,9 @@ class PartSteps:
         self, arrays: Arrays, time: float, limit: float, *, inside: bool
     ) -> np.ndarray:
         """
-        Add up what a health check at `time` [s] has to know of this part.
+        Sum the figures of a health check at `time` [s] over this part.
 
-        As `note_figures`, but that the last row begins with how rough the motion was at most.
+        The result is that of `note_figures`, but the last row starts with the largest roughness.
         """
         exchange, (loads, state, work, _, _) = self._exchange, arrays
         first, last = exchange.first, exchange.last
@@ -156,7 +157,7 @@ class PartSteps:
         return figures
 
     def refresh(self, arrays: Arrays, time: float) -> None:
-        """Compute the accelerations of its bodies at `time` [s]."""
+        """Compute the accelerations of the bodies of this part at `time` [s]."""
         exchange = self._exchange
         self._place(arrays)
         keep_accelerations(
@@ -181,12 +182,12 @@ class PartSteps:
         return sums
 
     def iteration(self, arrays: Arrays) -> PartIteration:
-        """Begin an iteration for the largest frequency about the present state."""
+        """Start an iteration for the largest frequency about the present state."""
         self._place(arrays)
         return self._iteration(arrays)
 
     def make_iteration_ready(self, arrays: Arrays) -> None:
-        """Compile what that needs, or load it."""
+        """Compile or load the kernels of the iteration."""
         self._iteration(arrays).make_ready()
 
     def _iteration(self, arrays: Arrays) -> PartIteration:
@@ -214,22 +215,22 @@ class PartSteps:
         return self._touching
 
     def take_touches(self) -> int:
-        """Return how often contacts were evaluated since this was asked last."""
+        """Return the number of evaluations of contacts since the last call."""
         found, self.touches = self.touches, 0
         return found
 
     def take_crossed(self) -> int:
-        """Return in how many steps connectors crossed kinks since this was asked last."""
+        """Return the number of steps with crossings of kinks since the last call."""
         found, self.crossed = self.crossed, 0
         return found
 
     def take_roughest(self) -> float:
-        """Return how rough the motion was at most since this was asked last."""
+        """Return the largest roughness since the last call."""
         found, self.roughest = self.roughest, 0.0
         return found
 
     def make_ready(self, arrays: Arrays) -> None:
-        """Compile what steps need, or load it: with nothing to do, and no pairs."""
+        """Compile or load the kernels of steps, by calls without bodies and pairs."""
         loads, state, work, contacts, watch = arrays
         model, kinks = self.model_with(contacts), work.kinks
         none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
@@ -276,7 +277,7 @@ class PartSteps:
             roughness(work._replace(difference=_room(0)), self._ledger)
 
     def _steps(self, arrays: Arrays, interval: Interval, index: int, count: int) -> None:
-        """Take `count` steps from `index` on, as `steps` of splitting.py does."""
+        """Take `count` steps from `index` on, as `steps` of splitting.py."""
         exchange, (loads, state, work, contacts, _) = self._exchange, arrays
         model = self.model_with(contacts)
         kicks, drifts = self._weights.kicks, self._weights.drifts
@@ -312,7 +313,9 @@ class PartSteps:
         self, arrays: Arrays, kinks: Kinks | None, step_part: float, h: float, now: float,
         whole: float, after: float, kick: float, again: float, keep: bool
     ) -> None:
-        """One drift and the push after it; poses travel while inner blocks are computed."""
+        """
+        Apply a drift and the kick after it; poses are exchanged while inner blocks are computed.
+        """
         exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
         model, order = self.model_with(contacts), exchange.drifts
         drift(model, loads, state, work, now, whole, order, 0, exchange.border)
@@ -345,7 +348,7 @@ class PartSteps:
             ways_of(watch, model.blocks, state, after, 0, exchange.first, exchange.last)
 
     def _touch(self, model: Model, contacts: Contacts, state: State, h: float) -> None:
-        """Forces of all contacts of the part, `h` [s] after they were evaluated last."""
+        """Evaluate all contacts of the part, `h` [s] after their last evaluation."""
         if self._team is None:
             self._team = team_of_one()
         touch_ahead(
@@ -356,7 +359,7 @@ class PartSteps:
     def _kinked_steps(
         self, kinks: Kinks, arrays: Arrays, interval: Interval, index: int, count: int
     ) -> None:
-        """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py does."""
+        """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py."""
         exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
         model = self.model_with(contacts)
         first, last, order = exchange.first, exchange.last, exchange.drifts
@@ -394,7 +397,7 @@ class PartSteps:
             keep_accelerations(model, state, work, end, first, last)
 
     def _send_poses(self, state: State) -> list[Any]:
-        """Begin to exchange the poses of the border."""
+        """Start the exchange of poses at the border."""
         transport = self._transport
         requests = [transport.receive_poses(poses, rank) for rank, _, poses in self._needs]
         for rank, slots, poses in self._gives:

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a rank does in the course of a step: pushes while poses travel, and the poses themselves.
+Kernels of a rank during a step: kicks while poses are exchanged, and copies of poses.
 
-The flows are those of kernels/flows.py. These few lines stand here and not in the room of the
-kernels because the cache is stamped by that room as a whole: a change here compiles nothing else.
+The flows are those of kernels/flows.py. These kernels are outside the kernels package because the
+cache depends on that package as a whole: a change here compiles nothing else.
 """
 
 from icofabric_sim.kernels.contact.losses import stretch_error
@@ -42,11 +42,11 @@ def drift_and_push(
     keep: bool, drifts: np.ndarray, drifted: int, pushes: np.ndarray, ahead: np.ndarray
 ) -> None:
     """
-    Drift the blocks of `drifts` from the place `drifted` on, and push those of `pushes`.
+    Drift the blocks of `drifts` from the place `drifted` on, and kick those of `pushes`.
 
-    As `steps` of kernels/integrators/splitting.py does: before each tile of pushes as many blocks
-    have drifted as `ahead` says, and at the end all. With `kinks` at a part of a step in which
-    each connector keeps its slope; the push at its end keeps the velocities before it.
+    As in `steps` of kernels/integrators/splitting.py, `ahead` blocks have drifted before each tile
+    of kicks, and all at the end. `kinks` are those at a fraction of a step in which each connector
+    keeps its slope; the kick at its end stores the velocities before the kick.
     """
     count = pushes.shape[0]
     for tile in range(ahead.shape[0]):
@@ -68,9 +68,9 @@ def keep_drifted(
     model: Model, kinks: Kinks | None, state: State, drifts: np.ndarray, first: int, last: int
 ) -> None:
     """
-    Keep the velocities of blocks drifts[first] to drifts[last - 1] before the last kick of a step.
+    Store velocities of blocks drifts[first] to drifts[last - 1] before the last kick of a step.
 
-    After their drift, which gives driven bodies the velocities of their paths.
+    The blocks have drifted, so driven bodies have the velocities of their paths.
     """
     if kinks is not None:
         for turn in range(first, last):
@@ -79,7 +79,7 @@ def keep_drifted(
 
 @compiled
 def take_poses(state: State, slots: np.ndarray, poses: np.ndarray) -> None:
-    """Copy positions and orientations of the blocks that begin at `slots` to (7, m LANES)."""
+    """Copy positions and orientations of the blocks that start at `slots` to (7, m LANES)."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(3):
@@ -92,7 +92,7 @@ def take_poses(state: State, slots: np.ndarray, poses: np.ndarray) -> None:
 def put_poses(
     model: Model, state: State, work: Work, slots: np.ndarray, poses: np.ndarray
 ) -> None:
-    """Copy them back, and place the attachment points of these blocks."""
+    """Copy positions and orientations back, and compute the attachment points of these blocks."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(3):
@@ -104,7 +104,7 @@ def put_poses(
 
 @compiled
 def take_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> None:
-    """Copy rows (6, s) of the blocks that begin at `slots` to (6, m LANES)."""
+    """Copy rows (6, s) of the blocks that start at `slots` to (6, m LANES)."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(VECTOR):
@@ -113,7 +113,7 @@ def take_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> N
 
 @compiled
 def put_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> None:
-    """Copy them back."""
+    """Copy rows (6, s) back."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(VECTOR):
@@ -122,7 +122,7 @@ def put_vectors(vector: np.ndarray, slots: np.ndarray, values: np.ndarray) -> No
 
 @compiled
 def divide_vectors(vector: np.ndarray, slots: np.ndarray, length: float) -> None:
-    """Divide rows (6, s) of the blocks that begin at `slots` by a `length`."""
+    """Divide rows (6, s) of the blocks that start at `slots` by a `length`."""
     divisor = splat(length)
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
@@ -147,7 +147,7 @@ def begin_kinked(
     model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, now: float,
     kick: float, first: int, last: int
 ) -> None:
-    """Begin a step at `now` [s] as `kinked_steps` does: the first kick of blocks first to last."""
+    """Start a step at `now` [s] as `kinked_steps`: the first kick of blocks first to last."""
     for block in range(first, last):
         keep_velocities(kinks, state, model.blocks.slot[block])
     push_kept(model, loads, state, work, now, kick, first, last)
@@ -160,7 +160,7 @@ def strike_foretold(
     model: Model, loads: Loads | None, kinks: Kinks, state: State, work: Work, h: float,
     kick: float, first: int, last: int
 ) -> None:
-    """Foretell the crossings of a step of `h` [s], and what they add to its first kick."""
+    """Predict the crossings of a step of `h` [s], and add their impulses to its first kick."""
     for block in range(first, last):
         s = model.blocks.slot[block]
         if foretell(model.links, kinks, work.points, h, block, s)[0]:
@@ -171,7 +171,7 @@ def strike_foretold(
 def note_all_motion(
     model: Model, kinks: Kinks, state: State, work: Work, kick: float, first: int, last: int
 ) -> None:
-    """Note how attachment points move at the end of a step."""
+    """Store the motion of attachment points at the end of a step."""
     for block in range(first, last):
         note_motion(model.links, kinks, state, work.points, kick, model.blocks.slot[block])
 
@@ -180,7 +180,7 @@ def note_all_motion(
 def account_all(
     model: Model, kinks: Kinks, work: Work, h: float, first: int, last: int
 ) -> bool:
-    """Impulses that a step of `h` [s] still lacks; whether there are any."""
+    """Compute the missing impulses of a step of `h` [s]; return True if there are any."""
     found = False
     for block in range(first, last):
         if account(model.links, kinks, work.points, h, block, model.blocks.slot[block]):
@@ -200,7 +200,7 @@ def strike_all(
 
 @compiled
 def take_stage(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
-    """Copy poses and velocities of the blocks that begin at `slots` to (13, m LANES)."""
+    """Copy poses and velocities of the blocks that start at `slots` to (13, m LANES)."""
     take_poses(state, slots, motions)
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
@@ -211,7 +211,7 @@ def take_stage(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
 
 @compiled
 def put_velocities(state: State, slots: np.ndarray, motions: np.ndarray) -> None:
-    """Copy the velocities back."""
+    """Copy velocities back."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         for k in range(3):
@@ -223,7 +223,7 @@ def put_velocities(state: State, slots: np.ndarray, motions: np.ndarray) -> None
 def put_stage(
     model: Model, state: State, work: Work, slots: np.ndarray, motions: np.ndarray
 ) -> None:
-    """Copy both back, and place the attachment points of these blocks, with their velocities."""
+    """Copy poses and velocities back, and compute attachment points and their velocities."""
     put_poses(model, state, work, slots, motions)
     put_velocities(state, slots, motions)
     for i in range(slots.shape[0]):
@@ -235,7 +235,7 @@ def put_stage(
 def take_motions(
     state: State, more: np.ndarray, slots: np.ndarray, motions: np.ndarray
 ) -> None:
-    """Copy poses, velocities and six numbers more, `more` (6, s), to (19, m LANES)."""
+    """Copy poses, velocities and six more values, `more` (6, s), to (19, m LANES)."""
     take_stage(state, slots, motions)
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
@@ -248,7 +248,9 @@ def put_motions(
     model: Model, more: np.ndarray, state: State, work: Work, slots: np.ndarray,
     motions: np.ndarray
 ) -> None:
-    """Copy them back, and place the attachment points of these blocks."""
+    """
+    Copy poses, velocities and `more` back, and compute the attachment points of these blocks.
+    """
     put_poses(model, state, work, slots, motions)
     put_velocities(state, slots, motions)
     for i in range(slots.shape[0]):
@@ -261,7 +263,7 @@ def put_motions(
 def note_motions(
     model: Model, kinks: Kinks, state: State, work: Work, kick: float, slots: np.ndarray
 ) -> None:
-    """Note how the attachment points of blocks of others move, around a `kick` [s]."""
+    """Store the motion of attachment points of blocks of other ranks, around a `kick` [s]."""
     for i in range(slots.shape[0]):
         s: int = np.int64(slots[i])  # type: ignore[assignment]
         note_motion(model.links, kinks, state, work.points, kick, s)
@@ -272,7 +274,7 @@ def combine_all(
     state: State, trail: Trail, weights: np.ndarray, h: float, slot: np.ndarray, first: int,
     last: int, is_end: bool
 ) -> None:
-    """Stage of a step of `h` [s] of blocks first to last; `is_end`: the step's end."""
+    """Compute the stage of a step of `h` [s] of blocks first to last; its end if `is_end`."""
     for block in range(first, last):
         combine(state, trail.slopes, weights, h, trail.stage, slot[block])
         if is_end:

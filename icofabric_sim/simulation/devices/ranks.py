@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The processes of MPI that share the steps of one fabric, as a program sees them."""
+"""MPI processes that share the steps of one fabric: the public interface."""
 
 from contextlib import suppress
 from importlib import import_module
@@ -23,15 +23,15 @@ __all__ = ['RankError', 'Ranks']
 
 class Ranks:
     """
-    The ranks of a communicator; the first of them leads, the others take part in its steps.
+    Ranks of a communicator; the first rank leads, the others take part in its steps.
 
         with ico.Ranks() as ranks:
             if ranks.leads:
                 simulation = ico.compile_scene(scene, ranks=ranks)
                 simulation.advance_to(0.5)
 
-    All processes come to the end of the block: the others serve there, until the first one has
-    left it. What goes wrong in one of them is a RankError in all.
+    All processes reach the end of the block: the other ranks serve there until the first rank has
+    left the block. A failure of a rank raises RankError in all ranks.
     """
 
     def __init__(self, communicator: Any = None) -> None:
@@ -51,19 +51,19 @@ class Ranks:
         self._is_entered = False
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied."""
+        """Raise TypeError: ranks cannot be pickled or copied."""
         raise TypeError(
             'Ranks cannot be pickled or copied: they are processes of MPI; a Checkpoint of their '
             'simulation can')
 
     @property
     def rank(self) -> int:
-        """The number of this process, from 0 on."""
+        """Number of this process, from 0."""
         return self._transport.rank
 
     @property
     def size(self) -> int:
-        """Count the processes."""
+        """Number of processes."""
         return self._transport.size
 
     @property
@@ -73,16 +73,16 @@ class Ranks:
 
     def finalize(self) -> None:
         """
-        Leave MPI, unless a rank has failed; nothing can be shared in this process any more.
+        Leave MPI, unless a rank has failed; this process can share nothing afterwards.
 
-        For programs that end without what the interpreter does at its end, as nodes do: a launcher
-        takes a process that has not left for one that has crashed.
+        For programs that skip the normal end of the interpreter, such as nodes: a launcher reports
+        a process that has not left MPI as crashed.
         """
         if not self._transport.has_failed:
             import_module('mpi4py.MPI').Finalize()
 
     def __enter__(self) -> Self:
-        """Begin the block that all processes run."""
+        """Start the block that all processes run."""
         self._shared_before, self._is_entered = share_among(self.size), True
         return self
 
@@ -90,7 +90,7 @@ class Ranks:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None
     ) -> None:
-        """Let the others serve until the first process comes here."""
+        """Let the other ranks serve until the first process arrives."""
         share_among(self._shared_before)
         if self.leads:
             if kind is None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ranks cannot share and devices cannot compute yet, refused by its name at the start."""
+"""Parameters that ranks or devices do not support yet, with error messages that name them."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -27,9 +27,9 @@ def require_on_device(
     scene: Scene, *, cosines: bool, body_force: bool, shared: bool
 ) -> None:
     """
-    Raise the same where the device of `solver.device` cannot compute the scene.
+    Raise ParameterError or ValueError if the device of `solver.device` cannot compute the scene.
 
-    `shared`: by ranks of MPI.
+    `shared` means a scene shared by MPI ranks.
     """
     device = scene.parameters['solver.device']
     if shared:
@@ -57,23 +57,23 @@ def require_on_device(
 
 
 def require_shareable_method(name: str) -> None:
-    """Raise ParameterError where ranks cannot take the steps of the method `name`."""
+    """Raise ParameterError if ranks cannot take the steps of the method `name`."""
     _require_method(name, _SHARED, _ONE, [
         other for other, method in METHODS.items() if not method.implicit])
 
 
 def require_method_on_device(name: str, device: str) -> None:
-    """Raise ParameterError where the `device` cannot take the steps of the method `name`."""
+    """Raise ParameterError if the `device` cannot take the steps of the method `name`."""
     _require_method(name, _on(device), _CPU, [
         other for other, method in METHODS.items() if not method.implicit])
 
 
 def methods_on_device(scene: Scene) -> tuple[str, ...]:
     """
-    Names of the methods whose steps of this scene a device takes.
+    Return the names of the methods whose steps of this scene a device takes.
 
-    Where slopes of connectors jump, and shells may touch or bodies move on paths, none that
-    follows these jumps.
+    If slopes of connectors jump, and shells may touch or bodies move on paths, methods that
+    resolve these jumps are excluded.
     """
     laws, parameters = scene.connectors.laws if scene.connector_count else None, scene.parameters
     jumps = laws is not None and np.any(
@@ -110,7 +110,7 @@ def _require_method(name: str, lacks: str, alone: str, taken: list[str]) -> None
 
 
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
-    """Yield parameters with what they ask for, and the way out: what neither can."""
+    """Yield parameters that neither ranks nor devices support, with their values and remedies."""
     parameters = scene.parameters
     if parameters['charge.mutual']:
         yield 'charge.mutual', 'true', 'take false'

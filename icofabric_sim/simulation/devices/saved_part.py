@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The state of its bodies that a rank has saved last, with what had flowed to them by then."""
+"""Last saved state of the bodies of a rank, with the energies that had flowed."""
 
 from collections.abc import Sequence
 
@@ -11,10 +11,10 @@ import numpy as np
 
 
 class SavedPart:
-    """Rows of the blocks of a part: the state, what was spent, and the work of loads."""
+    """Rows of the blocks of a part: the state, dissipated energy, and the work of loads."""
 
     def __init__(self, slots: SlotRows) -> None:
-        """Nothing has been saved yet; `slots`: of the part."""
+        """Start without a saved state; `slots` are those of the part."""
         self._slots = slots
         self.rows: list[np.ndarray] = []
 
@@ -26,7 +26,7 @@ class SavedPart:
             self.rows.append(done.copy())
 
     def give(self, transport: Transport) -> None:
-        """Send it to the first rank."""
+        """Send the saved state to the first rank."""
         transport.wait([transport.send(row, 0) for row in self.rows])
 
     def put(self, tables: Sequence[np.ndarray]) -> None:
@@ -35,5 +35,5 @@ class SavedPart:
 
 
 def saved_tables(state: State, spent: np.ndarray | None) -> list[np.ndarray]:
-    """Rows (r, s) that are saved: the state, and what was `spent` (2, s) [J]."""
+    """Return rows (r, s) to save: the state, and dissipated energies `spent` (2, s) [J]."""
     return [*state.rows()] if spent is None else [*state.rows(), spent]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A rank other than the first: holds windows, and does what it is told until the run ends."""
+"""A rank other than the first, which holds windows and executes orders until the run ends."""
 
 import socket
 from typing import Any
@@ -13,18 +13,18 @@ from icofabric_sim.simulation.devices.transport import Transport
 
 
 class Server:
-    """Serves the first rank."""
+    """Execution of the orders of the first rank."""
 
     def __init__(self, transport: Transport) -> None:
-        """Hold nothing yet."""
+        """Start without windows."""
         self._transport = transport
         self._held: dict[int, HeldPart | HeldPair] = {}
 
     def serve(self) -> int:
         """
-        Do what is ordered until the end; returns the exit status with which the first rank ends.
+        Execute orders until the end; return the exit status of the first rank.
 
-        Raises RankError where some rank has failed.
+        Raises RankError if a rank has failed.
         """
         while True:
             name, *rest = self._transport.next_order()
@@ -45,5 +45,5 @@ class Server:
                 self._do(name, number, *words)
 
     def _do(self, name: str, number: int, *words: Any) -> None:
-        """Do what is ordered for one fabric."""
+        """Execute an order for one fabric."""
         getattr(self._held[number], name)(*words)

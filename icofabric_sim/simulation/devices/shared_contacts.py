@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Contacts of a run that ranks share, on the first of them: who has which pairs, and what they know.
+Contacts of a shared run on the first rank: assignment of pairs to ranks, and their history.
 
-The search is that of one process, over the state that was gathered. Each rank gets the pairs of
-which a body is its own (near_pairs.py); what pairs remember goes with the state, there and back.
+The search is that of one process, in a gathered state. Each rank gets the pairs with at least one
+of its bodies (near_pairs.py). The history of pairs is sent and gathered with the state.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ import numpy as np
 
 # Numbers of a look: the largest square of a way since the last [m^2], the deepest overlap in the
 # last evaluation and in all since the last look [m].
-LOOK = 3
+REPORT_SIZE = 3
 
 
 def look_at(contacts: Contacts | None, watch: Watch | None) -> np.ndarray:
     """Return displacements and overlaps since the last call, and reset them."""
-    look = np.zeros(LOOK)
+    look = np.zeros(REPORT_SIZE)
     if watch is not None:
         look[0], watch.far[0] = watch.far[0], 0.0
     if contacts is not None:
@@ -43,10 +43,10 @@ def note_look(contacts: Contacts | None, watch: Watch | None, look: np.ndarray) 
 
 
 class SharedContacts:
-    """The list of pairs that was shared last, and the part of it that the first rank has."""
+    """The shared list of pairs, and the part of the first rank."""
 
     def __init__(self, layout: Layout, rank_count: int) -> None:
-        """Nothing is near yet."""
+        """Start without pairs."""
         self._layout, self._count = layout, rank_count
         slots = layout.blocks.slot
         self._turns = np.full(max(layout.slot_count // LANES, 1), -1, np.int64)
@@ -63,7 +63,7 @@ class SharedContacts:
         return self._pairs is (None if contacts is None else contacts.pairs)
 
     def split(self, contacts: Contacts | None) -> list[np.ndarray]:
-        """Say which pairs each rank gets; returns the blocks of others that it needs for them."""
+        """Assign pairs to ranks; return the blocks of others that each rank needs for them."""
         self._own = {}
         if contacts is None:
             self._pairs, self.which = None, []
@@ -90,7 +90,7 @@ class SharedContacts:
         return NearPairs(there.astype(np.int32), constants_of(contacts))
 
     def own(self, contacts: Contacts, part: Part, *, of_run: bool) -> Contacts:
-        """Return those of the first rank, in the arrays of the whole fabric."""
+        """Return the contacts of the first rank, in the arrays of the whole fabric."""
         if of_run not in self._own:
             near = NearPairs(
                 np.ascontiguousarray(contacts.pairs[self.which[0]]), constants_of(contacts))
@@ -102,7 +102,7 @@ class SharedContacts:
         return self._own[of_run]
 
     def remembered(self, contacts: Contacts, rank: int) -> list[np.ndarray]:
-        """Return what the pairs of a rank remember, as arrays to send: stretches and slopes."""
+        """Return the history of the pairs of a rank as arrays to send: stretches and slopes."""
         losses = contacts.losses
         if losses is None or not losses.friction > 0.0:
             return []
@@ -119,7 +119,7 @@ class SharedContacts:
             wake(contacts, which, values)
 
     def _blocks_of(self, slots: np.ndarray) -> np.ndarray:
-        """Blocks of slots; -1 of planes."""
+        """Return the blocks of slots; -1 for planes."""
         return np.where(slots < 0, -1, self._turns[np.maximum(slots, 0) // LANES])
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""An iteration of Lanczos whose vectors lie with all ranks: the first rank has its matrix."""
+"""Lanczos iteration with vectors on all ranks and the matrix on the first rank."""
 
 import math
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 
 
 class SharedIteration:
-    """The steps of `Lanczos`, each of which all ranks take; on the first of them."""
+    """Steps of `Lanczos` that all ranks take; created on the first rank."""
 
     def __init__(self, sharing: Sharing, own: PartSteps, run: Arrays, most: int) -> None:
         """Begin at the state of a run that the ranks hold, for at most `most` steps."""
@@ -55,7 +55,7 @@ class SharedIteration:
         matrix.done = last
 
     def end(self) -> None:
-        """Let the vectors go."""
+        """Discard the vectors."""
         self._sharing.order('end_iteration')
 
     def _do(self, name: str, *numbers: float) -> Any:

@@ -19,9 +19,9 @@ def shared_method(
     unpacked: Unpacked | None = None
 ) -> Method:
     """
-    Return the method `name`, with steps that all ranks take; ValueError where they cannot.
+    Return the method `name` with steps that all ranks take; raise ValueError if unsupported.
 
-    `unpacked`: the state in which the run starts, where it has not been packed.
+    `unpacked` is the initial state of the run if it is not packed.
     """
     require_shareable_method(name)
     method = facts_of(name)

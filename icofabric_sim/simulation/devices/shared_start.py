@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The start of a run whose state no process has whole, and its largest frequency."""
+"""Start of a run whose state no process has as a whole, and its largest frequency."""
 
 from icofabric_sim.kernels.records import Loads
 from icofabric_sim.scene.initial import InitialState
@@ -20,7 +20,7 @@ def begin_apart(
     """
     Return the state and its largest frequency, before the method of the steps is known.
 
-    None where terms count that only one process adds up.
+    The result is None if a term requires sums in a single process.
     """
     if loads.anchors is not None or loads.drives is not None or packed.model.maxwell is not None:
         return None

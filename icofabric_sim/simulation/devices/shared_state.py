@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is asked of the whole state of a run, where ranks have it; see whole_state.py."""
+"""Queries about the whole state of a run on ranks; see whole_state.py."""
 
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.devices.leader import SharedSteps
@@ -16,10 +16,10 @@ import numpy as np
 
 
 class SharedState:
-    """Answers for it, on the first rank."""
+    """Queries about the state on ranks; created on the first rank."""
 
     def __init__(self, steps: SharedSteps) -> None:
-        """Ask those who take the `steps`."""
+        """Query the ranks that take the `steps`."""
         self._steps, self._sharing = steps, steps.holder
         self._is_ready = False  # what iterations need
 
@@ -40,9 +40,9 @@ class SharedState:
 
     def bounds(self) -> np.ndarray | None:
         """
-        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
+        Return largest and minus least velocities [m/s] and the largest coordinate [m], (7,).
 
-        Of the state of the run, (7,); None where it is here.
+        The result is None if the state is in the arrays of this process.
         """
         if self._steps.unpacked is not None:
             return self._steps.unpacked.bounds()
@@ -84,16 +84,16 @@ class SharedState:
             self._sharing.gather_sums(own.velocity_sums(run), sums)
 
     def fastest_square(self, velocity: np.ndarray) -> float:
-        """Return the largest square of a velocity less `velocity` (3,) [m^2/s^2]."""
+        """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
         with self._steps.together():
             self._sharing.order('fastest_square', velocity)
             return float(self._sharing.largest_of(self._steps.own_fastest_square(velocity))[0])
 
     def largest(self) -> Frequency | None:
         """
-        The largest frequency of the fabric, as `largest_frequency` of model/stability.py.
+        Return the largest frequency of the fabric, as `largest_frequency` of model/stability.py.
 
-        None where terms count that only one process adds up.
+        The result is None if a term requires sums in a single process.
         """
         packed = self._sharing.packed
         model, count = packed.model, packed.layout.body_count

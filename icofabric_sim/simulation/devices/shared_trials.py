@@ -3,7 +3,7 @@
 """
 Trial steps of all ranks beside a run, whose state stays where it is.
 
-What is asked of them is a largest difference, so no state has to come to the first rank for it.
+Their result is a largest difference, so the first rank needs no state.
 """
 
 from icofabric_sim.kernels.integrators.splitting import NEVER
@@ -20,10 +20,10 @@ import numpy as np
 
 
 class SharedTrials:
-    """Takes them, on the first rank."""
+    """Trial steps of all ranks; created on the first rank."""
 
     def __init__(self, steps: SharedSteps) -> None:
-        """Beside the `steps` of a run."""
+        """Try steps beside the `steps` of a run."""
         self._steps, self._sharing = steps, steps.holder
         self._own: PartSteps | None = None
         self._arrays: dict[str, Arrays] = {}
@@ -60,7 +60,7 @@ class SharedTrials:
             self._own.take(self._arrays[which], interval)
 
     def apart(self) -> tuple[float, float]:
-        """Return the largest squares of distances [m^2] and of differences of orientations."""
+        """Return the largest squared distance [m^2] and squared difference of orientations."""
         with self._steps.together():
             self._sharing.order('apart')
             place, turn = self._sharing.largest_of(squares_apart(

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How a fabric is shared, on the first rank: the parts, the windows of the others, and what acts.
+Distribution of a fabric on the first rank: parts, windows of other ranks, and loads.
 
-Methods of all kinds step through it: those that split (leader.py) and the embedded pair
-(pair_leader.py).
+All methods use it: splitting methods (leader.py) and the embedded pair (pair_leader.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -32,9 +31,9 @@ _numbers = iter(range(2**62))
 
 class Sharing:
     """
-    The parts of a fabric, and what the ranks have been told of it.
+    Parts of a fabric, and the data that ranks have received.
 
-    As a holder of the state of a run (stepping/methods.py) it has none itself.
+    As a holder of the state of a run (stepping/methods.py), this object has no state itself.
     """
 
     def __init__(
@@ -42,9 +41,9 @@ class Sharing:
         bring: Callable[[], bool]
     ) -> None:
         """
-        Divide a fabric; a window of n slots needs `bytes_of(n)`, and `bring` takes the state over.
+        Divide a fabric; a window of n slots needs `bytes_of(n)`, and `bring` gathers the state.
 
-        Raises ValueError where ranks are too many or lack memory.
+        Raises ValueError if ranks are too many or lack memory.
         """
         self.transport, self.packed, self._bytes_of = transport, packed, bytes_of
         # Who steps the fabric goes with its run, and not when garbage is collected.
@@ -79,17 +78,17 @@ class Sharing:
 
     @property
     def rank_count(self) -> int:
-        """Count the ranks."""
+        """Number of ranks."""
         return self.transport.size
 
     @property
     def device(self) -> str:
-        """No device: the processes."""
+        """Empty name: processes compute."""
         return ''
 
     @property
     def halo_bytes(self) -> int:
-        """Bytes that the rank with the largest halo receives in an evaluation of the forces."""
+        """Bytes that the rank with the largest halo receives per force evaluation."""
         return max(halo.received for halo in self.halos)
 
     @property
@@ -126,7 +125,7 @@ class Sharing:
         self._saved_for, self._flows = (saved, loads, spent, self._has_loads, keeps_work), {}
 
     def forget_saved(self) -> None:
-        """The state was saved here, or is lost with the ranks."""
+        """Discard the saved state of the ranks: it was saved here, or is lost."""
         self._saved_for = None
 
     def _bring_saved(self) -> None:
@@ -203,7 +202,7 @@ class Sharing:
 
     @property
     def group_count(self) -> int:
-        """Count the groups of blocks over which sums are formed."""
+        """Number of groups of blocks over which sums are formed."""
         blocks = len(self.packed.layout.blocks.slot)
         return -(-blocks // group_size(blocks))
 
@@ -219,7 +218,7 @@ class Sharing:
 
     @property
     def halos(self) -> list[HaloBytes]:
-        """Bytes that each rank receives in an evaluation of the forces."""
+        """Bytes that each rank receives per force evaluation."""
         return [
             halo_bytes(self.packed.layout, self.packed.model.links, part) for part in self.parts]
 
@@ -228,7 +227,7 @@ class Sharing:
         self.transport.order((name, self.number, *rest))
 
     def share(self, contacts: Contacts | None) -> bool:
-        """Say which of these pairs each rank has; whether that takes other windows."""
+        """Assign pairs to ranks; return True if windows change."""
         needed = self.contacts.split(contacts)
         self.is_told = False
         if not any(
@@ -246,10 +245,10 @@ class Sharing:
         samples: Sequence[np.ndarray] | None = None
     ) -> None:
         """
-        Send each rank its window, and `what` it needs to know of steps.
+        Send each rank its window, and `what` it needs for steps.
 
-        `samples`: blocks of each part in which the roughness is judged; `spends`: forces take
-        energy.
+        `samples` are blocks of each part that sample the roughness; `spends` means dissipative
+        forces.
         """
         # With their windows ranks lose what they have saved.
         self._bring_saved()
@@ -273,9 +272,9 @@ class Sharing:
 
     def send_loads(self, loads: Loads, *, stages: int) -> bool:
         """
-        Send each rank the loads on its bodies, where they are other ones; whether they were.
+        Send each rank the loads on its bodies if they have changed; return True if sent.
 
-        `stages`: of a Runge-Kutta step, for each of which their powers are kept.
+        `stages` is the number of stages of a Runge-Kutta step whose powers are stored.
         """
         anchors = loads.anchors
         acting = loads.start, loads.wrench, loads.force, anchors, loads.drives, loads.tractions
@@ -307,7 +306,7 @@ class Sharing:
         self.transport.wait([self.transport.receive(values, rank)])
 
     def _require_room(self) -> None:
-        """Refuse windows for which some machine lacks memory, before any is made."""
+        """Raise ValueError if a machine lacks memory for windows, before any is allocated."""
         transport = self.transport
         with transport.alone():
             transport.order(('room',))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of arrays on their way between ranks: the slots of a part, without copies where it can."""
+"""Rows of arrays to exchange between ranks: slots of a part, without copies where possible."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,10 +12,10 @@ import numpy as np
 
 
 class SlotRows:
-    """The slots of some blocks in rows of arrays whose slots come last."""
+    """Slots of some blocks in rows of arrays, with slots as the last axis."""
 
     def __init__(self, slots: np.ndarray) -> None:
-        """`slots`: where the blocks begin."""
+        """Select blocks by their first `slots`."""
         every = (slots[:, None].astype(np.int64) + np.arange(LANES)).ravel()
         self.count = len(every)
         # What they are in a row; of blocks that lie side by side a slice, which is no copy.
@@ -24,13 +24,13 @@ class SlotRows:
         self.index: Any = slice(int(every[0]), int(every[0]) + self.count) if is_run else every
 
     def send(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> list[Any]:
-        """Begin to send the rows of all `tables` to a rank."""
+        """Start to send the rows of all `tables` to a rank."""
         return [
             transport.send(np.ascontiguousarray(row[self.index]), rank)
             for row in _rows(tables)]
 
     def receive(self, transport: Transport, tables: Sequence[np.ndarray], rank: int) -> None:
-        """Receive them in place."""
+        """Receive the rows of all `tables` in place."""
         if isinstance(self.index, slice):
             transport.wait([
                 transport.receive(row[self.index], rank) for row in _rows(tables)])
@@ -41,14 +41,14 @@ class SlotRows:
             row[self.index] = values
 
     def of(self, table: np.ndarray) -> np.ndarray:
-        """Return them of a table (r, s), without a copy where they lie side by side."""
+        """Return the slots of a table (r, s), without a copy if they are contiguous."""
         chosen: np.ndarray = table[:, self.index]
         return chosen
 
     def copied(
         self, tables: Sequence[np.ndarray], kept: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
-        """Copy the rows of all `tables`, into the arrays of those that were copied before."""
+        """Copy the rows of all `tables` to the arrays of earlier copies."""
         rows = list(_rows(tables))
         kept = kept[:len(rows)] if len(kept) >= len(rows) else [
             np.empty(self.count) for _ in rows]
@@ -62,7 +62,7 @@ class SlotRows:
             row[self.index] = copy
 
     def copy(self, source: np.ndarray, target: np.ndarray) -> None:
-        """Copy them from one table to another."""
+        """Copy the slots from one table to another."""
         target[:, self.index] = source[:, self.index]
 
 

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages between ranks, by mpi4py: orders, arrays, poses, and the word that a rank has failed.
+Messages between ranks by mpi4py: orders, arrays, poses, and reports of failures.
 
-No rank waits for ever: one that waits checks for that word now and then.
+No rank waits forever: a waiting rank polls for reports of failures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +49,7 @@ class Transport:
     """Messages between ranks, in a separate communicator."""
 
     def __init__(self, communicator: Any) -> None:
-        """Talk to the processes of an mpi4py `communicator`; all of them do this at once."""
+        """Connect the processes of an mpi4py `communicator`, in a collective call."""
         self._mpi: Any = import_module('mpi4py.MPI')
         self._comm = communicator.Dup()
         self.rank: int = self._comm.Get_rank()
@@ -72,9 +72,10 @@ class Transport:
     @contextmanager
     def alone(self) -> Iterator[None]:
         """
-        Talk to the others while no other thread does; threads get their turns in their order.
+        Exclude other threads from messages in the block; threads proceed in order of arrival.
 
-        A node computes in one thread and builds a changed scene in another. Not to be nested.
+        A node computes in one thread and builds a changed scene in another. Blocks must not be
+        nested.
         """
         with self._turns:
             ticket, self._drawn = self._drawn, self._drawn + 1
@@ -104,7 +105,7 @@ class Transport:
         self.has_ended = True
 
     def order(self, what: Any) -> None:
-        """Send an order to all other ranks: a name and what it needs."""
+        """Send an order to all other ranks: a name and its arguments."""
         self._sent = [request for request in self._sent if not request.Test()]
         while self.dropped:
             self._order(('forget', self.dropped.pop()))
@@ -129,7 +130,7 @@ class Transport:
         self._sent.append(self._comm.isend(what, dest=0, tag=_ORDER))
 
     def answers(self) -> list[Any]:
-        """Wait for an answer of each of the other ranks, in their order."""
+        """Wait for an answer of each of the other ranks, in order."""
         found = []
         for rank in range(1, self.size):
             self._wait_until(self._comm.Iprobe, rank, _ORDER)
@@ -137,19 +138,19 @@ class Transport:
         return found
 
     def send(self, values: np.ndarray, rank: int) -> Any:
-        """Begin to send an array of doubles; returns what `wait` takes."""
+        """Start to send an array of doubles; return a request for `wait`."""
         return self._comm.Isend([values, self._mpi.DOUBLE], dest=rank, tag=_ARRAY)
 
     def receive(self, values: np.ndarray, rank: int) -> Any:
-        """Begin to receive one, likewise."""
+        """Start to receive an array of doubles; return a request for `wait`."""
         return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_ARRAY)
 
     def send_poses(self, values: np.ndarray, rank: int) -> Any:
-        """Begin to send poses, likewise."""
+        """Start to send poses; return a request for `wait`."""
         return self._comm.Isend([values, self._mpi.DOUBLE], dest=rank, tag=_POSES)
 
     def receive_poses(self, values: np.ndarray, rank: int) -> Any:
-        """Begin to receive poses, likewise."""
+        """Start to receive poses; return a request for `wait`."""
         return self._comm.Irecv([values, self._mpi.DOUBLE], source=rank, tag=_POSES)
 
     def any(self, is_so: bool) -> bool:
@@ -161,7 +162,7 @@ class Transport:
         return bool(found[0])
 
     def wait(self, requests: Sequence[Any]) -> None:
-        """Wait until all of them are done."""
+        """Wait until all requests are done."""
         try:
             self._wait_until(self._mpi.Request.Testall, requests)
         except RankError:
@@ -170,10 +171,10 @@ class Transport:
 
     def _wait_until(self, is_so: Callable[..., bool], *arguments: Any) -> None:
         """
-        Look until it is so, or a rank has failed.
+        Poll until the condition holds, or raise if a rank has failed.
 
-        At once as a rule; else the processor is offered to others, which may be the ranks that are
-        waited for, and after a while, or where it is crowded, left to them.
+        Usually the condition holds at once. Otherwise the processor is offered to other processes,
+        perhaps the awaited ranks; after a while, or on busy processors, the thread sleeps.
         """
         looks, since = 0, 0.0
         while not is_so(*arguments):
@@ -198,7 +199,7 @@ class Transport:
         return bool(self._failure)
 
     def fail(self, error: BaseException) -> None:
-        """Tell all other ranks that this one has failed, unless the run has failed already."""
+        """Report a failure of this rank to all other ranks, unless the run has failed already."""
         if self._failure:
             return
         reason = str(error) or type(error).__name__
@@ -212,7 +213,7 @@ class Transport:
         self._send_off(_FAREWELL)
 
     def _send_off(self, seconds: float) -> None:
-        """Wait until small messages have left: with this object their bytes would be gone."""
+        """Wait until small messages are sent, because their memory ends with this object."""
         since = time.monotonic()
         while self._sent and time.monotonic() - since < seconds:
             self._sent = [request for request in self._sent if not request.Test()]
@@ -220,7 +221,7 @@ class Transport:
         _unsent.extend(self._sent)
 
     def require_health(self) -> None:
-        """Raise RankError where a rank has failed."""
+        """Raise RankError if a rank has failed."""
         if not self._failure and self._comm.Iprobe(source=self._mpi.ANY_SOURCE, tag=_FAILED):
             self._failure = self._comm.recv(source=self._mpi.ANY_SOURCE, tag=_FAILED)
         if self._failure:
@@ -228,7 +229,7 @@ class Transport:
 
 
 class _Flat:
-    """A record as its class and fields: arrays that are not to be written to stay so."""
+    """A record as its class and fields, so that read-only arrays remain read-only."""
 
     def __init__(self, kind: Any, values: list[Any]) -> None:
         self.kind, self.values = kind, values

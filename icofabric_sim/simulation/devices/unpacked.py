@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The state in which a run starts, body by body, until ranks have their parts of it.
+Initial state of a run by body, until ranks have their parts.
 
-So the first rank need not have all of it in arrays for kernels: `Layout.pack`, part by part.
+So the first rank does not need arrays of the whole state: `Layout.pack`, part by part.
 """
 
 from collections.abc import Iterator
@@ -19,27 +19,27 @@ import numpy as np
 
 
 class Unpacked:
-    """A state that has not been packed, and the room that it belongs into."""
+    """A state that is not packed, and its destination."""
 
     def __init__(self, layout: Layout, initial: InitialState) -> None:
-        """Make room for the state, of which no part is there yet."""
+        """Allocate the state without filling it."""
         self._layout, self._initial = layout, initial
         self.state = State(*(
             aligned_zeros((values.shape[1], layout.slot_count)) for values in initial))
 
     @cached_property
     def _bodies(self) -> np.ndarray:
-        """Numbers of the bodies by their slots; -1 where there is none."""
+        """Numbers of the bodies by their slots; -1 without a body."""
         numbers = np.full(self._layout.slot_count, -1, np.int32)
         numbers[self._layout.slot] = np.arange(self._layout.body_count, dtype=np.int32)
         return numbers
 
     def set_aside(self) -> None:
-        """All ranks have their parts: keep no more than the scene does."""
+        """Free memory once all ranks have their parts."""
         self.__dict__.pop('_bodies', None)
 
     def rows(self, index: Any) -> Iterator[np.ndarray]:
-        """Rows of the state at some slots, in the order of `State.rows`."""
+        """Yield rows of the state at some slots, in the order of `State.rows`."""
         number = self._bodies[index]
         there = number >= 0
         number = number[there]

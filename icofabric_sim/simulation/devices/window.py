@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The window of a rank: its blocks, and those around them that it reads, as arrays of its own.
+Window of a rank: its blocks and those that it reads, in separate arrays.
 
-Slots lie in the order of the whole fabric, and what lies side by side there does so here: a vector
-that begins in one block may end in the next. Blocks that are never read are left out, so the
-places of neighbours are other numbers, and all else is the same.
+Slots are in the order of the whole fabric, and adjacent slots remain adjacent: a vector that
+starts in one block may end in the next. Blocks that are never read are left out, so only the
+places of neighbours differ.
 """
 
 from typing import NamedTuple
@@ -52,14 +52,14 @@ class Exchange(NamedTuple):
 
 
 class Slots(NamedTuple):
-    """The slots of the whole fabric that a window has, in runs of LANES."""
+    """Slots of the whole fabric in a window, in runs of LANES."""
 
     kept: np.ndarray  # numbers of the runs, rising
     total: int  # of slots in the window
     whole: int  # of slots in the whole fabric
 
     def cut(self, values: np.ndarray) -> np.ndarray:
-        """Slots of the window from rows (..., s) of the whole fabric."""
+        """Return the slots of the window from rows (..., s) of the whole fabric."""
         runs = values.reshape(*values.shape[:-1], -1, LANES)
         target = aligned_zeros((*values.shape[:-1], self.total))
         target.reshape(*runs.shape[:-2], -1, LANES)[..., :len(self.kept), :] = (
@@ -69,7 +69,7 @@ class Slots(NamedTuple):
 
 
 class Window(NamedTuple):
-    """All that a rank gets when a run begins, but for the loads and the state."""
+    """Data of a rank at the start of a run, without loads and state."""
 
     model: Model
     exchange: Exchange
@@ -91,7 +91,7 @@ def exchange_of(layout: Layout, part: Part, samples: np.ndarray) -> Exchange:
 
 
 def slots_of(model: Model, layout: Layout, part: Part) -> Slots:
-    """Slots of the window of a part: also where vectors only pass over."""
+    """Return the slots of the window of a part, including those that vectors pass over."""
     links, kept = model.links, np.zeros(layout.slot_count // LANES, bool)
     kept[layout.blocks.slot[_blocks(part)] // LANES] = True
     if links is not None:
@@ -106,9 +106,9 @@ def window_of(
     model: Model, layout: Layout, part: Part, slots: Slots, samples: np.ndarray
 ) -> Window:
     """
-    Cut a window with these `slots` out of the `model` of a whole fabric.
+    Cut a window with these `slots` from the `model` of a whole fabric.
 
-    `samples`: blocks of the part in which the roughness is judged.
+    `samples` are blocks of the part that sample the roughness.
     """
     own, blocks = np.arange(part.first, part.last), _blocks(part)
     kept, slot_count, _ = slots
@@ -178,7 +178,7 @@ def window_of(
 
 
 def pair_bytes_of(slot_count: int, *, touching: bool, spends: bool) -> int:
-    """The same for steps of an embedded pair."""
+    """Return the approximate memory [bytes] of a window for steps of an embedded pair."""
     return bytes_of(
         slot_count, kinked=False, touching=touching, spends=spends) + 8 * _PAIR_EACH * slot_count
 
@@ -192,7 +192,7 @@ def bytes_of(
 
 
 def resting(slot_count: int, *, has_arms: bool = False) -> State:
-    """Room for a state; slots without a body compute with ordinary numbers."""
+    """Allocate a state at rest; slots without a body have finite values."""
     position, orientation, velocity, spin, rest = (
         aligned_zeros((rows, slot_count)) for rows in (3, 4, 3, 3, 12 * has_arms))
     state = State(position, orientation, velocity, spin, rest if has_arms else None)
@@ -220,7 +220,7 @@ def loads_of(loads: Loads, part: Part, slots: Slots, *, stages: int = 0) -> Load
 
 
 def _tractions_of(tractions: Tractions, wrench: np.ndarray, rows: slice) -> Tractions:
-    """Surface forces of some rows of the loads, with these wrenches."""
+    """Return surface forces of some rows of the loads, with these wrenches."""
     place, mine = tractions.place[rows].copy(), wrench >= tractions.first
     wanted = place[mine]
     place[mine] = np.arange(len(wanted))
@@ -256,5 +256,5 @@ def _exchange(
 
 
 def _blocks(part: Part) -> np.ndarray:
-    """Blocks of a window: its own, and those around them."""
+    """Return the blocks of a window: its own and those that it reads."""
     return np.concatenate([np.arange(part.first, part.last), part.halo])

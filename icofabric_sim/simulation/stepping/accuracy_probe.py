@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the method adds to the error in each second.
+Error that the method adds per second, and the step that the tolerance allows.
 
-A splitting method of order p errs in the phase of a vibration of frequency w by K (w h)^(p + 1) in
-each step of length h, and its energy swings but does not drift. The difference of order p + 1 of
-positions at step ends is (2 sin(w h / 2))^(p + 1) times the amplitude. So where no force jumps or
-has a kink, health checks read the error from differences of steps that were taken anyway: no force
-is evaluated for it. K is that of the largest frequency (`phase_error` in energy_swing.py).
+In each step of length h, a splitting method of order p errs in the phase of a vibration of
+frequency w by K (w h)^(p + 1); its energy oscillates without drift. The difference of order p + 1
+of positions at step ends is (2 sin(w h / 2))^(p + 1) times the amplitude. If forces have neither
+jumps nor kinks, health checks compute the error from differences of completed steps, without
+further force evaluations. K is that of the largest frequency (`phase_error` in energy_swing.py).
 
-Where a motion begins no steps have been taken yet, and where forces jump differences say little.
-There the error is measured: from the present state the method runs for a window of time with the
-step in question, and again with half of it (Richardson). The state then goes back to where it was.
-Over one shortest period, as errors within a part of it mostly take each other back; over a quarter
-of one where differences soon tell more. Where a period takes many steps, longer ones are measured
-and what they add is scaled by the order of the method. Whether and when to measure depends on the
-motion alone, never on time that passes outside.
+At the start of a motion no steps are known yet, and across jumps of forces differences are not
+meaningful. The error is then measured: from the present state, the method runs for a window of
+time with the step, and again with half of the step (Richardson). The state is then restored. The
+window is one shortest period, because errors within a fraction of a period mostly cancel; it is a
+quarter of a period if differences will soon be known. If a period takes many steps, longer steps
+are measured and their errors are scaled by the order of the method. The times of measurements
+depend on the motion alone, never on wall time.
 """
 
 import math
@@ -78,7 +78,7 @@ class AccuracyProbe:
         """
         Measure on the `trajectory` by `trials`; `tolerance` [1/s].
 
-        `differences`: order of those that health checks take.
+        `differences` is the order of the differences of health checks.
         """
         self._differences = differences
         self._trajectory, self._trials, self._rates = trajectory, trials, rates
@@ -111,11 +111,11 @@ class AccuracyProbe:
         self._since = self._begun = self._trajectory.time
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Move an unstarted motion to another `time` [s]."""
         self._since = self._begun = time
 
     def forget(self) -> None:
-        """Count errors, and what measurements of them took, from zero again."""
+        """Reset the sum of errors and the number of measurement steps."""
         self._cost = 0.0
         self.settle(0.0)
 
@@ -143,7 +143,7 @@ class AccuracyProbe:
         }
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the measurements from a checkpoint."""
         self.total = tree.number('total', 0.0, finite=False)
         self.step = tree.number('step', math.ulp(0.0), finite=False)
         # Earlier versions did not note it.
@@ -165,9 +165,10 @@ class AccuracyProbe:
 
     def estimate(self, time: float) -> float:
         """
-        Errors added until `time` [s], as if none of them had grown or faded.
+        Return the errors added until `time` [s], without amplification or decay.
 
-        After what was measured half as much is counted: the next measurement adds to that.
+        After the measured window, half of the measured rate counts; the next measurement adds the
+        rest.
         """
         past = time - self._since
         if self._weight > 0.0:
@@ -184,13 +185,13 @@ class AccuracyProbe:
         return self.total + self.free_rate * (past - 0.5 * max(past - self._window, 0.0))
 
     def close(self, time: float) -> None:
-        """Count what was added until `time` [s], where the state jumps."""
+        """Count the errors until `time` [s], where the state jumps."""
         self.settle(self.estimate(time))
         self._since, self.rate, self.free_rate = time, 0.0, 0.0
         self._trajectory.ledger.steady_rough = 0.0
 
     def take_back(self, steps: int) -> None:
-        """Count less for the last `steps`, which are taken again as they were too rough."""
+        """Reduce the sum for the last `steps`, which were too rough and are repeated."""
         ledger = self._trajectory.ledger
         if self._weight > 0.0:
             excess = max(ledger.rough - ledger.rough_limit, 0.0)
@@ -198,7 +199,9 @@ class AccuracyProbe:
             ledger.steady_rough = min(ledger.rough, ledger.rough_limit)
 
     def largest_difference(self, error: float, step: float) -> float:
-        """Difference of the motion with which steps of `step` [s] add an `error` [1/s]."""
+        """
+        Return the difference of the motion for which steps of `step` [s] add an `error` [1/s].
+        """
         return max(error - self._rounding_rate, 0.5 * error) * step / self._weight
 
     def settle(self, total: float) -> None:
@@ -208,7 +211,7 @@ class AccuracyProbe:
 
     @property
     def present_rate(self) -> float:
-        """Error added for each second by the present steps."""
+        """Error per second of the present steps."""
         if not self._weight > 0.0:
             return self.rate
         # None is chosen yet where a motion begins.
@@ -221,7 +224,9 @@ class AccuracyProbe:
         return self._differences > 0 and (self.is_smooth or self._shows_kinks)
 
     def checks_to_difference(self, interval: int) -> int:
-        """Health checks, one after each `interval` steps, until a difference is known."""
+        """
+        Return the number of checks, one after each `interval` steps, until a difference is known.
+        """
         return -(-self._differences // interval)
 
     @property
@@ -240,17 +245,19 @@ class AccuracyProbe:
 
     @property
     def steps_to_measure(self) -> int:
-        """Steps to take until measurements have taken less than their part of them."""
+        """Number of steps until measurements have used less than their share."""
         part = _COST_PART if self.is_smooth else _KINKED_COST_PART
         return math.ceil(self._cost / part - self._trajectory.step_count)
 
     @property
     def steady_rate(self) -> float:
-        """Error added for each second where no shells touch."""
+        """Error per second without contacts."""
         return self.present_rate if self._weight > 0.0 else self.free_rate
 
     def weight(self, step: float) -> float:
-        """Error of a step of `step` [s] over the difference that health checks find for it."""
+        """
+        Return the ratio of the error of a step of `step` [s] to the difference of health checks.
+        """
         trajectory = self._trajectory
         method, rate = trajectory.method, self._rates.fabric.rate
         angle = min(max(rate * step, _RESOLVED_RAD), 0.99 * method.stability)
@@ -263,10 +270,10 @@ class AccuracyProbe:
 
     def expected_step(self, longest: float, speed: float) -> float:
         """
-        Step [s], at most the `longest`, whose error is probably the one that is aimed at.
+        Return a step [s], at most `longest`, with the intended error in theory.
 
-        As if a body of that `speed` [1/s], in a or radians, were all in the fastest vibration: its
-        phase error is a shift in time.
+        A body of `speed` [1/s], over a or in rad, is assumed to move in the fastest vibration
+        only. Its phase error is a shift in time.
         """
         method, rate = self._trajectory.method, self._rates.fabric.rate
         aim, ratio = TARGET_RATIO * self.tolerance, longest * rate
@@ -290,10 +297,10 @@ class AccuracyProbe:
 
     def read_differences(self, step: float, fastest: float, rate: float | None = None) -> None:
         """
-        From now on have health checks sum the errors of steps of `step` [s], if they can.
+        Let health checks sum the errors of steps of `step` [s] from now on, if possible.
 
-        `rate` [1/s]: what was measured for these steps, until the next check; None: as before.
-        `fastest` [rad/s]: of the motion.
+        `rate` [1/s] is the measured rate of these steps until the next check; None: unchanged.
+        `fastest` [rad/s] is that of the motion.
         """
         trajectory, ledger = self._trajectory, self._trajectory.ledger
         if not self.reads_differences:
@@ -309,15 +316,15 @@ class AccuracyProbe:
         ledger.steady_rough = max(rate - self._rounding_rate, 0.0) * step / weight
 
     def begin(self) -> None:
-        """Begin to measure: with loads that are that fast."""
+        """Start a measurement with the present loads."""
         self.load_rate = 1.5 * self._rates.load_rate
 
     def add(self, error: float) -> float:
         """
-        Count what was added since the last measurement, with the present `error` rate.
+        Count the errors since the last measurement, with the present `error` rate.
 
-        Between what two measurements ran over it is taken to change steadily. Returns how much of
-        the sum hangs on that.
+        Between measured windows, the rate is interpolated. Returns the uncertainty of the sum that
+        results from the interpolation.
         """
         time = self._trajectory.time
         rest = max(time - self._since - self._window, 0.0)
@@ -330,10 +337,10 @@ class AccuracyProbe:
 
     def _without_jumps(self, error: float) -> float:
         """
-        Part of an `error` rate that is counted here: what touches is measured behind the steps.
+        Return the part of an `error` rate that is counted here, without contacts.
 
-        Where forces of bands jump now and then, the least that was found: all that any stretch
-        errs by beyond that is measured behind the steps too.
+        Errors in contacts are measured after the steps. If forces of wrapped connectors jump at
+        times, the least rate counts; errors beyond it are measured after the steps, too.
         """
         if self._trials.touched:
             return self.free_rate
@@ -361,7 +368,7 @@ class AccuracyProbe:
         self.gap = max(int(min(self.gap, past)), first)
 
     def end(self, error: float) -> None:
-        """Keep the `error` rate that was measured."""
+        """Store the measured `error` rate."""
         self._since, self.rate = self._trajectory.time, error
         self._window = 0.0 if self._weight > 0.0 else self._span
         self._course = self._measured_course
@@ -371,7 +378,7 @@ class AccuracyProbe:
 
     @property
     def span(self) -> float:
-        """Time [s] that the last measurement ran over."""
+        """Simulated time [s] of the last measurement."""
         return self._span
 
     def measured(
@@ -425,7 +432,7 @@ class AccuracyProbe:
         return error
 
     def take_over(self) -> None:
-        """Take for a measurement what was measured behind the steps, where shells touch."""
+        """Use the errors that were measured after the steps, with contacts, as a measurement."""
         self._span, self._trials.touched = 0.0, True
         self._measured_course = _STEADY_COURSE
 
@@ -438,16 +445,16 @@ class AccuracyProbe:
             and (links is None or links.tables is None))
 
     def steps_of_period(self, step: float, fastest: float) -> int:
-        """Count the steps of `step` [s] in a period of the `fastest` motion [rad/s]."""
+        """Return the number of steps of `step` [s] in a period of the `fastest` motion [rad/s]."""
         if not fastest > 0.0:
             return 1
         return max(1, math.ceil(min(2.0 * math.pi / fastest / step, _MAX_PERIOD_STEPS)))
 
     def distance(self, first: State, second: State, rate: float = 0.0) -> float:
         """
-        Largest error of a body: its position over a, or its orientation [rad].
+        Return the largest error of a body: its position over a, or its orientation [rad].
 
-        With a `rate` [rad/s] of vibrations also what its velocity and spin make of these.
+        A `rate` [rad/s] of vibrations adds the errors that velocity and spin will cause.
         """
         with np.errstate(over='ignore', invalid='ignore'):
             square = _apart(first.position, second.position) / self._half_edge**2
@@ -466,7 +473,7 @@ class AccuracyProbe:
         return math.sqrt(square) if math.isfinite(square) else math.inf
 
     def slip(self, first: State, second: State) -> float:
-        """Largest difference [1/s] of the velocities of a body over a, or of its spins."""
+        """Return the largest difference [1/s] of velocities of a body over a, or of its spins."""
         with np.errstate(over='ignore', invalid='ignore'):
             square = max(
                 _apart(first.linear_velocity, second.linear_velocity) / self._half_edge**2,
@@ -479,7 +486,7 @@ class AccuracyProbe:
         return _ROUNDING * extent * fastest / (2.0 * math.pi)
 
     def require_possible(self, fastest: float) -> None:
-        """Refuse a tolerance that doubles cannot give."""
+        """Raise ValueError for a tolerance below round-off."""
         floor = self.floor(fastest)
         if not self.tolerance >= floor:
             raise ValueError(
@@ -490,12 +497,12 @@ class AccuracyProbe:
 
 
 def _apart(first: np.ndarray, second: np.ndarray) -> float:
-    """Largest squared distance of two vectors; components first, bodies last."""
+    """Return the largest squared distance of two vectors; components first, bodies last."""
     return float(((first - second) ** 2).reshape(-1, first.shape[-1]).sum(axis=0).max())
 
 
 def _doubled(count: int) -> list[int]:
-    """Parts of `count`: 1, 1, 2, 4, ..., and what is left of it."""
+    """Return parts of `count`: 1, 1, 2, 4, ..., and the remainder."""
     parts, done = [], 0
     while done < count:
         parts.append(min(max(done, 1), count - done))

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The broken connectors of a run: part of its state, beside what moves.
+Broken connectors of a run, a part of its state.
 
-Kernels see them as connectors that are not there: their bits in the links are cleared.
+For kernels, broken connectors do not exist: their bits in the links are cleared.
 """
 
 from typing import Any
@@ -15,21 +15,21 @@ import numpy as np
 
 
 class Broken:
-    """Which connectors are broken, and since when."""
+    """Broken connectors, and their times of breakage."""
 
     def __init__(self, packed: PackedScene) -> None:
-        """All connectors of the scene are whole."""
+        """Start with all connectors of the scene unbroken."""
         self._packed = packed
         self._since: np.ndarray | None = None
 
     @property
     def count(self) -> int:
-        """Count the broken connectors."""
+        """Number of broken connectors."""
         return 0 if self._since is None else int(np.isfinite(self._since).sum())
 
     @property
     def since(self) -> np.ndarray | None:
-        """Times of breakage [s], (c,), NaN while unbroken; None where all are whole."""
+        """Times of breakage [s], (c,), NaN while unbroken; None if no connector is broken."""
         return None if self._since is None else self._since.copy()
 
     def add(self, connectors: np.ndarray, time: float | np.ndarray) -> None:
@@ -42,13 +42,15 @@ class Broken:
         self._mark(connectors, present=False)
 
     def mend(self) -> None:
-        """Make all of them whole."""
+        """Reset all connectors to unbroken."""
         if self._since is not None:
             connectors, self._since = np.flatnonzero(np.isfinite(self._since)), None
             self._mark(connectors, present=True)
 
     def adopt(self, other: 'Broken') -> None:
-        """Break what is broken in an earlier scene, where the same edges are joined here."""
+        """
+        Break the connectors that were broken in an earlier scene and join the same edges here.
+        """
         if other._since is None or self._packed.connectors is None:
             return
         gone = np.flatnonzero(np.isfinite(other._since))
@@ -61,13 +63,13 @@ class Broken:
             self.add(np.array(numbers), np.array(since))
 
     def state_tree(self) -> dict[str, Any]:
-        """The broken ones, in order of their numbers."""
+        """Return the broken connectors in the order of their numbers."""
         since = np.zeros(0) if self._since is None else self._since
         gone = np.flatnonzero(np.isfinite(since))
         return {'connector': gone.astype(float), 'time': since[gone]}
 
     def load_state(self, tree: StateTree | None) -> None:
-        """Go on with these, or with all whole."""
+        """Restore the broken connectors; None stands for no broken connector."""
         self.mend()
         if tree is None:
             return
@@ -90,7 +92,7 @@ class Broken:
 
 
 def connector_numbers(values: np.ndarray, packed: PackedScene) -> np.ndarray:
-    """Remembered numbers of connectors, judged; ValueError where the scene has no such ones."""
+    """Return stored numbers of connectors; raise ValueError if the scene lacks one of them."""
     count = 0 if packed.connectors is None else len(packed.connectors.first)
     return remembered_numbers('connectors', values, count)
 

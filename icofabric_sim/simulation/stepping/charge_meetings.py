@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Charged bodies that pass each other faster than steps follow.
+Charged bodies that pass each other faster than steps resolve.
 
-Their push and pull grows with one over the square of their distance, without a limit where
-nothing keeps shells apart. A step whose length was chosen for the connectors passes over it.
+Their forces grow with one over the squared distance, without a limit if shells do not keep them
+apart. A step whose length follows the connectors does not resolve them.
 """
 
 from typing import NamedTuple
@@ -16,14 +16,14 @@ import numpy as np
 
 
 class Meeting(NamedTuple):
-    """Two charged bodies that came close to each other between two states."""
+    """Two charged bodies that were close to each other between two states."""
 
     bodies: tuple[int, int]
     distance: float  # of their centres at the nearest [m]
     duration: float  # in which they cross that distance [s]
 
     def __str__(self) -> str:
-        """Say who met, and how closely."""
+        """Return a sentence on the bodies and their distance."""
         first, second = self.bodies
         return (
             f'bodies {first} and {second}, whose charges act on each other (charge.mutual), pass '
@@ -34,10 +34,10 @@ def meeting_between(
     packed: PackedScene, before: State, after: State, interval: float, step: float
 ) -> Meeting | None:
     """
-    Return the two charged bodies that meet most briefly, for less than a `step` [s]; None: none.
+    Return the charged bodies with the shortest encounter, less than a `step` [s], if any.
 
-    `before` and `after`: states that are an `interval` [s] apart. Bodies are taken to move along
-    straight lines from the first, and to the second.
+    `before` and `after` are states an `interval` [s] apart. Bodies are assumed to move along
+    straight lines from the first state and to the second.
     """
     coulomb = packed.model.coulomb
     if coulomb is None:

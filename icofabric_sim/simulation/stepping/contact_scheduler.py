@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""For how long the neighbour list is valid: searches, what contacts add, and what stops a run."""
+"""Validity of the neighbour list: searches, contact frequency, and reasons to stop a run."""
 
 from collections.abc import Callable
 import logging
@@ -52,7 +52,7 @@ class ContactScheduler:
 
     @property
     def rate(self) -> float:
-        """Bound of what these add to the squared frequency [1/s^2]."""
+        """Upper bound of the contribution of contacts to the squared frequency [1/s^2]."""
         return 0.0 if self.broad_phase is None else self.broad_phase.rate
 
     @property
@@ -66,18 +66,20 @@ class ContactScheduler:
         return -math.inf if self.broad_phase is None else self.broad_phase.searched
 
     def count_only_touching(self) -> None:
-        """Let only what touches add to the frequency, not all that may: steps run through it."""
+        """Let only pairs in contact contribute to the frequency: steps run through contacts."""
         if self.broad_phase is not None:
             self.broad_phase.counts_listed = False
             self.list_by_few_axes()
 
     def list_by_few_axes(self) -> None:
-        """Search faster, as more may be listed than can touch: steps do not follow that."""
+        """Search faster with additional pairs in the list, on which steps do not depend."""
         if self.broad_phase is not None:
             self.broad_phase.lists_by_few_axes = True
 
     def note_rounding(self, extent: float, noise: float) -> None:
-        """Warn once that contacts `extent` [m] from the origin are rounded by a `noise` [1/s]."""
+        """
+        Warn once that round-off `extent` [m] from the origin causes a `noise` [1/s] of contacts.
+        """
         if not self.rounding:
             self.rounding = (
                 f'shells that may touch are up to {extent:.4g} m from the origin, where places '
@@ -93,12 +95,12 @@ class ContactScheduler:
 
     @property
     def touching_pairs(self) -> int:
-        """Pairs that touched at the last health check that counted them."""
+        """Number of pairs in contact at the last health check that counted them."""
         return 0 if self.broad_phase is None else self.broad_phase.touching_pairs
 
     @property
     def velocity_rate(self) -> float:
-        """Rate [1/s] at which contacts change velocities by velocities."""
+        """Rate [1/s] at which dissipative contact forces change velocities."""
         return 0.0 if self.broad_phase is None else self.broad_phase.velocity_rate
 
     @property
@@ -113,12 +115,12 @@ class ContactScheduler:
 
     @property
     def found(self) -> Overlap | None:
-        """The first two shells that overlapped by more than contact is meant for, if any."""
+        """First two shells whose overlap exceeded the intended one, if any."""
         return None if self.broad_phase is None else self.broad_phase.found
 
     @property
     def tests(self) -> int:
-        """Pairs of shells that were tested in the steps of the trajectory."""
+        """Number of pairs of shells tested in the steps of the trajectory."""
         return 0 if self.broad_phase is None else self.broad_phase.tests
 
     @property
@@ -131,13 +133,13 @@ class ContactScheduler:
         return self.broad_phase is not None and self.broad_phase.has_left(state, time)
 
     def watching(self, *, trial: bool = False) -> Watch | None:
-        """Return what kernels look out for; of a `trial` step their notes are not used."""
+        """Return the limits that kernels check; displacements of a `trial` step are discarded."""
         if self.broad_phase is None:
             return None
         return self.broad_phase.trial_watch if trial else self.broad_phase.watch
 
     def counted(self, work: Callable[[], Any]) -> Any:
-        """Call `work`, which takes steps, and count the pairs of shells that it tests."""
+        """Call `work`, which takes steps, and count the pairs of shells that the steps test."""
         phase = self.broad_phase
         if phase is None:
             return work()
@@ -152,7 +154,9 @@ class ContactScheduler:
         return self.broad_phase is not None and self.broad_phase.has_touched()
 
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
-        """Energy [J] of the contacts in a state near the last search, and of friction springs."""
+        """
+        Return energies [J] of contacts and of friction springs in a state near the last search.
+        """
         return (0.0, 0.0) if self.broad_phase is None else (
             self.broad_phase.energies(state, stretches))
 
@@ -162,7 +166,7 @@ class ContactScheduler:
             state, self._trajectory.stretches())
 
     def announce(self) -> None:
-        """Warn of an overlap that was found, once."""
+        """Warn once of an overlap."""
         if self.broad_phase is not None:
             self.broad_phase.announce()
 
@@ -170,9 +174,9 @@ class ContactScheduler:
         self, time: float, step: float, steps: float, *, displacement: float = 0.0
     ) -> None:
         """
-        Find what can touch from the present state on at `time` [s], for `steps` of `step` [s].
+        Find candidate pairs from the present state on at `time` [s], for `steps` of `step` [s].
 
-        And for a `displacement` [m] of bodies, as far as any search reaches.
+        The search also covers a `displacement` [m] of bodies, up to the longest reach.
         """
         if self.broad_phase is None:
             return
@@ -188,9 +192,9 @@ class ContactScheduler:
 
     def search_farther(self, time: float, step: float, steps: float, factor: float) -> bool:
         """
-        Search at `time` [s] for `factor` times the displacement that a refused step led to.
+        Search at `time` [s] for `factor` times the displacement of a rejected step.
 
-        Whether there was a search: not where bodies are too fast for any.
+        Return False if bodies are too fast for a search.
         """
         phase = self.broad_phase
         if phase is None:
@@ -199,12 +203,12 @@ class ContactScheduler:
         return bool(phase.watch.frame[0] == time)
 
     def make_room(self) -> None:
-        """Room for all that is near the present state; what was found stays."""
+        """Enlarge the list for all pairs near the present state; listed pairs remain."""
         if self.broad_phase is not None:
             self.broad_phase.make_room(self._trajectory.state)
 
     def miss(self, way_out: str) -> None:
-        """Search farther from now on; `way_out` says what makes steps shorter."""
+        """Search farther from now on; `way_out` is a remedy that shortens steps."""
         if self.broad_phase is not None:
             self.broad_phase.miss(way_out)
 
@@ -219,16 +223,18 @@ class ContactScheduler:
 
     @property
     def stride(self) -> int:
-        """Steps after which kernels ask how far bodies have moved."""
+        """Number of steps between two checks of displacements by kernels."""
         return 1 if self.broad_phase is None else self.broad_phase.stride
 
     def follow_speeds(self, step: float, until: float) -> None:
-        """Search as for bodies that gain speed in steps of `step` [s], up to a time [s]."""
+        """Search for bodies that accelerate in steps of `step` [s], until the time `until` [s]."""
         if self.broad_phase is not None:
             self.broad_phase.be_wary(step, until)
 
     def calm(self, time: float = math.inf) -> bool:
-        """Search again as they move where that ended by `time` [s]; whether it ended now."""
+        """
+        End searches for accelerating bodies if their time has passed; return True if ended now.
+        """
         phase = self.broad_phase
         if phase is None or not phase.is_wary or time < phase.wary_until:
             return False
@@ -236,7 +242,7 @@ class ContactScheduler:
         return True
 
     def forget_displacements(self) -> None:
-        """Judge none that were noted before the last search."""
+        """Discard displacements recorded before the last search."""
         if self.broad_phase is not None:
             self.broad_phase.forget_displacements()
 
@@ -246,24 +252,24 @@ class ContactScheduler:
             self.broad_phase.stretches.forget()
 
     def forget(self) -> None:
-        """Search and report as if nothing had come close yet."""
+        """Reset searches and reports to the beginning of a run."""
         self.report_overlaps()
         self.rounding = ''
         if self.broad_phase is not None:
             self.broad_phase.forget()
 
     def take_over(self, found: Overlap | None) -> None:
-        """Go on where another run of the same motion stands, which has warned of `found`."""
+        """Continue after another run of the same motion, which has warned of `found`."""
         if self.broad_phase is not None:
             self.broad_phase.take_over(found)
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Move an unstarted motion to another `time` [s]."""
         if self.broad_phase is not None:
             self.broad_phase.rebase(time)
 
     def require_room(self) -> None:
-        """Refuse a start in which shells overlap by far; note one in which they overlap."""
+        """Raise for large initial overlaps; record smaller ones."""
         phase, trajectory = self.broad_phase, self._trajectory
         if phase is None:
             return
@@ -276,7 +282,7 @@ class ContactScheduler:
             self._note(phase, phase.note(trajectory.time, trajectory.state))
 
     def handle_overlap(self, time: float, *, stop: bool) -> None:
-        """Report once that shells overlap by more than they should, or stop the run."""
+        """Report once that an overlap exceeds the intended one, or stop the run."""
         phase, trajectory = self.broad_phase, self._trajectory
         if phase is None:
             return
@@ -298,9 +304,9 @@ class ContactScheduler:
 
     def refuse_passing(self, before: State, after: State, start: float, end: float) -> None:
         """
-        Stop `before` a step in which shells may pass through each other: that state is kept.
+        Stop `before` a step in which shells may pass through each other, and keep that state.
 
-        It is the present one, or it was saved.
+        The state is the present one or the saved one.
         """
         found = self.passing(before, after, start, end, long=True)
         if found:
@@ -312,9 +318,9 @@ class ContactScheduler:
         self, before: State, after: State, start: float, end: float, *, long: bool
     ) -> str:
         """
-        Name what may pass through each other in a step between two times [s]; '': nothing.
+        Return a text on shells that may pass through each other in a step; empty without any.
 
-        `long`: steps may be so long that also what is listed passes between two evaluations.
+        If `long`, steps may be so long that listed pairs pass between two evaluations, too.
         """
         phase = self.broad_phase
         return '' if phase is None else phase.passing_by(before, after, start, end, long=long)
@@ -330,17 +336,17 @@ class ContactScheduler:
             f'good state, of t = {trajectory.saved_time:.9g} s, is kept')
 
     def state_tree(self) -> dict[str, Any]:
-        """The last search, and what was reported, as an entry; none where nothing can touch."""
+        """Return the last search and reports as an entry; none if contacts are impossible."""
         return {} if self.broad_phase is None else {'watch': self.broad_phase.state_tree()}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the last search from a checkpoint."""
         if self.broad_phase is not None:
             self.broad_phase.load_state(tree.part('watch'))
             self._compute_found()
 
     def _compute_found(self) -> None:
-        """Compute the contacts that were found from now on, and no others."""
+        """Evaluate only the listed pairs from now on."""
         self._trajectory.set_contacts(self.contacts)
         self._trajectory.ledger.contact_rate = self._judged_rate
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers by which the embedded Runge-Kutta pair controls its steps, by name."""
+"""Named values by which the embedded Runge-Kutta pair controls its steps."""
 
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.simulation.stepping.named_numbers import At
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class EmbeddedControl:
-    """One array that kernels read and write, see kernels/integrators/embedded.py."""
+    """An array that kernels read and write, see kernels/integrators/embedded.py."""
 
     __slots__ = ('numbers',)
 
@@ -37,16 +37,16 @@ class EmbeddedControl:
     kink = At(embedded.KINK)
 
     def __init__(self, start: float) -> None:
-        """Begin at the time `start` [s] without a step."""
+        """Start at the time `start` [s] without a step."""
         self.numbers = np.zeros(embedded.CONTROL_COUNT)
         self.start = start
 
     def take_evaluations(self) -> int:
-        """Return how often kernels evaluated the forces since the last call of this."""
+        """Return the number of force evaluations of kernels since the last call."""
         count, self.evaluations = int(self.evaluations), 0.0
         return count
 
     @property
     def scales(self) -> np.ndarray:
-        """(4,) factors of squared errors: of position, orientation, velocity and spin."""
+        """Factors (4,) of squared errors: of position, orientation, velocity and spin."""
         return self.numbers[embedded.SCALES:]

@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps that the kernel accepts or refuses by their error estimate, each with its own length.
+Steps that the kernel accepts or rejects by their error estimate, each of its own length.
 
-They are one ahead of the time that was asked for: a state in between comes from the dense output
-of the step in progress, so outputs do not touch the sequence. An input gives that step up, and
-takes one to its own time instead. So does an event (`events/`): it is found in the dense output,
-a step is taken that ends there, and the event happens when the next step begins. What a health
-check finds at the end of the step in progress ends a run likewise, once the run comes there. So
-neither outputs nor the pieces in which a run is asked for touch the sequence.
+Steps are one ahead of the requested time. A state in between comes from the dense output of the
+step in progress, so outputs do not change the sequence. An input discards that step and takes one
+to its own time instead. An event (`events/`) does the same: the event is located in the dense
+output, a step ends there, and the event happens when the next step starts. Findings of a health
+check at the end of the step in progress wait until the run reaches that end. So neither outputs
+nor the intervals of requests change the sequence.
 """
 
 from functools import partial
@@ -38,10 +38,10 @@ _FARTHER = 1.5
 
 
 class EmbeddedStepping:
-    """Takes steps one ahead, and ends one where an event happens."""
+    """Stepping one step ahead, with steps that end at events."""
 
     def __init__(self, pieces: Pieces, given: float) -> None:
-        """Advance the trajectory of these `pieces`; `given`: `solver.step` [s], 0: none."""
+        """Advance the trajectory of these `pieces`; `given` is `solver.step` [s], 0: none."""
         assert pieces.trajectory.method.embedded is not None
         self._kernels = pieces.trajectory.method.embedded
         self._pieces, self._given = pieces, given
@@ -64,7 +64,7 @@ class EmbeddedStepping:
         return step.end if step.length > 0.0 else trajectory.time + trajectory.step
 
     def restart(self) -> None:
-        """The state has jumped to where the trajectory is; the sum of errors goes on."""
+        """Restart after a jump of the state; the sum of errors continues."""
         control, origin = self._step.control, self._pieces.trajectory.origin
         total = self.error_estimate(origin)
         control.numbers[:] = 0.0
@@ -75,31 +75,33 @@ class EmbeddedStepping:
         self._forget_events()
 
     def settle(self, total: float) -> None:
-        """Have a `total` of errors where the step in progress begins: there is none yet."""
+        """
+        Set the `total` of errors at the start of the step in progress, which does not exist yet.
+        """
         self._samples.settle(total, self._pieces.trajectory.origin)
 
     def adopt(self, other: Stepping) -> None:
-        """The motion goes on from that of `other`: what its steps erred by is a first guess."""
+        """Adopt the errors of the steps of `other` as a first estimate of this motion."""
         if isinstance(other, EmbeddedStepping):
             self._samples.adopt(other._samples)
 
     def forget(self) -> None:
-        """Count errors from zero again; nor is anything left of the step in progress."""
+        """Reset the sum of errors, also of the step in progress."""
         self._step.control.rate = 0.0
         self._samples.settle(0.0, self._step.end)
         # What was measured would be taken off for the part of that step which was not seen.
         self._samples.restart()
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Move an unstarted motion to another `time` [s]."""
         self._step.control.start = time
         self._samples.settle(self._step.control.total, time)
 
     def count_until(self, time: float) -> int:
         """
-        0 where a step ends after `time` [s], or the state is set for just that time.
+        Return 0 if a step ends after `time` [s], or if the state is set for that time.
 
-        So a state that is shown does not begin a step that an input at the same time would change.
+        So a state shown at a time does not start a step that an input at this time would change.
         """
         end = self._step.end
         return NEVER if end < time or (end == time and self._step.length > 0.0) else 0
@@ -112,7 +114,7 @@ class EmbeddedStepping:
         self._take(time, min(count, due, pieces.calls.portions.count))
 
     def run_steps(self, count: int, until: float) -> int:
-        """Go to the end of the step in progress, if that is by `until` [s]; returns how many."""
+        """Complete the step in progress if it ends by `until` [s]; return the number of steps."""
         if self._step.length == 0.0:
             self._take(self._step.end, 1)
         if self._step.end > until:
@@ -155,21 +157,23 @@ class EmbeddedStepping:
         return state
 
     def follow_loads(self) -> None:
-        """The next step begins with other loads."""
+        """Start the next step with other loads."""
         self._pieces.controller.follow_jump()
 
     def error_rate(self) -> float:
-        """Error of the last step for each second."""
+        """Error per second of the last step."""
         return self._samples.rate
 
     def error_estimate(self, time: float) -> float:
-        """Errors of all steps up to a present `time` [s], as if none had grown or faded."""
+        """
+        Return the errors of all steps up to a present `time` [s], without amplification or decay.
+        """
         control = self._step.control
         left = min(max(self._step.end - time, 0.0), control.length)
         return self._samples.estimate(left)
 
     def is_ready(self, *, touching: bool) -> bool:
-        """Whether the kernels of all steps are compiled, if `touching` of those with contacts."""
+        """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
         take = self._kernels.take
         given = take.args if isinstance(take, partial) else ()
         function = take.func if isinstance(take, partial) else take
@@ -185,7 +189,7 @@ class EmbeddedStepping:
             pieces.contact.watching(), trajectory.ledger.numbers)
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add the step in progress, and what happens where it ends."""
+        """Add the step in progress and the events at its end."""
         self._step.state_tree(tree)
         self._samples.state_tree(tree)
         if self._due:
@@ -196,11 +200,11 @@ class EmbeddedStepping:
             tree.update(event.state_tree())
 
     def load_time(self, tree: StateTree) -> None:
-        """Go on at the time of there."""
+        """Restore the time from a checkpoint."""
         self._step.load_control(tree)
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on within the step of there."""
+        """Restore the step in progress from a checkpoint."""
         self._step.load_state(tree)
         self._samples.load_state(tree)
         self._due = tree.count('due_status', 0, 2**31) if 'due_status' in tree else 0
@@ -232,7 +236,7 @@ class EmbeddedStepping:
             self._pieces.trajectory.step = self._given
 
     def _take_steps(self, goal: float, count: int) -> int:
-        """Take up to `count` steps until one ends after `goal` [s]; returns the last status."""
+        """Take up to `count` steps until one ends after `goal` [s]; return the last status."""
         pieces, trajectory, control = self._pieces, self._pieces.trajectory, self._step.control
         again = embedded.TOO_FAR | embedded.LIST_FULL
         status, control.goal = again, goal
@@ -277,7 +281,7 @@ class EmbeddedStepping:
         return status
 
     def _call(self, count: int) -> tuple[int, int]:
-        """Let kernels take up to `count` steps; returns the status and how many they took."""
+        """Let kernels take up to `count` steps; return the status and the number of steps."""
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
         watch, control = pieces.contact.watching(), self._step.control
         # Do not read trajectory.loads: that gathers the whole state from ranks or a GPU.
@@ -296,7 +300,7 @@ class EmbeddedStepping:
         return int(status), int(done)
 
     def _end_at_first(self, suspects: list[EventLocator]) -> None:
-        """Find which events happen first in the step in progress, if any, and end it there."""
+        """Find the first events in the step in progress, if any, and end the step there."""
         found = [(part, event) for event in suspects if (part := event.find()) is not None]
         if not found:
             return
@@ -321,7 +325,7 @@ class EmbeddedStepping:
             self._happen()
 
     def _happen(self) -> None:
-        """Let what is due happen in the present state, which begins anew."""
+        """Apply the due events to the present state, from which the next step starts."""
         for event in self._events:
             if event.is_due:
                 event.happen()
@@ -331,7 +335,7 @@ class EmbeddedStepping:
         self._pieces.trajectory.save(self._step.end)
 
     def _give_up(self) -> None:
-        """Go back to where the step in progress began."""
+        """Return to the start of the step in progress."""
         self._samples.give_up()
         if self._before is not None and self._step.length > 0.0:
             self._pieces.trajectory.ledger.numbers[_LASTING] = self._before

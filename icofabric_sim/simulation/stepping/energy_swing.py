@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a splitting method makes of a vibration: how its energy swings, and how its phase errs.
+Effect of a splitting method on a vibration: oscillation of its energy, and phase error.
 
-A step of a stable method turns the state of an oscillator along an ellipse in the plane of place
-and velocity, scaled so that its energy is a circle; the energy swings as the square of the ratio
-of the axes, whatever the amplitude and however long the run.
+A step of a stable method moves the state of an oscillator along an ellipse in the plane of
+position and velocity, scaled so that constant energy is a circle. The energy oscillates by the
+squared ratio of the axes, whatever the amplitude and the length of the run.
 """
 
 from functools import lru_cache
@@ -16,9 +16,9 @@ _HALVINGS = 30
 
 def energy_swing(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: float) -> float:
     """
-    Part of the energy of an oscillator that comes and goes, with steps of `ratio` [rad].
+    Return the relative oscillation of the energy of an oscillator with steps of `ratio` [rad].
 
-    `kicks` and `drifts` as in METHODS. Infinite where the method is unstable.
+    `kicks` and `drifts` are as in METHODS. The result is infinite if the method is unstable.
     """
     place, speed = _step_matrix(kicks, drifts, ratio)
     if not abs(0.5 * (place[0] + speed[1])) < 1.0 or not place[1] * speed[0] < 0.0:
@@ -46,9 +46,9 @@ def _step_matrix(
 @lru_cache(maxsize=64)
 def phase_error(kicks: tuple[float, ...], drifts: tuple[float, ...], ratio: float) -> float:
     """
-    Angle [rad] by which the phase of an oscillator errs in a step of `ratio` [rad].
+    Return the phase error [rad] of an oscillator in a step of `ratio` [rad].
 
-    `kicks` and `drifts` as in METHODS. Infinite where the method is unstable.
+    `kicks` and `drifts` are as in METHODS. The result is infinite if the method is unstable.
     """
     place, speed = _step_matrix(kicks, drifts, ratio)
     cosine = 0.5 * (place[0] + speed[1])
@@ -60,9 +60,9 @@ def longest_ratio(
     kicks: tuple[float, ...], drifts: tuple[float, ...], most: float, part: float
 ) -> float:
     """
-    Step times frequency [rad], at most `most`, at which energy swings by no more than a `part`.
+    Return step times frequency [rad], at most `most`, with an energy oscillation up to `part`.
 
-    Below `most`, which is within the stable range, it falls with the step.
+    Below `most`, which must be stable, the oscillation decreases with the step.
     """
     if energy_swing(kicks, drifts, most) <= part:
         return most

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Counts of evaluations of the forces of the whole fabric.
+Numbers of force evaluations of the whole fabric.
 
-Each belongs to the trajectory, or estimates errors and finds what is shown: then it changes no
-step. What is shown depends on who asks, so it is no part of a checkpoint. What a call of kernels
-evaluates again where the call before has ended counts once.
+An evaluation belongs to the trajectory, or changes no step: it estimates errors, or shows a state.
+Shown states depend on the caller, so checkpoints exclude their count. An evaluation that kernels
+repeat at the start of a call counts once.
 """
 
 from collections.abc import Iterator
@@ -21,23 +21,23 @@ class Evaluations:
     """Numbers of force evaluations, by purpose."""
 
     def __init__(self) -> None:
-        """Begin to count."""
+        """Start to count."""
         self._purpose = _TRAJECTORY
         self._counts = [0, 0, 0]
 
     @property
     def trajectory(self) -> int:
-        """Evaluations that the trajectory itself took, those of refused steps included."""
+        """Evaluations of the trajectory, including those of rejected steps."""
         return self._counts[_TRAJECTORY]
 
     @property
     def outside(self) -> int:
-        """All others: measurements of errors, judged steps, and states that were shown."""
+        """All other evaluations: error measurements, checked steps, and shown states."""
         return self._counts[_ESTIMATE] + self._counts[_SHOWN]
 
     @property
     def shown(self) -> int:
-        """Those of them for states that were shown."""
+        """Evaluations for shown states."""
         return self._counts[_SHOWN]
 
     def add(self, count: int = 1) -> None:
@@ -46,13 +46,13 @@ class Evaluations:
 
     @contextmanager
     def estimating(self) -> Iterator[None]:
-        """Count for an estimate what is evaluated meanwhile, if nothing is being shown."""
+        """Count evaluations of the block as estimates, unless a state is being shown."""
         with self._counting_for(max(self._purpose, _ESTIMATE)):
             yield
 
     @contextmanager
     def showing(self) -> Iterator[None]:
-        """Count for a state that is shown what is evaluated meanwhile."""
+        """Count evaluations of the block for a shown state."""
         with self._counting_for(_SHOWN):
             yield
 
@@ -65,7 +65,7 @@ class Evaluations:
             self._purpose = before
 
     def forget(self) -> None:
-        """Count from zero again."""
+        """Reset all counts."""
         self._counts[:] = 0, 0, 0
 
     def continue_from(self, before: 'Evaluations') -> None:
@@ -73,20 +73,20 @@ class Evaluations:
         self._counts[:] = map(sum, zip(self._counts, before._counts))
 
     def restore_total(self, total: int) -> None:
-        """Count as shown what of a `total` was rolled back since then."""
+        """Count evaluations of a `total` that were rolled back since then as shown."""
         self._counts[_SHOWN] += total - self.total
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """Number of all evaluations."""
         return sum(self._counts)
 
     def state_tree(self) -> dict[str, Any]:
-        """Those that depend on the motion alone."""
+        """Return the counts that depend on the motion alone."""
         return {'trajectory': self._counts[_TRAJECTORY], 'estimate': self._counts[_ESTIMATE]}
 
     def load_state(self, tree: StateTree | None) -> None:
-        """Count on from there; None: from zero, as earlier versions did not count."""
+        """Restore the counts; None, of earlier versions, stands for zero."""
         self.forget()
         if tree is not None:
             self._counts[_TRAJECTORY] = tree.count('trajectory')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the first moment within a step at which one of several numbers reaches zero from below."""
+"""Location of the first time within a step at which one of several quantities reaches zero."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Moment(NamedTuple):
 
     def reached(self, close: np.ndarray) -> np.ndarray:
         """
-        Which have reached zero, (m,) bool: also those that rise and are as `close` (m,) to it.
+        Return which quantities reached zero, (m,) bool, or rise and are as `close` (m,) to zero.
         """
         return (self.value >= 0.0) | ((self.value >= -close) & (self.slope > 0.0))
 
@@ -33,11 +33,12 @@ def first_crossing(
     moment_at: Callable[[float], Moment], close: np.ndarray, doubt: float = DOUBT
 ) -> Moment | None:
     """
-    Return the first moment at which one of the numbers is as `close` (m,) to zero, or above.
+    Return the first moment at which a quantity is as `close` (m,) to zero, or above; None: never.
 
-    `moment_at` says how they are at a part 0 to 1 of the step. Crossings show at the moments that
-    were tried: a number above zero, or one that rose before and falls after, with room for zero
-    in between: the part `doubt` of the way from a cubic to the tangents. None where there is none.
+    `moment_at` returns the quantities at a fraction 0 to 1 of the step. A crossing is detected by
+    a value above zero, or by a value that rose before and falls after while zero is possible in
+    between. The latter test uses the fraction `doubt` of the distance from a cubic to its
+    tangents.
     """
     start, end = moment_at(0.0), moment_at(1.0)
     if start.reached(close).any():
@@ -64,11 +65,12 @@ def first_limit(
     shortest: np.ndarray, duration: float, doubt: float = DOUBT
 ) -> tuple[float, np.ndarray] | None:
     """
-    Part of a step at which lengths first reach a limit, and which of them do, (m,) bool.
+    Return the fraction of a step at which lengths first reach a limit, and which, (m,) bool.
 
-    `lengths_at` a part 0 to 1 gives lengths [m] and their rates [m/s], (m,) each; limits `longest`
-    (infinite: none) and `shortest` (0: none) [m]; `duration` of the step [s]. All that have
-    reached theirs by then, or nearly: see `TOGETHER`. None where none does.
+    `lengths_at` returns lengths [m] and their rates [m/s], (m,) each, at a fraction 0 to 1. Limits
+    are `longest` (infinite: none) and `shortest` (0: none) [m]; `duration` is that of the step
+    [s]. All lengths that have reached their limits, or nearly, are included: see `TOGETHER`. The
+    result is None without any.
     """
     close = TOGETHER * np.concatenate([np.where(longest < np.inf, longest, 0.0), shortest])
 
@@ -118,7 +120,9 @@ def _likely_place(
 def _cubic(
     x: np.ndarray, low: np.ndarray, rise: np.ndarray, high: np.ndarray, fall: np.ndarray
 ) -> np.ndarray:
-    """The cubic from `low` to `high` that begins with the slope `rise` and ends with -`fall`."""
+    """
+    Return the cubic from `low` to `high` with slopes `rise` at its start and -`fall` at its end.
+    """
     y = 1.0 - x
     cubic = low * y * y * (1.0 + x + x) + high * x * x * (1.0 + y + y)
     return np.asarray(cubic + x * y * (rise * y + fall * x))

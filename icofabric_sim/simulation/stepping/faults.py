@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run goes wrong: the body and the connector to name when it stops."""
+"""Causes of failures: the body and the connector that error messages name."""
 
 from collections.abc import Mapping
 
@@ -12,14 +12,14 @@ import numpy as np
 
 
 def too_fast(time: float, fastest: str) -> str:
-    """Say that no step can follow the motion at `time` [s], in which that of `fastest` is."""
+    """Return a message that the motion of `fastest` at `time` [s] is too fast for any step."""
     return (
         f'the motion at t = {time:.9g} s is too fast for any step, first of all that of '
         f'{fastest}; look for a huge stiffness, load, spin or stretch')
 
 
 def shorter_steps(step: float, tolerance: float, fastest: str) -> str:
-    """Say where a chosen `step` [s] comes from, and what makes it shorter."""
+    """Return a message on the origin of a chosen `step` [s], and on a remedy that shortens it."""
     return (
         f'steps of {step:.6g} s are chosen for solver.tolerance {tolerance:g} per second, and the '
         f'fastest motion is that of {fastest}: a smaller solver.tolerance makes steps shorter')
@@ -55,14 +55,14 @@ def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
 
 
 def fastest_term(rates: Mapping[str, float]) -> str:
-    """Name the largest of `rates` [rad/s]."""
+    """Return the name and value of the largest of `rates` [rad/s]."""
     name = max(rates, key=lambda key: rates[key])
     rate = f'{rates[name]:.4g}' if rates[name] < np.inf else 'more than 1e308'
     return f'{name}, up to {rate} rad/s'
 
 
 def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) -> str:
-    """Say that a fixed step has become longer than the stability limit [s]."""
+    """Return a message that a fixed step has exceeded the stability limit [s]."""
     bodies = ', '.join(str(body) for body in frequency.bodies)
     return (
         f'solver.step {step!r} s has become unsafe at t = {time:.9g} s: the fabric has '
@@ -72,7 +72,7 @@ def unsafe_step(step: float, limit: float, frequency: Frequency, time: float) ->
 
 
 def find_fault(packed: PackedScene, state: State) -> str:
-    """Name the body that is not finite or else the fastest, and its most strained connector."""
+    """Return the body that is not finite or else the fastest, and its most strained connector."""
     position, orientation, velocity, spin = packed.layout.unpack(state)
     with np.errstate(all='ignore'):
         speed = packed.masses.mass * (velocity**2).sum(axis=1)

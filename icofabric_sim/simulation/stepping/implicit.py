@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps by diagonally implicit Runge-Kutta methods, each stage solved by Newton's method.
+Steps by diagonally implicit Runge-Kutta methods, with stages solved by Newton's method.
 
-Stable for steps of any length: what is damped or vibrates faster than a step is not followed, but
-does not grow. The matrix of the stages is that of the state that was saved last, so that it
-follows from the state alone, and serves until the next health check; where it does not lead to the
-solution fast enough it is made anew on the way there.
+Steps of any length are stable: motion that decays or vibrates faster than a step is not resolved,
+but does not grow. The matrix of the stages is that of the last saved state, so it follows from the
+state alone. The matrix serves until the next health check; if convergence is too slow, a new
+matrix is computed in between.
 """
 
 from collections.abc import Callable
@@ -96,18 +96,18 @@ _KEPT_MATRIX_COUNT = 3
 
 
 def _even(h: float) -> float:
-    """Nearest power of the root of 2 below a length [s]."""
+    """Return the nearest power of the root of 2 below a length [s]."""
     return 2.0 ** (math.floor(2.0 * math.log2(h)) / 2.0)
 
 
 def _trail(work: Work) -> Trail:
-    """Room for the stages, which is there."""
+    """Return the arrays of the stages, which exist."""
     assert work.trail is not None
     return work.trail
 
 
 class _Ways:
-    """Squares [m^2] of how far bodies move in a step, and of how far it was looked for them."""
+    """Squared displacements [m^2] in a step, and the largest one in its evaluations."""
 
     def __init__(self, watch: Watch | None) -> None:
         """Continue from the contacts that the `watch` has noted."""
@@ -115,22 +115,22 @@ class _Ways:
         self._most = self._last = self.looked = float(self._far[0])
 
     def begin(self) -> None:
-        """Another look begins."""
+        """Start another evaluation."""
         self._far[0] = 0.0
 
     def end(self) -> None:
-        """The look has ended."""
+        """End the evaluation."""
         self._last = float(self._far[0])
         self.looked = max(self.looked, self._last)
         self._far[0] = self._most
 
     def accept(self) -> None:
-        """The last look was at a stage of the step."""
+        """Accept the last evaluation as that of a stage."""
         self._far[0] = self._most = max(self._most, self._last)
 
 
 class Tableau(NamedTuple):
-    """A diagonally implicit method: the same diagonal in all stages, so one matrix serves all."""
+    """A diagonally implicit method with equal diagonals, so that one matrix serves all stages."""
 
     diagonal: float
     stages: tuple[np.ndarray, ...]  # weights of the slopes before each, (0,), (1,), ...
@@ -166,7 +166,7 @@ TABLEAUS = {
 
 
 class _Kept(NamedTuple):
-    """Factors for a time g [s], and the state whose they are."""
+    """Factors for a time g [s], and their state."""
 
     time: float
     state: State
@@ -179,10 +179,10 @@ def _can_press(model: Model, loads: Loads) -> bool:
 
 
 class ImplicitSteps:
-    """Takes steps of a fabric by a diagonally implicit method."""
+    """Steps of a fabric by a diagonally implicit method."""
 
     def __init__(self, scene: Scene, packed: PackedScene, tableau: Tableau) -> None:
-        """Solve for the bodies of a scene."""
+        """Prepare to solve for the bodies of a scene."""
         self._tableau = tableau
         self._given = scene.parameters['solver.step'] > 0.0
         self._solved = 0.0 if self._given else _SOLVED_PART * scene.parameters['solver.tolerance']
@@ -209,13 +209,13 @@ class ImplicitSteps:
         self._evaluations = 0  # of the forces, since they were counted last
 
     def count_evaluations(self) -> int:
-        """Return how often steps evaluated the forces since the last call of this."""
+        """Return the number of force evaluations since the last call."""
         count, self._evaluations = self._evaluations, 0
         return count
 
     @property
     def kept_slopes(self) -> tuple[int, ...] | None:
-        """Numbers of the slopes that states within a step need; None: it has no such states."""
+        """Numbers of the slopes that states within a step need; None without such states."""
         return None if self._tableau.dense is None else tuple(range(len(self._tableau.stages)))
 
     def advance(
@@ -260,9 +260,9 @@ class ImplicitSteps:
         """
         Take up to `count` steps until one ends after control[GOAL], as `adaptive_pair`.
 
-        Steps are refused too where they probably err by too much energy, or in the work of paths
-        while something touches. Their lengths are powers of the root of 2, so that a matrix serves
-        more of them.
+        Steps are also rejected if their probable error of energy is too large, or that of the work
+        of paths during contacts. Lengths are powers of the root of 2, so that a matrix serves more
+        steps.
         """
         trail, last = _trail(work), len(model.blocks.slot)
         weights, error_weights = self._tableau.step, self._tableau.error
@@ -340,7 +340,7 @@ class ImplicitSteps:
         self, model: Model, loads: Loads, state: State, work: Work, trail: Trail, team: Team,
         watch: Watch | None, start: float
     ) -> bool:
-        """Find the power of paths where a step begins; return whether something touches there."""
+        """Compute the power of paths at the start of a step; return True with contacts."""
         if not _can_press(model, loads):
             return False
         slope_at(
@@ -353,7 +353,9 @@ class ImplicitSteps:
     def _work_error(
         self, model: Model, loads: Loads, trail: Trail, turn_rows: int, scale: float
     ) -> float:
-        """Error of the work of paths for each second, see `path_error`; 0 if nothing touches."""
+        """
+        Return the error of the work of paths per second, see `path_error`; 0 without contacts.
+        """
         weights = self._tableau.integral_error
         if weights is None or not _can_press(model, loads):
             return 0.0
@@ -368,10 +370,10 @@ class ImplicitSteps:
         start: float, h: float, tolerance: float
     ) -> int:
         """
-        Return NEAR_CONTACT if a step may miss a contact that matters, else as `find_clear`.
+        Return NEAR_CONTACT if a step may miss a relevant contact, else the result of `find_clear`.
 
-        One that begins and ends between two stages is no deeper than a hundredth of the way of
-        bodies in the step, and they end that much beside where it would have led them.
+        A contact that starts and ends between two stages is at most as deep as a hundredth of the
+        displacement in the step, and displaces the bodies by this depth.
         """
         clear = int(find_clear(
             watch, model.blocks, state, trail, len(self._tableau.stages), team, start, h, 0,
@@ -385,7 +387,7 @@ class ImplicitSteps:
         self, model: Model, loads: Loads, state: State, work: Work, control: np.ndarray,
         error: float, start: float, h: float
     ) -> None:
-        """Go on from the end of a step of `h` [s] from `start` [s] on."""
+        """Continue from the end of a step of `h` [s] that started at `start` [s]."""
         trail, last, weights = _trail(work), len(model.blocks.slot), self._tableau.step
         control[IS_CLEAR] = 1.0
         control[CLEAR_TOTAL] += error * h
@@ -402,9 +404,9 @@ class ImplicitSteps:
         self, state: State, work: Work, ledger: np.ndarray, h: float
     ) -> float:
         """
-        Energy that a step of `h` [s] probably errs by, in parts of what it may.
+        Return the probable energy error of a step of `h` [s] over the allowed one.
 
-        What the step itself sets in motion counts for the next balance.
+        Motion that starts in the step counts for the next balance.
         """
         if not ledger[LIMIT] > 0.0:
             return 0.0
@@ -414,20 +416,22 @@ class ImplicitSteps:
         return error / allowed if allowed > 0.0 else 0.0
 
     def _kinetic(self, state: State) -> float:
-        """Kinetic energy [J] of bodies that are not driven."""
+        """Return the kinetic energy [J] of bodies that are not driven."""
         velocity = np.concatenate([state.linear_velocity, state.angular_velocity])
         with np.errstate(over='ignore', invalid='ignore'):
             return 0.5 * float((
                 (self._layout.gather(velocity) * self._root * self._free)**2).sum())
 
     def prepare(self, *_: Any) -> None:
-        """Do nothing: states within a step come from its stages."""
+        """Do nothing: states within a step follow from its stages."""
 
     def dense_state(
         self, model: Model, loads: Loads, state: State, team: Team, trail: Trail, time: float,
         h: float, x: float, target: State
     ) -> None:
-        """State at the part `x` of the step in progress, which begins at `time` [s]."""
+        """
+        Compute the state at the fraction `x` of the step in progress, which starts at `time` [s].
+        """
         end_step(model, trail.start, trail.slopes, self._weights_at(x), h, target)
         place_paths(model, loads, target, time + x * h)
 
@@ -446,10 +450,10 @@ class ImplicitSteps:
         watch: Watch | None, start: float, h: float, parts: int, ledger: np.ndarray
     ) -> bool:
         """
-        Take a step of `h` [s] from `start` [s] on; whether it could be solved.
+        Take a step of `h` [s] from `start` [s] on; return True if it was solved.
 
-        One that cannot be, or errs by more energy than it may, is taken as two halves,
-        and these, up to `parts` times.
+        A step without solution, or with too large an energy error, is bisected up to `parts`
+        times.
         """
         is_solved = self._find_stages(
             model, loads, state, saved, work, team, watch, start, h, _Ways(watch))
@@ -488,7 +492,7 @@ class ImplicitSteps:
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         watch: Watch | None, start: float, h: float, ways: _Ways
     ) -> bool:
-        """Find the slopes of a step of `h` [s] from `start` [s] on; whether they are found."""
+        """Find the slopes of a step of `h` [s] from `start` [s] on; return True if found."""
         trail, last = _trail(work), len(model.blocks.slot)
         tableau, slopes, base = self._tableau, trail.slopes, self._base
         g = tableau.diagonal * h
@@ -523,9 +527,9 @@ class ImplicitSteps:
         stage: State, work: Work, g: float, h: float
     ) -> bool:
         """
-        Find velocities of a stage by Newton's method, from the present ones; whether it did.
+        Solve for velocities of a stage by Newton's method; return True if solved.
 
-        `look_at` returns the residual (n, 6) that velocities (6, s) leave.
+        `look_at` returns the residual (n, 6) of velocities (6, s).
         """
         velocity, solved = self._velocity, max(_SOLVED, self._solved * h)
         factors, own, before = self._factors(model, saved, work, g), False, math.inf
@@ -571,7 +575,7 @@ class ImplicitSteps:
             return float(np.sqrt(((left * self._root)**2).sum()))
 
     def _factors(self, model: Model, saved: State, work: Work, g: float) -> Factors | None:
-        """Factors for a time `g` [s], of the state that was saved last."""
+        """Return the factors for a time `g` [s], of the state that was saved last."""
         for kept in self._kept:
             if kept.time == g and all(
                     np.array_equal(one, other)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The ledger of a run: what health checks found and look out for, and whether the energy balances.
+Ledger of a run: results and limits of health checks, and the energy balance.
 
-The numbers are one array that kernels write (kernels/monitor.py); here they get names.
+The values are one array that kernels write (kernels/monitor.py); this module names them.
 """
 
 import math
@@ -41,7 +41,7 @@ class EnergyBalance(NamedTuple):
 
     @property
     def error_in_parts(self) -> float:
-        """Size of the error in parts of the scale; 0 where nothing has moved."""
+        """Magnitude of the error over the scale; 0 without motion."""
         return abs(self.error) / self.scale if self.scale > 0.0 else 0.0
 
 
@@ -124,13 +124,13 @@ class Ledger:
 
     @classmethod
     def over(cls, numbers: np.ndarray) -> 'Ledger':
-        """Name `numbers` that kernels and devices write, without the scene: to read and set."""
+        """Return a ledger of `numbers` that kernels and devices write, without the scene."""
         ledger = object.__new__(cls)
         ledger.numbers = numbers
         return ledger
 
     def restart(self) -> None:
-        """Forget the past: the state has jumped."""
+        """Reset the ledger after a jump of the state."""
         self.numbers[[
             monitor.EARLIER_WORK, monitor.SCALE, monitor.WORST, monitor.LOST,
             monitor.DEEPEST_EVER, monitor.NOISE, monitor.CHECK_COUNT]] = 0.0
@@ -142,7 +142,7 @@ class Ledger:
         self.rough = -1.0
 
     def continue_from(self, before: 'Ledger') -> None:
-        """Go on with a balance that began earlier, of the same motion."""
+        """Continue an earlier energy balance of the same motion."""
         self.numbers[_BALANCE] = before.numbers[_BALANCE]
 
     def open(
@@ -180,12 +180,12 @@ class Ledger:
 
     def allow(self, errors: float, rate: float) -> bool:
         """
-        Allow the error of the balance where `errors` that the method has added explain it.
+        Raise the floor if `errors` of the method explain that of the balance; return True if so.
 
-        Positions over a, angles, and velocities over the largest frequency `rate` [rad/s]: with
-        |dy|^2 = errors^2 (M a^2 + Lambda) for each body, y mass-scaled, these change an energy E
-        by at most W sqrt(2 E) |dy| + W^2 |dy|^2 / 2. Of a small motion alone: there this is a
-        part of E that counts, and no sign that something is wrong.
+        Errors are positions over a, angles, and velocities over the largest frequency `rate`
+        [rad/s]. With |dy|^2 = errors^2 (M a^2 + Lambda) for each body, y mass-scaled, an energy E
+        changes by at most W sqrt(2 E) |dy| + W^2 |dy|^2 / 2. This applies to small motion only,
+        where the change is a relevant fraction of E without a fault.
         """
         masses = self._packed.masses
         inertia = float(masses.mass.mean() / self.inverse_size + masses.inertia.mean())
@@ -200,9 +200,9 @@ class Ledger:
 
     def allow_rounding(self, loads: Loads, model: Model, span: float) -> None:
         """
-        Allow for rounding of the energy that `loads` may move in a `span` [s].
+        Allow for round-off of the energy that `loads` may move in a `span` [s].
 
-        A motion that starts and stops between two health checks leaves nothing else to see.
+        A motion that starts and stops between two health checks leaves no other trace.
         """
         rate, masses = force_rate(loads, model, 1.0 / math.sqrt(self.inverse_size)), (
             self._packed.masses)
@@ -213,7 +213,7 @@ class Ledger:
             self.floor = max(self.floor, energy)
 
     def keep_work(self, loads: Loads) -> None:
-        """Add what loads have done that are about to be replaced."""
+        """Add the work of loads that are about to be replaced."""
         self.earlier_work += math.fsum(loads.work)
 
     def state_tree(self) -> dict[str, Any]:
@@ -223,7 +223,7 @@ class Ledger:
         return {'numbers': numbers}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there; limit and size are those of the scene."""
+        """Restore the values from a checkpoint, with limit and size of the scene."""
         kept = [
             monitor.LIMIT, monitor.INVERSE_SIZE, monitor.DEEPEST_LIMIT, monitor.BODIES,
             monitor.ROUNDING]
@@ -237,13 +237,13 @@ class Ledger:
 
     @property
     def balance(self) -> EnergyBalance:
-        """The balance at the last health check."""
+        """Energy balance at the last health check."""
         return EnergyBalance(
             self.error, float(monitor.least_scale(self.numbers)), self.worst,
             self.work, self.limit)
 
     def describe_imbalance(self, time: float) -> str:
-        """Sentence on an energy that does not balance at `time` [s]."""
+        """Return a sentence on an energy that does not balance at `time` [s]."""
         balance = self.balance
         return (
             f'the energy does not balance at t = {time:.9g} s: an error of {balance.error:.3g} J, '

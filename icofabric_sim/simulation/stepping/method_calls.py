@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of a method's kernels: by a team of threads, in portions that are timed."""
+"""Kernel calls of a method, by a team of threads and in timed batches."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ Kernel = tuple[Any, Callable[[Model, Team], tuple[Any, ...]]]
 
 
 class MethodCalls:
-    """Takes steps of a given length, on a trajectory or on a trial state."""
+    """Steps of a given length, of a trajectory or of a trial state."""
 
     def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
         """Call the method of the `trajectory`."""
@@ -43,8 +43,8 @@ class MethodCalls:
         """
         Take up to `count` steps of `step` [s] from origin + index x step [s] on.
 
-        Returns the status, how many were taken, and the steps since the last health check, of
-        which there is one after each `interval` steps.
+        Returns the status, the number of steps, and the steps since the last health check. Health
+        checks follow after each `interval` steps.
         """
         trajectory = self._trajectory
         arguments = (
@@ -83,7 +83,7 @@ class MethodCalls:
             exit_request.check()
 
     def begin_beside(self, beside: Beside) -> None:
-        """Begin trial steps where the state of the trajectory is."""
+        """Start trial steps where the state of the trajectory is."""
         trajectory = self._trajectory
         loads, state, _, work = trajectory.for_steps()
         with self.or_lost():
@@ -95,7 +95,7 @@ class MethodCalls:
         """
         Take `count` steps of `step` [s] from `start` [s] on, and twice as many of half of it.
 
-        Returns how far they lead apart, as `Beside.apart` says.
+        Returns the distance of both ends, as `Beside.apart`.
         """
         with self.or_lost():
             beside.branch(self._trajectory.model)
@@ -123,14 +123,16 @@ class MethodCalls:
 
     @contextmanager
     def or_lost(self) -> Iterator[None]:
-        """End the run where those who take the steps fail."""
+        """End the run if ranks or the device fail."""
         try:
             yield
         except ElsewhereError as error:
             self._trajectory.lose_steps(error)
 
     def _trial_portion(self) -> int:
-        """Steps of a trial in one call: who takes them gets its state and gives it back."""
+        """
+        Return the steps of a trial in one call: ranks and devices receive and return its state.
+        """
         least = 1 if self._trajectory.method.holder is None else _SHARED_TRIAL
         return max(self.portions.count, least)
 
@@ -143,7 +145,7 @@ class MethodCalls:
         return more if method.implicit else more + steps * method.stages
 
     def count_embedded(self, control: EmbeddedControl) -> int:
-        """Count the evaluations of the forces of the last steps under an embedded `control`."""
+        """Return the number of force evaluations of the last steps under an embedded `control`."""
         return control.take_evaluations() + self._trajectory.method.count_evaluations()
 
     def _advance(
@@ -156,7 +158,7 @@ class MethodCalls:
         return taken
 
     def timed(self, kernel: Callable[[Team], tuple[int, int, int]]) -> tuple[int, int, int]:
-        """Take steps of the trajectory by `kernel`, and learn how long one of them takes."""
+        """Take steps of the trajectory by `kernel`, and measure the time of a step."""
         started, team = perf_counter(), self._trajectory.thread_team
         status, done, since_check = self._contact.counted(lambda: team.run(kernel))
         self.portions.note(int(done), perf_counter() - started)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What in a scene only an adaptive method can integrate."""
+"""Terms of a scene that only an adaptive method can integrate."""
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.electric import is_charged
@@ -17,10 +17,10 @@ _LOW_ORDER = 2
 
 def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
     """
-    The method that the scene cannot do without, and why; None where there is a choice.
+    Return the only method that can integrate the scene, and the reason; None with a choice.
 
-    Of what contacts lose `auto` judges elsewhere (method_selection.py).
-    `outside`: with a body force of the user's. Raises ParameterError where another one is given.
+    Dissipation by contacts is considered in method_selection.py. `outside` means that the scene
+    has a body force. Raises ParameterError if another method is given.
     """
     reason = 'a body force may depend on velocities' if outside else _reason(scene)
     given, others = scene.parameters['solver.method'], ''
@@ -48,7 +48,7 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
 
 
 def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
-    """Say what in a scene implicit steps cannot follow, and the way out; '': nothing."""
+    """Return what implicit steps of a scene cannot resolve, and a remedy; empty if nothing."""
     parameters = scene.parameters
     if outside:
         return 'it has a body force, whose derivative is not known'
@@ -78,7 +78,7 @@ def is_damped(scene: Scene) -> bool:
 
 
 def _refuse_blind_steps(scene: Scene) -> None:
-    """Raise ParameterError where neither steps nor estimate can follow the tolerance."""
+    """Raise ParameterError if neither steps nor estimate can comply with the tolerance."""
     parameters = scene.parameters
     given = parameters['solver.method']
     if (scene.connector_count and parameters['connector.obstruction'] == 'wrap'
@@ -93,7 +93,7 @@ def _refuse_blind_steps(scene: Scene) -> None:
 
 
 def _reason(scene: Scene) -> str:
-    """Name the first term that needs it, if any."""
+    """Return the first term that requires an adaptive method, if any."""
     # Forces that depend on velocities are named here; events within a step name themselves.
     if is_damped(scene):
         return 'connectors are damped, by forces that depend on velocities'
@@ -104,7 +104,9 @@ def _reason(scene: Scene) -> str:
 
 
 def beyond_losses(scene: Scene) -> str:
-    """Name what needs it beside damping and drag; '': nothing."""
+    """
+    Return a term other than damping and drag that requires an adaptive method; empty if none.
+    """
     parameters = scene.parameters
     arm = arm_parameter_name(parameters)
     if scene.connector_count and arm:
@@ -117,7 +119,7 @@ def beyond_losses(scene: Scene) -> str:
 
 
 def contact_losses(scene: Scene) -> str:
-    """Name what contacts lose, which only some methods can follow; '': nothing."""
+    """Return the dissipation by contacts, which only some methods resolve; empty if none."""
     parameters = scene.parameters
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):

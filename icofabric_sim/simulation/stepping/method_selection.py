@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What `solver.method: auto` stands for in a scene.
+Choice of the method for `solver.method: auto` in a scene.
 
-Each method's fact sheet says what error it adds for motion of one size (bodies that move by their
-half edge, or turn by a radian, in a second) when step times frequency is 1. With that the work of
-each method for a wanted accuracy can be compared before the run. How lively the run will become
-is estimated from its start, its loads and its weight; the step itself is then measured.
+The fact sheet of a method states its error for motion of unit size (bodies move by their half
+edge, or rotate by a radian, in a second) if step times frequency is 1. So the work of each method
+for a required accuracy can be compared before the run. The size of the motion is estimated from
+initial state, loads and weight; the step is measured later.
 """
 
 from collections.abc import Collection
@@ -38,7 +38,7 @@ _DAMPED_STEP, _IMPLICIT_STEP, _SMALL_FACTORS, _FACTORS, _GAIN = 25.0, 7.0, 10.0,
 
 
 class Choice(NamedTuple):
-    """A method, and why."""
+    """A method, and the reason of its choice."""
 
     name: str
     reason: str
@@ -51,16 +51,16 @@ def choose_method(
     among: Collection[str] = tuple(METHODS)
 ) -> Choice:
     """
-    The method with the least work for the error that may be added in a second.
+    Return the method with the least work for the allowed error per second.
 
-    `liveliness` [1/s]: speeds over a, or spins, that are expected; `fixed_ratio`: a given step
-    times the largest frequency, which leaves only the method to be chosen; `kinks`: of how many
-    connectors the slope jumps; `bent`: of some the slope has corners; `strain`: by how much of
-    their length connectors are expected to change while the fastest vibration turns by a radian;
-    `contact`: why shells are expected to touch; `losses`: what contacts take from the motion;
-    `loose`: bodies, where none are connected; `woven`: where they are; `is_dense`: faces of
-    neighbours all but touch as woven; `damped`: contact.damping times the speed [m/s] that is
-    expected. It is one of the names `among`, in which the leapfrog and dop8 are.
+    `liveliness` [1/s] is the expected speed over a, or spin. `fixed_ratio` is a given step times
+    the largest frequency. `kinks` is the number of connectors whose slope jumps. `bent` means that
+    slopes have corners. `strain` is the expected relative change of connector lengths within a
+    radian of the fastest vibration. `contact` is the reason to expect contacts, `losses` the
+    dissipation by contacts. `loose` is the number of bodies without connectors, `woven` that with
+    connectors. `is_dense` means that faces of woven neighbours nearly touch. `damped` is
+    contact.damping times the expected speed [m/s]. `among` are the names to choose from, with
+    leapfrog and dop8.
     """
     candidates = {
         name: method for name, method in METHODS.items() if method.symplectic and name in among}
@@ -124,13 +124,13 @@ def for_damping(
     tolerance: float, frequency: float, damping: float, bodies: int, *, touching: float = 0.0
 ) -> Choice | None:
     """
-    An implicit method, where steps of dop8 that follow the damping cost more; None: they do not.
+    Return an implicit method if steps of dop8 that resolve the damping cost more; else None.
 
-    `frequency` [rad/s] of the fastest vibration, `damping` [rad/s]: the largest rate at which
-    forces that depend on velocities slow bodies down. Steps of dop8 are about 25 over that rate,
-    those of sdirk4 about 7 tolerance^(1/3) over the frequency, and one of the second costs as
-    much as ten of the first, of many bodies 0.16 for each. `touching` [rad/s]: the frequency of
-    contacts that are expected, on which bodies bounce now and then: it counts by its cube root
+    `frequency` [rad/s] is that of the fastest vibration, `damping` [rad/s] the largest rate at
+    which dissipative forces slow bodies. Steps of dop8 are about 25 over this rate, those of
+    sdirk4 about 7 tolerance^(1/3) over the frequency. A step of sdirk4 costs as much as ten steps
+    of dop8, for many bodies as 0.16 for each. `touching` [rad/s] is the frequency of expected
+    contacts, on which bodies bounce at times; its cube root counts
     (docs/decisions/implicit_steps.md).
     """
     explicit = damping / _DAMPED_STEP
@@ -149,9 +149,9 @@ def method_near_contact(
     first: Choice, *, is_possible: bool, is_expected: bool
 ) -> Choice | None:
     """
-    The method that takes over from the `first` one once shells are near each other; None: none.
+    Return the method that replaces `first` once shells are near each other, if any.
 
-    `is_possible`: shells can touch; `is_expected`: the first one was chosen for contacts.
+    `is_possible` means that shells can touch; `is_expected`, that `first` was chosen for contacts.
     """
     if not is_possible or is_expected or facts_of(first.name).adaptive:
         return None
@@ -161,7 +161,7 @@ def method_near_contact(
 
 
 def _at_kinks(method: Method) -> Method:
-    """The facts of a method where slopes jump."""
+    """Return the facts of a method at jumps of slopes."""
     if method.mends_kinks:
         return method._replace(order=KINK_ORDER, error=max(method.error, _KINK_ERROR))
     plain = METHODS['leapfrog']
@@ -192,10 +192,10 @@ def _for_kinks(
 
 def longest_at_kinks(method: Method, tolerance: float, liveliness: float) -> float:
     """
-    Step times frequency up to which crossings add no more than the tolerance; infinite at rest.
+    Return step times frequency up to which errors at crossings meet the tolerance.
 
-    For motion of `liveliness` [1/s] a/s. While connectors are slack nothing shows in the motion of
-    what the first of them that pulls will add.
+    `liveliness` [1/s] is the speed over a; at rest, the result is infinite. While connectors are
+    slack, the motion does not show the error of the first one that tightens.
     """
     if not liveliness > 0.0:
         return math.inf
@@ -204,7 +204,7 @@ def longest_at_kinks(method: Method, tolerance: float, liveliness: float) -> flo
 
 
 def _allowed_ratio(method: Method, tolerance: float, liveliness: float) -> float:
-    """Step times frequency for the wanted accuracy, as far as the method may go."""
+    """Return step times frequency for the required accuracy, limited by the method."""
     if not liveliness > 0.0:
         return method.chosen
     accurate = (TARGET_RATIO * tolerance / (method.error * liveliness)) ** (1.0 / method.order)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fact sheets of the integration methods; tests and benchmarks read this table."""
+"""Fact sheets of the integration methods, also for tests and benchmarks."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,23 +22,23 @@ KINK_ORDER = 4
 
 
 class StateHolder(Protocol):
-    """Holds the state of a run elsewhere between the calls that read it."""
+    """Storage of the state of a run on ranks or a device between calls."""
 
     @property
     def rank_count(self) -> int:
-        """Count the processes that take the steps together."""
+        """Number of processes that share the steps."""
 
     @property
     def halo_bytes(self) -> int:
-        """Bytes that one of them receives at most in an evaluation of the forces."""
+        """Largest number of bytes that a process receives per force evaluation."""
 
     @property
     def device(self) -> str:
-        """Name of the device that takes the steps; '' where processes do."""
+        """Name of the device that computes the steps; empty for processes."""
 
     @property
     def device_bytes(self) -> int:
-        """Bytes that the run takes on it, about, but for its loads."""
+        """Approximate memory [bytes] of the run on the device, without its loads."""
 
     @property
     def has_saved(self) -> bool:
@@ -60,37 +60,39 @@ class StateHolder(Protocol):
 
 
 class Beside(Protocol):
-    """Takes trial steps where the state of a run is, which stays there."""
+    """Trial steps where the state of a run is stored."""
 
     def begin(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> None:
-        """Begin where the run is."""
+        """Start at the state of the run."""
 
     def branch(self, model: Model) -> None:
         """Start trial steps of half the length at the state of the others."""
 
     def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
-        """Take steps of one kind, `ahead` or `half`."""
+        """Take steps of one of both sequences, `ahead` or `half`."""
 
     def apart(self) -> tuple[float, float]:
-        """Return the largest squares of distances [m^2] and of differences of orientations."""
+        """
+        Return the largest squared distance [m^2] and the largest squared quaternion difference.
+        """
 
 
 class Elsewhere(Protocol):
     """Processes that hold the state of a run and answer queries about all of it."""
 
     def save(self, saved: State) -> bool:
-        """Save the state of the run there, if it is there alone; whether that was done."""
+        """Save the state of the run if it is stored only there; return True if saved."""
 
     def put_begun(self, saved: State) -> bool:
         """Write the start of the run to `saved`; return False if a later state was here."""
 
     def bounds(self) -> np.ndarray | None:
         """
-        Return the largest velocities and minus the least [m/s], and the largest coordinate [m].
+        Return largest and minus least velocities [m/s] and the largest coordinate [m], (7,).
 
-        Of the state of the run, (7,); None where it is in the arrays of this process.
+        The result is None if the state is in the arrays of this process.
         """
 
     def hold(
@@ -111,14 +113,14 @@ class Elsewhere(Protocol):
         """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
 
     def fastest_square(self, velocity: np.ndarray) -> float:
-        """Return the largest square of a velocity less `velocity` (3,) [m^2/s^2]."""
+        """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
 
     def largest(self) -> 'Frequency | None':
-        """The largest frequency of the fabric; None where it is not found there."""
+        """Return the largest frequency of the fabric; None if it cannot be computed there."""
 
 
 def _no_more() -> int:
-    """Count no evaluations beyond those that each step takes."""
+    """Return 0: no evaluations beyond those of each step."""
     return 0
 
 
@@ -168,9 +170,9 @@ class Method(NamedTuple):
 def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: str,
                odd_kicks: bool, **facts: Any) -> Method:
     """
-    A palindrome whose middle weights follow from the sums of kicks and drifts, both 1.
+    Return a symmetric method whose middle weights follow from the sums of kicks and drifts, 1.
 
-    `first` says which flow a step begins and ends with.
+    `first` is the flow at the start and end of a step.
     """
     def complete(weights: tuple[float, ...], odd: bool) -> tuple[float, ...]:
         rest = 0.5 - math.fsum(weights)
@@ -194,7 +196,7 @@ def _embedded(pair: Pair, **facts: Any) -> Method:
 
 
 def _needs_scene(*_: Any) -> Any:
-    """Stand for steps that are made for a scene (`implicit_method` in implicit.py)."""
+    """Raise ValueError in place of steps that are made for a scene, see implicit.py."""
     raise ValueError('implicit steps are made for a scene: take compile_scene')
 
 

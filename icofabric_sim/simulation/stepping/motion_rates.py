@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the motion is: the largest frequency, the stability limit, the fastest term."""
+"""Rates of the motion: the largest frequency, the stability limit, the fastest term."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,13 +29,13 @@ class Term(Enum):
 
 
 class MotionRates:
-    """Rates [rad/s] of what steps must follow, in the configuration that was examined last."""
+    """Rates [rad/s] that steps must resolve, in the configuration examined last."""
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, whole: WholeState,
         start: Start, pulse_step: Callable[[], float]
     ) -> None:
-        """Begin at `start`; `pulse_step` returns the longest step [s] that resolves the loads."""
+        """Start at `start`; `pulse_step` returns the longest step [s] that resolves the loads."""
         self._trajectory, self._contact, self._whole = trajectory, contact, whole
         # The largest frequency of the fabric alone, and the rate of the loads alone.
         self.fabric, self.load_rate = start.frequency, start.load_rate
@@ -43,7 +43,7 @@ class MotionRates:
 
     @property
     def frequency(self) -> Frequency:
-        """The largest frequency, with what contacts can make of it."""
+        """Largest frequency, with an upper bound of the contribution of contacts."""
         if self._contact.rate == 0.0:
             return self.fabric
         return self.fabric._replace(rate=math.sqrt(self.fabric.rate**2 + self._contact.rate))
@@ -56,14 +56,14 @@ class MotionRates:
         return trajectory.method.stability / rate if rate > 0.0 else math.inf
 
     def measure(self) -> None:
-        """Compute the largest frequency of the fabric anew."""
+        """Compute the largest frequency of the fabric again."""
         self.fabric = self._whole.frequency()
 
     def fastest(self, *, contacts: bool = True, losses: bool = True) -> float:
         """
-        Rate [rad/s] of the fastest motion; 0 where nothing turns, vibrates or is accelerated.
+        Return the rate [rad/s] of the fastest motion; 0 without motion or acceleration.
 
-        `contacts`: with their frequency; `losses`: with what takes energy from velocities.
+        `contacts` includes their frequency, `losses` the rates of dissipative forces.
         """
         trajectory, phase = self._trajectory, self._contact.broad_phase
         frequency = self.frequency if contacts else self.fabric
@@ -75,7 +75,9 @@ class MotionRates:
         return rate if rate > 0.0 else self._acceleration_rate()
 
     def _acceleration_rate(self) -> float:
-        """Rate [rad/s] at which forces move bodies at rest by a, or turn them by a radian."""
+        """
+        Return the rate [rad/s] at which forces move resting bodies by a or rotate them by 1 rad.
+        """
         trajectory = self._trajectory
         with trajectory.evaluations.estimating():
             trajectory.refresh()
@@ -85,11 +87,11 @@ class MotionRates:
         return math.sqrt(max(float(linear) / trajectory.half_edge, float(angular)))
 
     def relative_speed(self) -> float:
-        """Largest speed [m/s] of a body beside the mean velocity of all."""
+        """Return the largest speed [m/s] of a body relative to the mean velocity."""
         return self._whole.relative_speed()
 
     def fastest_term(self) -> str:
-        """Name what moves or vibrates fastest, with its parameters."""
+        """Return the name of the fastest motion or vibration, with its parameters."""
         return fastest_term(self._terms())
 
     def fastest_kind(self) -> Term:
@@ -99,11 +101,11 @@ class MotionRates:
         return kinds[max(range(len(rates)), key=rates.__getitem__)]
 
     def fastest_bodies(self) -> tuple[int, ...]:
-        """Bodies that take the largest part in the fastest vibration of the fabric."""
+        """Return the bodies with the largest amplitudes in the fastest vibration of the fabric."""
         return self._whole.frequency(locate=True).bodies
 
     def _terms(self) -> dict[str, float]:
-        """Rates [rad/s] by what they are of, in the order of `Term`."""
+        """Return rates [rad/s] by the names of their terms, in the order of `Term`."""
         trajectory, contact = self._trajectory, self._contact
         rates = {
             stiffest_term(trajectory.packed, anchored=_is_anchored(trajectory.loads)): (
@@ -118,7 +120,7 @@ class MotionRates:
         return rates
 
     def require_possible(self, step: float) -> None:
-        """Refuse a given `step` [s] that is too long or far too short."""
+        """Raise ValueError for a given `step` [s] that is too long or far too short."""
         if self.limit < math.inf and not step >= _SHORTEST_STEP * self.limit:
             raise ValueError(
                 f'solver.step {step!r} s is too short to come to an end with: the stability '
@@ -133,7 +135,7 @@ class MotionRates:
             )
 
     def require_stable(self, time: float) -> None:
-        """End the run at `time` [s] if a given step has become longer than the limit."""
+        """End the run at `time` [s] if a given step exceeds the stability limit."""
         trajectory, contact = self._trajectory, self._contact
         step = trajectory.step
         if not trajectory.is_given or step <= self.limit:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Numbers that kernels read and write in one array, by name.
+Names of values that kernels read and write in one array.
 
-Kernels know them by their places; Python reads and writes `ledger.rate`.
+Kernels use indices; Python reads and writes, for example, `ledger.rate`.
 """
 
 from typing import Any
@@ -12,17 +12,17 @@ import numpy as np
 
 
 class At:
-    """A number by its place in the array `numbers` of the object that it is part of."""
+    """A value at an index of the array `numbers` of its object."""
 
     def __init__(self, place: int) -> None:
-        """Stand for the number at `place`."""
+        """Refer to the value at index `place`."""
         self._place = place
 
     def __get__(self, holder: Any, owner: Any = None) -> float:
-        """Return the number."""
+        """Return the value."""
         return float(holder.numbers[self._place])
 
     def __set__(self, holder: Any, value: float) -> None:
-        """Write the number."""
+        """Write the value."""
         numbers: np.ndarray = holder.numbers
         numbers[self._place] = value

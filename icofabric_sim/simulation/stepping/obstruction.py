@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is said, or done, when a connector runs into the shell that it is attached to."""
+"""Reports on connectors that run into the shell that they are attached to."""
 
 import logging
 
@@ -26,7 +26,7 @@ class Obstruction:
     """
 
     def __init__(self, choice: str, packed: PackedScene) -> None:
-        """Act by the `choice` for connector.obstruction."""
+        """Follow the `choice` of connector.obstruction."""
         self.stops, self._wraps = choice == 'stop', choice == 'wrap'
         self._packed = packed
         self.found = ''  # sentence
@@ -39,9 +39,7 @@ class Obstruction:
         return not self.found and self._packed.model.links is not None
 
     def note(self, time: float, state: State, broken_since: np.ndarray | None) -> None:
-        """
-        Describe what is obstructed first, by its number, in a `state`; warns where that is all.
-        """
+        """Describe the first obstructed connector in a `state`, and warn unless the run stops."""
         packed = self._packed
         assert packed.connectors is not None
         bodies = packed.layout.unpack(state)

@@ -33,26 +33,26 @@ class StepChoice(NamedTuple):
 
 class StepController(Protocol):
     """
-    Proposes a step, and says by how much the error of those that were taken was too large.
+    Controller that proposes steps, and estimates errors of completed steps.
 
-    Beside the class its module has `RANK`, `suits` and `make`, see `controllers`.
+    The module of the class also has `RANK`, `suits` and `make`, see `controllers`.
     """
 
     # Whether it is the speed of bodies that limits the step.
     held_back: bool
 
     def outlook(self) -> tuple[float, float]:
-        """Return the step [s] that contacts will ask for, and how many of them to look ahead."""
+        """Return the step [s] for contacts, and the number of such steps that a search covers."""
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """
-        Return the step [s] to take from the present state on.
+        Return the step [s] from the present state on.
 
-        Asked where the state has jumped, loads have changed or contacts have, and at the health
-        check when `errors.probe.checks_left` of them have passed; also where the bound of the
-        largest frequency is beyond `high` or `low` of the ledger [rad/s], if it has written
-        these. `probe`: measure the accuracy anew, the state is saved; `shorter`: how many times
-        too large the error of the present step is believed to be.
+        The driver calls this after jumps of the state and changes of loads or contacts, and at the
+        health check after `errors.probe.checks_left` checks. It also calls this if the bound of
+        the largest frequency leaves the range from `low` to `high` of the ledger [rad/s], if set.
+        `probe` measures the accuracy again; the state is saved. `shorter` is the estimated ratio
+        of the error of the present step to the allowed one.
         """
 
     def excess(self) -> float | None:
@@ -64,22 +64,24 @@ class StepController(Protocol):
         """
 
     def follow_contacts(self) -> bool:
-        """Contacts have begun, or are over, or bodies are faster; whether to propose a step."""
+        """React to a change of candidate pairs or speeds; return True to propose a step."""
 
     def follow_touching(self) -> bool:
-        """A health check has counted what touches; whether to propose a step that runs through."""
+        """React to the number of contacts at a health check; return True to propose a step."""
 
     def follow_swing(self) -> None:
         """
-        Contacts made more energy swing than `ledger.swing_limit`, in steps that are taken again.
+        React to an energy oscillation above `ledger.swing_limit`, in steps that are repeated.
         """
 
     def follow_jump(self) -> bool:
-        """Forces have jumped: nothing from before is reused; whether to propose a step."""
+        """
+        React to a jump of forces, after which no earlier data hold; return True to propose a step.
+        """
 
 
 class Pieces(Protocol):
-    """A driver, as its parts see it."""
+    """A driver, as seen by its components."""
 
     trajectory: Trajectory
     contact: ContactScheduler
@@ -92,7 +94,7 @@ class Pieces(Protocol):
     controller: StepController
 
     def choose_step(self, *, probe: bool = False, shorter: float = 1.0) -> None:
-        """Take the step that the controller proposes from now on."""
+        """Use the step that the controller proposes from now on."""
 
     def respond(self, status: int, time: float) -> None:
         """React to a `status` of the kernels at `time` [s]."""
@@ -111,7 +113,7 @@ class EventLocator(Protocol):
     is_due: bool
 
     def find(self) -> float | None:
-        """Return the part of the step in progress at which it first happens; None: not in it."""
+        """Return the fraction of the step in progress at which the event first happens, if any."""
 
     def happen(self) -> None:
         """Change the present state, which is that of the event; the next step restarts."""
@@ -120,7 +122,7 @@ class EventLocator(Protocol):
         """Return all data that later steps depend on, as entries of the driver's."""
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the event from a checkpoint."""
 
 
 class Stepping(Protocol):
@@ -131,7 +133,7 @@ class Stepping(Protocol):
         """Time [s] at which the step in progress ends."""
 
     def restart(self) -> None:
-        """The state has jumped to where the trajectory is: nothing from before is reused."""
+        """Restart after a jump of the state, without earlier data."""
 
     def settle(self, total: float) -> None:
         """Set the `total` of errors at the present step end."""
@@ -140,25 +142,25 @@ class Stepping(Protocol):
         """Use the error estimate of `other`, whose motion continues after a restart."""
 
     def forget(self) -> None:
-        """Count errors from zero again."""
+        """Reset the sum of errors."""
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Move an unstarted motion to another `time` [s]."""
 
     def count_until(self, time: float) -> int:
-        """Count the steps that lead to `time` [s] at most, as far as that is known; 0: none."""
+        """Return an upper bound of the number of steps to `time` [s]; 0: none."""
 
     def run(self, time: float, count: int) -> None:
         """Call kernels once for up to `count` steps towards `time` [s]."""
 
     def run_steps(self, count: int, until: float) -> int:
-        """Take up to `count` steps that end by `until` [s]; returns how many."""
+        """Take up to `count` steps that end by `until` [s]; return their number."""
 
     def check_within(self, time: float) -> bool:
         """
-        Judge the state at `time` [s] within a step as the end of a step.
+        Check the state at `time` [s] within a step like the end of a step.
 
-        False: steps have to be taken anew, by `go_back`.
+        Return False if steps have to be repeated by `go_back`.
         """
 
     def go_back(self) -> None:
@@ -166,31 +168,35 @@ class Stepping(Protocol):
 
     def cut(self, time: float) -> bool:
         """
-        End the step in progress at `time` [s]; the next one starts there.
+        End the step in progress at `time` [s], where the next one starts.
 
-        False: the step led too far, and the run is back at the saved state.
+        Return False if the step led too far, and the run is back at the saved state.
         """
 
     def state_at(self, time: float) -> State:
-        """Return the state at a `time` [s] up to the end of the next step, and note energies."""
+        """
+        Return the state at a `time` [s] up to the end of the next step, and store its energies.
+        """
 
     def follow_loads(self) -> None:
-        """Other loads act from the present state on."""
+        """React to other loads from the present state on."""
 
     def error_rate(self) -> float:
-        """Error that the method adds for each second, measured last."""
+        """Error that the method adds per second, measured last."""
 
     def error_estimate(self, time: float) -> float:
-        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        """
+        Return the errors from the start to a present `time` [s], without amplification or decay.
+        """
 
     def is_ready(self, *, touching: bool) -> bool:
         """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add what the steps to come depend on to the `tree` of the driver."""
+        """Add the data that later steps depend on to the `tree` of the driver."""
 
     def load_time(self, tree: StateTree) -> None:
-        """Go on at the time of there, before the trajectory does."""
+        """Restore the time from a checkpoint, before the trajectory."""
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there, after the trajectory."""
+        """Restore the stepping from a checkpoint, after the trajectory."""

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-How many steps one compiled call takes: nothing else is heard until it returns.
+Number of steps of one kernel call, during which a run cannot be interrupted.
 
-No bit of a run depends on it: a call goes on where the one before has ended.
+Results do not depend on this number: a call continues where the last one ended.
 """
 
 # Wall time of a call [s].
@@ -14,10 +14,10 @@ _FIRST_WORK = 100_000
 
 
 class Portions:
-    """Cuts steps into calls of a few hundredths of a second."""
+    """Division of steps into calls of a few hundredths of a second."""
 
     def __init__(self, work: int) -> None:
-        """`work`: bodies and connectors in a step, for each evaluation of the forces."""
+        """Start with `work`, bodies and connectors of a step times its force evaluations."""
         self.count = max(1, _FIRST_WORK // max(work, 1))
 
     def note(self, steps: int, seconds: float) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Energies and work at the state that was shown last, which may lie within a step."""
+"""Energies and work of the state shown last, which may lie within a step."""
 
 import math
 from typing import Any
@@ -18,7 +18,7 @@ class ShownEnergies:
     """Energies [J] that a snapshot needs for its balance, in addition to its state."""
 
     def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
-        """Show a state of the `trajectory` by `note`."""
+        """Show states of the `trajectory` by `note`."""
         self._trajectory, self._contact = trajectory, contact
         # What a body force has spent and given since the start.
         self.given = 0.0
@@ -31,7 +31,7 @@ class ShownEnergies:
         self.potential_start = 0.0
 
     def restart(self) -> None:
-        """Begin the balance with the present state."""
+        """Start the balance with the present state."""
         trajectory = self._trajectory
         force = trajectory.packed.body_force
         if force is not None:
@@ -46,7 +46,7 @@ class ShownEnergies:
 
     @property
     def spent(self) -> float:
-        """Energy spent by forces that depend on velocities; friction springs give theirs back."""
+        """Energy dissipated by forces that depend on velocities, less that in friction springs."""
         return self._spent - self._friction
 
     def note(
@@ -56,7 +56,7 @@ class ShownEnergies:
         """
         Show a `state` at `time` [s] with the `stretches` of its friction springs.
 
-        `work` of the present loads, energy `spent` and `given` until then [J].
+        `work` of the present loads, and energies `spent` and `given`, are those until then [J].
         """
         trajectory, self.stretches = self._trajectory, stretches
         self._work, self._spent, self.given = work + self.moving(state), spent, given
@@ -67,7 +67,9 @@ class ShownEnergies:
             self.anchors = float(energy)
 
     def moving(self, state: State | None = None) -> float:
-        """Kinetic energy [J] of driven bodies in a `state`; None: the present one."""
+        """
+        Return the kinetic energy [J] of driven bodies in a `state`, by default the present one.
+        """
         trajectory = self._trajectory
         loads = trajectory.for_steps()[0]
         if loads.drives is None:
@@ -82,11 +84,11 @@ class ShownEnergies:
         return {'potential_start': self.potential_start}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the start of the balance."""
         if self._trajectory.work.given is not None:
             self.potential_start = tree.number('potential_start')
 
 
 def work_of(*loads: Loads) -> float:
-    """Return the work [J] of all of the `loads`."""
+    """Return the work [J] of all `loads`."""
     return sum(math.fsum(part.work) for part in loads)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""What steps of one length have added to the error: in free motion, and while shells touch."""
+"""Errors of steps of one length: in free motion, and during contacts."""
 
 import logging
 import math
@@ -17,15 +17,15 @@ _CERTAIN_RATIO = 3.0
 
 
 class StepErrors:
-    """Sums what both measure."""
+    """Sum of both errors."""
 
     def __init__(
         self, probe: AccuracyProbe, touching: TouchingErrors | None, *, is_estimated: bool
     ) -> None:
         """
-        `touching`: None where nothing can touch, or steps are adaptive.
+        Combine both measurements; `touching` is None without contacts or with adaptive steps.
 
-        Not `is_estimated`: what is measured chooses steps, and is no estimate.
+        Unless `is_estimated`, measurements choose steps but are no estimate.
         """
         self.probe, self.touching, self.is_estimated = probe, touching, is_estimated
         # Time [s] of the saved state that the run went back to last, as its error was too large.
@@ -33,7 +33,7 @@ class StepErrors:
         self._is_reported = False
 
     def report_excess(self, time: float) -> None:
-        """Warn once where contacts added more by `time` [s] than the tolerance allows."""
+        """Warn once if errors in contacts until `time` [s] exceed the tolerance."""
         if self.touching is None or self._is_reported:
             return
         allowed = self.probe.tolerance * time
@@ -47,40 +47,46 @@ class StepErrors:
                 self.probe.tolerance, allowed)
 
     def estimate(self, time: float) -> float:
-        """Errors added from the start to a present `time` [s], as if none had grown or faded."""
+        """
+        Return the errors from the start to a present `time` [s], without amplification or decay.
+        """
         touching = 0.0 if self.touching is None else self.touching.estimate(time)
         return self.probe.estimate(time) + touching
 
     def begin(self, time: float) -> None:
-        """Begin a stretch of steps that is judged as a whole at `time` [s], where one is saved."""
+        """
+        Start an interval of steps that is measured as a whole at `time` [s], the saved state.
+        """
         if self.touching is not None:
             self.touching.begin(time)
 
     def spoil(self) -> None:
-        """Something else than steps of one length is part of this stretch."""
+        """Exclude the current interval from the error estimate: its step size changed."""
         if self.touching is not None:
             self.touching.spoil()
 
     def close_stretch(self, time: float) -> None:
-        """Judge the stretch up to the health check of `time` [s]: steps get another length."""
+        """
+        Measure the interval up to the health check at `time` [s], before the step size changes.
+        """
         if self.touching is not None:
             self.touching.close(time, self.probe.steady_rate)
 
     def jump(self, time: float) -> None:
-        """Count what was added until `time` [s], where the state jumps."""
+        """Count the errors until `time` [s], where the state jumps."""
         self.probe.close(time)
         if self.touching is not None:
             self.touching.settle(self.touching.estimate(time))
         self.returned_to = -math.inf
 
     def restart_touching(self, time: float) -> None:
-        """Judge what touches from `time` [s] on, where the state has jumped to and is saved."""
+        """Restart the measurement of contacts at `time` [s], the saved state after a jump."""
         if self.touching is not None:
             self.touching.restart()
             self.touching.begin(time)
 
     def forget(self) -> None:
-        """Count from zero again."""
+        """Reset the sum of errors."""
         self.settle(0.0)
         self.probe.forget()
 
@@ -91,7 +97,7 @@ class StepErrors:
             self.touching.settle(0.0)
 
     def rebase(self, time: float) -> None:
-        """Begin at another `time` [s]: nothing has moved yet."""
+        """Move an unstarted motion to another `time` [s]."""
         self.probe.rebase(time)
         self.begin(time)
 
@@ -104,7 +110,7 @@ class StepErrors:
         return tree
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the measurements from a checkpoint."""
         self.returned_to = tree.number('returned_to', finite=False)
         self.probe.load_state(tree.part('accuracy'))
         if self.touching is not None:

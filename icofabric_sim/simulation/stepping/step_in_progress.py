@@ -24,9 +24,10 @@ import numpy as np
 
 class StepInProgress:
     """
-    A step that ends where the state of the trajectory is; it begins at the trajectory's time.
+    A step from the time of the trajectory to the end where the state of the trajectory is.
 
-    Length 0: none is in progress, and the state is that of the trajectory's time.
+    Length 0 means that no step is in progress, and the state belongs to the time of the
+    trajectory.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class StepInProgress:
 
     @property
     def control(self) -> EmbeddedControl:
-        """The numbers by which the kernel controls steps."""
+        """Values by which the kernel controls steps."""
         control = self._trajectory.control
         assert control is not None
         return control
@@ -59,7 +60,7 @@ class StepInProgress:
 
     @property
     def start(self) -> State:
-        """The state where it begins."""
+        """State at the start of the step."""
         return self.trail.start
 
     @property
@@ -69,15 +70,15 @@ class StepInProgress:
 
     @property
     def end(self) -> float:
-        """Time [s] at which it ends; the state of the trajectory is of then."""
+        """Time [s] of the end of the step, to which the state of the trajectory belongs."""
         return self.control.start + self.control.length
 
     def change(self) -> None:
-        """The step becomes another one: dense output is computed anew."""
+        """Discard the dense output, because another step follows."""
         self._has_dense = False
 
     def give_up(self) -> None:
-        """Go back to where it began."""
+        """Return to the start of the step."""
         trajectory, control = self._trajectory, self.control
         if control.length > 0.0:
             copy_state(self.start, trajectory.state)
@@ -108,13 +109,15 @@ class StepInProgress:
         trajectory.require_body_force()
 
     def within(self, part: float) -> State:
-        """Return its state at a part of it, 0 and 1 included; see `dense`."""
+        """Return the state at a fraction of the step, 0 and 1 included; see `dense`."""
         if part == 0.0:
             return self.start
         return self._trajectory.state if part == 1.0 else self.dense(part)
 
     def dense(self, part: float) -> State:
-        """Return the state at a `part` of it, above 0 up to 1; valid until the next call."""
+        """
+        Return the state at a fraction `part` of the step, in (0, 1]; valid until the next call.
+        """
         self.prepare_dense()
         trajectory, trail, length = self._trajectory, self.trail, self.length
         if self._room is None:
@@ -130,7 +133,7 @@ class StepInProgress:
         return target
 
     def state_within(self, rest: float) -> State:
-        """Return the state `rest` [s] after its beginning; dense output is prepared."""
+        """Return the state `rest` [s] after the start; dense output is prepared."""
         if not self._is_within:
             return self._trajectory.state
         if not rest > 0.0:
@@ -138,7 +141,7 @@ class StepInProgress:
         return self.dense(rest / self.length)
 
     def stretches_within(self, rest: float) -> np.ndarray | None:
-        """Return the stretches of friction springs then."""
+        """Return the stretches of friction springs `rest` [s] after the start."""
         losses = self._trajectory.losses
         if losses is None or not self._is_within:
             return self._trajectory.stretches()
@@ -150,12 +153,12 @@ class StepInProgress:
         return np.asarray(found).reshape(losses.stretch.shape)
 
     def work_within(self, rest: float) -> float:
-        """Work [J] of the present loads until then."""
+        """Return the work [J] of the present loads until `rest` [s] after the start."""
         loads = self._trajectory.loads
         return self._flow_within(loads.power, loads.earlier_work, loads.work, rest)
 
     def flow_within(self, meter: Meter | None, rest: float) -> float:
-        """Energy [J] that a `meter` shows until then."""
+        """Return the energy [J] of a `meter` until `rest` [s] after the start."""
         if meter is None:
             return 0.0
         return self._flow_within(meter.power, meter.done[1], meter.done[0], rest)
@@ -163,9 +166,7 @@ class StepInProgress:
     def _flow_within(
         self, power: np.ndarray, before: np.ndarray, after: np.ndarray, rest: float
     ) -> float:
-        """
-        Energy [J] that flowed with `power` (16, m), by the dense output that states come from.
-        """
+        """Return the energy [J] that flowed with `power` (16, m), by dense output."""
         if not self._is_within:
             return _total(after)
         if not rest > 0.0:
@@ -180,7 +181,7 @@ class StepInProgress:
         return self._trajectory.failure is None and self.length > 0.0
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add what it is to the `tree` of its trajectory."""
+        """Add the step to the `tree` of its trajectory."""
         trajectory, gather = self._trajectory, self._trajectory.packed.layout.gather
         tree['control'] = self.control.numbers.copy()
         # Where the last call was to lead says nothing of the next.
@@ -196,7 +197,7 @@ class StepInProgress:
             tree[f'{name}_power'] = gather(meter.power[self._kept])
 
     def load_control(self, tree: StateTree) -> None:
-        """Go on with the numbers of there: the time of the trajectory is one of them."""
+        """Restore the control from a checkpoint, which includes the time of the trajectory."""
         numbers = tree.array('control', (embedded.CONTROL_COUNT,))
         if not (np.isfinite(numbers).all() and numbers.min() >= 0.0):
             raise ValueError('control holds a negative number or one that is not finite')
@@ -204,7 +205,7 @@ class StepInProgress:
         self._has_dense = False
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on within the step of there."""
+        """Restore the step from a checkpoint."""
         trajectory, control = self._trajectory, self.control
         if trajectory.failure is None and not control.next > 0.0 < control.shortest:
             raise ValueError('control has no length for the next step')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Health checks of the state: when, what they look out for, and how they end a run."""
+"""Health checks of the state: their times, their limits, and how they end a run."""
 
 import math
 from typing import Any
@@ -35,11 +35,11 @@ _ROUNDING = 1e-11
 
 def differences_of(method: Method, links: Any, *, given: bool, estimated: bool) -> int:
     """
-    Order of the differences by which the roughness of the motion is judged; 0: it is not.
+    Return the order of the differences that measure the roughness of the motion; 0: none.
 
-    In fabrics that have `links`: those of the first order that a splitting method gets wrong
-    (accuracy_probe.py). Where these have kinks, differences of so high an order see little else.
-    `given`: of given steps only where their error is `estimated`.
+    In fabrics with `links`, the order is the first that a splitting method gets wrong
+    (accuracy_probe.py). At kinks of forces, differences of higher order show little else. For
+    `given` steps, differences are used only if the error is `estimated`.
     """
     if not (method.symplectic and links is not None) or (given and not estimated):
         return 0
@@ -49,7 +49,7 @@ def differences_of(method: Method, links: Any, *, given: bool, estimated: bool) 
 
 
 class StepMonitor:
-    """Checks that a state is finite and its energy balances, and looks into the shells."""
+    """Checks for finite states, energy balance, and connectors in shells."""
 
     def __init__(
         self, trajectory: Trajectory, rates: MotionRates, whole: WholeState,
@@ -79,10 +79,10 @@ class StepMonitor:
 
     def interval_with(self, step: float) -> int:
         """
-        Count the steps of `step` [s] between two health checks.
+        Return the number of steps of `step` [s] between two health checks.
 
-        No more than a shortest period of the fabric takes, or than what a health check costs
-        asks for; but for steps near the stability limit. Implicit steps may be longer than that.
+        The number is limited by a shortest period of the fabric and by the cost of a check, unless
+        steps are close to the stability limit. Implicit steps may be longer than a period.
         """
         steps, turned = self._most_steps, step * self._rates.fabric.rate
         if not self._trajectory.method.implicit and steps * turned > 2.0 * math.pi:
@@ -109,7 +109,7 @@ class StepMonitor:
         self.since_check = min(self.since_check, self.interval - 1)
 
     def restart(self, *, exact: bool) -> None:
-        """Examine the present state: it has jumped. `exact`: see `examine`."""
+        """Examine the present state after a jump; `exact` is as in `examine`."""
         ledger = self._trajectory.ledger
         ledger.obstructed_limit = 0.0 if self.obstruction.is_watching else math.inf
         ledger.obstructed_every = self.obstruction.checks
@@ -120,9 +120,9 @@ class StepMonitor:
 
     def examine(self, *, exact: bool = True) -> None:
         """
-        Find the bound of the largest frequency, for comparison with later ones.
+        Compute the bound of the largest frequency, for comparison with later ones.
 
-        `exact`: compute the largest frequency itself, too.
+        `exact` also computes the largest frequency itself.
         """
         trajectory, ledger = self._trajectory, self._trajectory.ledger
         if exact:
@@ -146,9 +146,9 @@ class StepMonitor:
 
     def judge(self, time: float) -> int:
         """
-        Return why the present state, of `time` [s], is unsound: NOT_FINITE or UNBALANCED; else 0.
+        Return NOT_FINITE or UNBALANCED if the present state, at `time` [s], is unsound; else 0.
 
-        This is no health check: where the state is sound nothing remembers it.
+        This is no health check: a sound state leaves the ledger unchanged.
         """
         trajectory = self._trajectory
         model, ledger = trajectory.model, trajectory.ledger
@@ -172,7 +172,9 @@ class StepMonitor:
                 f'through. The state of t = {trajectory.saved_time:.9g} s is kept')
 
     def fail_unfinite(self, time: float) -> None:
-        """Stop because numbers have run away: name where, and go back to the last good state."""
+        """
+        Stop because values are not finite: name the body, and return to the last sound state.
+        """
         trajectory = self._trajectory
         fault = find_fault(trajectory.packed, trajectory.state)
         step, way_out = trajectory.step, self.way_out()
@@ -183,7 +185,7 @@ class StepMonitor:
             f'{trajectory.saved_time:.9g} s, is kept')
 
     def fail_unbalanced(self, time: float) -> None:
-        """Stop because the energy does not balance, and go back to the last good state."""
+        """Stop because the energy does not balance, and return to the last sound state."""
         trajectory = self._trajectory
         balance = trajectory.ledger.balance
         jumps = jumps_between(
@@ -226,7 +228,7 @@ class StepMonitor:
             f'{trajectory.saved_time:.9g} s, is kept')
 
     def way_out(self) -> str:
-        """Say what makes steps shorter."""
+        """Return a remedy that shortens steps."""
         if self._trajectory.is_given:
             return 'give a smaller solver.step, or 0 to have it chosen'
         return shorter_steps(self._trajectory.step, self._tolerance, self._rates.fastest_term())
@@ -245,7 +247,7 @@ class StepMonitor:
         return tree
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the health checks from a checkpoint."""
         longest = max(CHECK_INTERVAL, self._most_steps)
         self.interval = tree.count('look_interval', 1, longest)
         # Earlier versions had one of both.

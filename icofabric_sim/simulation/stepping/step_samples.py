@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors of some steps of the embedded pair, measured, by which those of the others are judged.
+Measured errors of some steps of the embedded pair, which calibrate those of the others.
 
-What a step probably errs by follows from its two error estimates, with the constants of an
-oscillation (kernels/probable_error.py). Decay of velocities makes these constants too large, a
-little in short steps and up to 60 times in long ones of motion that has decayed. Small kinks of
-the forces, or jumps where bands change to another geodesic, hide in the smooth part of the
-estimates. In long damped steps and where forces have kinks, windows of one shortest period are
-followed by a companion with steps of half the length, or of a quarter of it at kinks. The steps
-between windows count like those of the last windows: what these erred by below what they probably
-did as a part of that, what they erred by beyond it as a rate in time, as that was hidden.
+The probable error of a step follows from its two error estimates, with the constants of an
+oscillation (kernels/probable_error.py). Decay of velocities makes the estimate too large: slightly
+in short steps, and up to 60 times in long steps of motion that has decayed. Small kinks of forces,
+or jumps where wrapped connectors change to another geodesic, are hidden by the smooth part of the
+estimates. In long damped steps and at kinks, a companion therefore follows windows of one shortest
+period with steps of half the length, or of a quarter at kinks. Steps between windows count like
+those of the last windows. Measured errors below the probable ones count as a ratio of these.
+Errors beyond count as a rate in time, because they were hidden.
 
-Where shells may touch only steps count in which nothing can: most of what contacts add is added in
-few steps, which windows would miss, and what these probably err by is all there is.
+If shells may touch, only steps without possible contacts are measured. Contacts cause most of
+their error in few steps, which windows would miss; their probable error is the only estimate.
 """
 
 import math
@@ -64,7 +64,7 @@ _NOT = -1.0
 
 
 def needs_samples(pieces: Pieces) -> bool:
-    """Return whether the probable error of steps may be too rough an estimate."""
+    """Return True if the probable error of steps may be too rough an estimate."""
     if pieces.trajectory.method.implicit:
         # It is the error of the embedded method, which is larger.
         return False
@@ -80,10 +80,10 @@ def _is_kinked(pieces: Pieces) -> bool:
 
 
 class StepSamples:
-    """The sum of errors of all steps, that in progress included, and which ones are measured."""
+    """Sum of errors of all steps, including the one in progress, and the choice of windows."""
 
     def __init__(self, pieces: Pieces, *, active: bool) -> None:
-        """Measure steps of the trajectory of these `pieces`; not `active`: none."""
+        """Measure steps of the trajectory of these `pieces`, if `active`."""
         self._pieces, self._trajectory, self._active = pieces, pieces.trajectory, active
         decay, frequency = pieces.trajectory.packed.velocity_rate, pieces.rates.fabric.rate
         self._pace = _KINKED if _is_kinked(pieces) else (
@@ -146,19 +146,19 @@ class StepSamples:
 
     @property
     def _scale(self) -> float:
-        """Part of what steps probably err by that they do."""
+        """Ratio of the error of steps to their probable error."""
         if not self._probable > 0.0:
             return self._unmeasured
         return (self._seen + (self._hidden if self._touches else 0.0)) / self._probable
 
     @property
     def _beyond(self) -> float:
-        """Error for each second that is beyond that; where shells may touch it is in `_scale`."""
+        """Error per second beyond the probable one; `_scale` includes it if shells may touch."""
         return self._hidden / self._span if self._span > 0.0 and not self._touches else 0.0
 
     @property
     def rate(self) -> float:
-        """Error of the step in progress for each second."""
+        """Error per second of the step in progress."""
         if self._rate != _NOT:
             return self._rate
         if not self._control.is_clear:
@@ -166,16 +166,16 @@ class StepSamples:
         return self._scale * self._control.rate + self._beyond
 
     def estimate(self, left: float) -> float:
-        """Errors of all steps, but for the last `left` [s] of that in progress."""
+        """Return the errors of all steps, without the last `left` [s] of the one in progress."""
         control = self._control
         until = self._until(control.clear_total, control.start + control.length)
         return control.total - control.clear_total + until - self.rate * left
 
     def _until(self, summed: float, time: float) -> float:
         """
-        Errors until a `time` [s] of steps in which nothing could touch.
+        Return the errors until a `time` [s] of steps without possible contacts.
 
-        Kernels have `summed` up so much for these.
+        `summed` is the probable error of these steps, summed by kernels.
         """
         return self._total + self._scale * (summed - self._counted) + self._beyond * (
             time - self._since)
@@ -185,7 +185,7 @@ class StepSamples:
         return min(count, self._left) if self._active else count
 
     def note(self, done: int, *, sound: bool) -> None:
-        """Measure the step in progress if that is due, after `done` steps; not if not `sound`."""
+        """Measure the step in progress after `done` steps, if due and `sound`."""
         if not self._active or done == 0:
             return
         self._rate = _NOT
@@ -233,7 +233,7 @@ class StepSamples:
             self._close()
 
     def give_up(self) -> None:
-        """The step in progress is about to be given up, and the window that it is part of."""
+        """Discard the step in progress and its window."""
         if self._rate != _NOT:
             control = self._control
             self._total -= self._rate * control.length
@@ -243,7 +243,7 @@ class StepSamples:
             self._close()
 
     def _begin(self) -> None:
-        """Begin a window with the step in progress."""
+        """Start a window with the step in progress."""
         layout, start, rate = self._trajectory.packed.layout, self._start, (
             self._pieces.rates.frequency.rate)
         if self._companion is None:
@@ -261,7 +261,9 @@ class StepSamples:
         return trail.start
 
     def _follow(self) -> float:
-        """Take the companion to the end of the step in progress; inf where that fails."""
+        """
+        Advance the companion to the end of the step in progress; return the distance, or inf.
+        """
         assert self._companion is not None and self._trail is not None
         control = self._control
         state = self._pieces.trials.take_embedded(
@@ -273,7 +275,7 @@ class StepSamples:
         return self._pieces.errors.probe.distance(self._trajectory.state, state)
 
     def _close(self) -> None:
-        """End a window, and say when the next one begins."""
+        """End a window, and choose the start of the next one."""
         self._left = 1 + (self._every - 1) * max(self._steps, 1)
         self._windows -= 1
         if not self._windows:
@@ -283,7 +285,7 @@ class StepSamples:
         self._forget_window()
 
     def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add what was measured, and when it will be again."""
+        """Add the measurements and the time of the next one."""
         if not self._active:
             return
         tree['samples'] = {
@@ -297,7 +299,7 @@ class StepSamples:
             tree['samples']['companion'] = self._trajectory.by_body(self._companion)
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there, once the control has."""
+        """Restore the measurements, after the control."""
         if not self._active:
             return
         part = tree.part('samples')

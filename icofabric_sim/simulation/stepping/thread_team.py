@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The threads that share the work of one simulation.
+Threads that share the work of one simulation.
 
-The result is the same bits for any number of them: every body is computed by one thread, from
-values that do not depend on which.
+Results are bit-identical for any number of threads: one thread computes each body, from values
+that do not depend on the assignment.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,7 +53,7 @@ os.register_at_fork(after_in_child=_start_anew)
 
 
 def core_count() -> int:
-    """Count the cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -95,7 +95,7 @@ class ThreadTeam:
         """
         Start with the thread of the caller; others start when they are first needed.
 
-        `is_shared`: whether the work can be shared at all.
+        `is_shared` is False if the work cannot be shared.
         """
         loose = packed.contact is not None and packed.model.links is None
         self.size = size_for(
@@ -117,7 +117,7 @@ class ThreadTeam:
 
     @property
     def busy(self) -> int:
-        """Threads that have bodies: of few bodies one thread may have all."""
+        """Number of threads with bodies: a single thread may have all of a few bodies."""
         return sum(len(sweep.pushes) > 0 for sweep in self._apart)
 
     def prepare_contacts(self, wanted: bool) -> None:
@@ -151,7 +151,7 @@ class ThreadTeam:
 
     def run(self, work: Callable[[Team], Result]) -> Result:
         """
-        Call `work` once in every thread, with its place in the team; returns the first's result.
+        Call `work` once in every thread with its member of the team; return the first result.
         """
         if self.size == 1:
             return work(self.team(0))

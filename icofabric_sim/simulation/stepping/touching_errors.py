@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Errors that steps of one length add while shells touch, measured behind them.
+Errors of steps of one length during contacts, measured after the steps.
 
-A contact may begin and end between two accuracy probes, and adds more error than free motion in
-many periods. So a stretch of steps between two health checks in which shells touched is repeated
-with twice as many of half the length, and the difference of the ends counted (Richardson). All of
-the first such stretches are repeated, later one of several, which then stands for those before it.
-So are stretches in which bands around shells may change to another geodesic, or slack connectors
-may tighten. Errors of velocities take each other back within a period, and those of a state grow:
-a stretch of several shortest periods is repeated period by period, and where those are and nothing
-can touch, one that is shorter goes on to a later health check.
+A contact may start and end between two accuracy probes, and causes more error than free motion in
+many periods. So an interval between two health checks with contacts is repeated with twice as many
+steps of half the length, and the difference of the ends counts (Richardson). The first intervals
+are all repeated, later one of several, which then represents the ones before. The same holds for
+intervals in which connectors around shells may change to another geodesic, or slack connectors may
+tighten. Errors of velocities cancel within a period, and errors of a state grow. So an interval of
+several shortest periods is repeated period by period; without possible contacts, an interval
+shorter than a period is extended to a later health check.
 
-Where nothing vibrates no force takes an error of velocity back: it moves loose bodies on for as
-long as they fly. So it is counted with the time that passes until shells touch again.
+Without vibrations, no force reduces errors of velocities: they displace free bodies. So such an
+error is multiplied by the time until shells touch again.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ _RICHARDSON = 4.0 / 3.0
 
 
 class TouchingErrors:
-    """The sum of these errors, and when to measure the next."""
+    """Sum of errors during contacts, and the choice of measured intervals."""
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, rates: MotionRates,
@@ -52,10 +52,10 @@ class TouchingErrors:
         """
         Measure on the `trajectory` by `trials`, the `distance` of two states and their `slip`.
 
-        The third argument of `distance` is a frequency [rad/s]: of what errors of velocities make
-        later. `slip` [1/s] is the rate at which bodies part that nothing draws back. Where
-        forces jump, or slack connectors tighten, at `any_time` every stretch counts as one in
-        which shells touch.
+        The third argument of `distance` is a frequency [rad/s], which weights errors of
+        velocities. `slip` [1/s] is the rate at which bodies separate without restoring forces. If
+        forces jump, or slack connectors tighten, at `any_time`, every interval counts as one with
+        contacts.
         """
         self._always = any_time
         self._trajectory, self._contact, self._rates = trajectory, contact, rates
@@ -80,7 +80,7 @@ class TouchingErrors:
         self.begin(math.inf)
 
     def begin(self, time: float) -> None:
-        """Begin a stretch at `time` [s], whose state is saved; inf: it cannot be judged."""
+        """Start an interval at `time` [s], whose state is saved; inf: it cannot be measured."""
         self._stays = False
         self._begin(time)
 
@@ -88,7 +88,7 @@ class TouchingErrors:
         self._start, self._touched, self._is_kept = time, self._always, False
 
     def estimate(self, time: float) -> float:
-        """Errors that were added by a present `time` [s]."""
+        """Return the errors until a present `time` [s]."""
         if self._stays or not self._slip > 0.0:
             return self.total
         return self.total + self._slip * max(time - self._since, 0.0)
@@ -98,11 +98,11 @@ class TouchingErrors:
         self.total, self._slip = total, 0.0
 
     def spoil(self) -> None:
-        """Something else than steps of one length is part of this stretch."""
+        """Exclude the current interval from the error estimate: its step size changed."""
         self._start = math.inf
 
     def close(self, time: float, rate: float) -> None:
-        """End a stretch at the health check of `time` [s]: steps get another length."""
+        """End an interval at the health check at `time` [s], before the step size changes."""
         if time > self._start:
             self.end(time, rate, is_last=True)
 
@@ -145,15 +145,16 @@ class TouchingErrors:
         return count
 
     def note(self) -> None:
-        """Note whether shells touched in the steps that were taken."""
+        """Record contacts of the completed steps."""
         touched = self._contact.has_touched()
         self._touched = self._touched or touched
 
     def end(self, time: float, rate: float, *, is_last: bool = False) -> None:
         """
-        Measure the stretch that ends at `time` [s], if that is due; the next begins there.
+        Measure the interval that ends at `time` [s] if due, and start the next one.
 
-        `rate` [1/s]: what is counted for free motion anyway; `is_last`: it cannot go on.
+        `rate` [1/s] is the error of free motion, which is counted separately; `is_last` means that
+        the interval cannot be extended.
         """
         length, step, rate_now = time - self._start, self._trajectory.step, self._rates.fabric.rate
         period = 2.0 * math.pi / rate_now if rate_now > 0.0 else 0.0
@@ -228,7 +229,7 @@ class TouchingErrors:
         return tree
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the measurements from a checkpoint."""
         self.total = tree.number('total', 0.0, finite=False)
         self._slip, self._since, self._stays = 0.0, 0.0, False
         if 'slip' in tree:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The trajectory of a run: its state, its time, and a saved state to come back to.
+Trajectory of a run: its state and time, and a saved state to return to.
 
-Nothing here decides which steps are taken; see `driver.py`.
+The steps are chosen elsewhere; see `driver.py`.
 """
 
 from collections.abc import Callable
@@ -130,7 +130,7 @@ class Trajectory:
 
     @property
     def state(self) -> State:
-        """The present state, to look at or to change."""
+        """Present state, for reading or modification."""
         self._take_over()
         return self._state
 
@@ -141,7 +141,7 @@ class Trajectory:
 
     @property
     def saved(self) -> State:
-        """The state that was saved last."""
+        """State that was saved last."""
         holder = self.method.holder
         if holder is not None and holder.has_saved:
             try:
@@ -186,9 +186,9 @@ class Trajectory:
 
     def for_steps(self) -> tuple[Loads, State, State, Work]:
         """
-        Return what steps that go on from there change, wherever it is.
+        Return loads, state, storage of the saved state, and work arrays, wherever the state is.
 
-        Loads, state, the place of the saved state, work.
+        Steps that continue the trajectory modify them.
         """
         return self._loads, self._state, self._saved, self._work
 
@@ -203,7 +203,7 @@ class Trajectory:
                 _ = self.saved
 
     def lose_steps(self, error: ElsewhereError) -> NoReturn:
-        """End the run at its saved state: what ranks or a device had since then is lost."""
+        """End the run at its saved state: later steps of ranks or a device are lost."""
         elsewhere = self.method.elsewhere
         if elsewhere is not None and elsewhere.put_begun(self._saved):
             # Nothing has flowed by then.
@@ -225,7 +225,7 @@ class Trajectory:
 
     @property
     def extent(self) -> float:
-        """The largest coordinate of a body [m]."""
+        """Largest coordinate of a body [m]."""
         bounds = self._bounds()
         return float(np.abs(self.state.position).max()) if bounds is None else float(bounds[6])
 
@@ -240,14 +240,14 @@ class Trajectory:
 
     @property
     def order(self) -> int:
-        """Power of the step with which errors of steps of one length fall."""
+        """Order of the error of steps of one length."""
         if not has_jumps(self.model.links):
             return self.method.order
         return min(self.method.order, KINK_ORDER if self._work.kinks is not None else 2)
 
     @property
     def time(self) -> float:
-        """Time [s] of the state; of a step in progress that where it begins."""
+        """Time [s] of the state, or of the start of a step in progress."""
         return self.time_of(self.index) if self.control is None else self.control.start
 
     def time_of(self, index: int) -> float:
@@ -264,7 +264,7 @@ class Trajectory:
         self.step = step
 
     def save(self, time: float | None = None) -> None:
-        """Save the state, of the present or of a `time` [s]."""
+        """Save the state, at the present or at a given `time` [s]."""
         elsewhere = self.method.elsewhere
         if elsewhere is not None and self._is_saved_there(elsewhere):
             self.note_saved(self.time if time is None else time)
@@ -284,7 +284,7 @@ class Trajectory:
             self.lose_steps(error)
 
     def note_saved(self, time: float) -> None:
-        """The present state, of a `time` [s], was saved: keep what has flowed until then."""
+        """Store the energies that have flowed until the present state, saved at `time` [s]."""
         self.saved_time, self._flows_at = time, (time, self._loads)
         if self.method.holder is not None and self.method.holder.has_saved:
             # What had flowed comes with it.
@@ -297,7 +297,7 @@ class Trajectory:
                 np.copyto(kept, values)
 
     def restore(self) -> None:
-        """Take the saved state back, but not its time."""
+        """Restore the saved state, but not its time."""
         copy_state(self.saved, self.state)
         losses = self.losses
         if losses is not None:
@@ -305,7 +305,7 @@ class Trajectory:
         self.refresh()
 
     def return_to_saved(self) -> None:
-        """Go on from the saved state, at its time."""
+        """Continue from the saved state, at its time."""
         self.restore()
         self._return_flows()
         self.begin_at(self.saved_time)
@@ -313,19 +313,21 @@ class Trajectory:
             self.control.start, self.control.length = self.saved_time, 0.0
 
     def _return_flows(self) -> None:
-        """Set meters back where they are known: not where a call of kernels went on after it."""
+        """
+        Restore meters if they are known, which requires that the kernel call ended at that state.
+        """
         time, loads = self._flows_at
         if time == self.saved_time and loads is self.loads:
             for name, values in self._flowing().items():
                 np.copyto(values, self._flows[name])
 
     def _flowing(self) -> dict[str, np.ndarray]:
-        """Work of the loads, and what meters show, as they are."""
+        """Return the present work of the loads and readings of meters."""
         return {'work': self.loads.work} | {
             name: meter.done for name, meter in self.meters().items()}
 
     def return_work(self) -> None:
-        """Set the work of loads back to what it was at the saved state."""
+        """Restore the work of loads at the saved state."""
         _ = self.saved  # with which the work comes
         np.copyto(self.loads.work, self.loads.earlier_work)
 
@@ -379,45 +381,45 @@ class Trajectory:
         return self.method.symplectic and contact_losses(model.contacts) is not None
 
     def set_contacts(self, contacts: Contacts | None) -> None:
-        """Compute these contacts from now on, and no others."""
+        """Evaluate only these contacts from now on."""
         self.model = self.model._replace(contacts=contacts)
         self.thread_team.prepare_contacts(contacts is not None)
 
     @property
     def losses(self) -> ContactLosses | None:
-        """Friction and damping of the contacts that are computed, if any."""
+        """Friction and damping of the evaluated contacts, if any."""
         return contact_losses(self.model.contacts)
 
     def stretches(self, model: Model | None = None) -> np.ndarray | None:
-        """Return the stretches of friction springs at the state, or in the `model` of a trial."""
+        """Return the stretches of friction springs of the state, or of the `model` of a trial."""
         losses = contact_losses((model or self.model).contacts)
         return None if losses is None else losses.stretch
 
     def place_driven(self) -> None:
-        """Put driven bodies where their paths are."""
+        """Set driven bodies to the poses of their paths."""
         if self._loads.drives is not None:
             place_driven(
                 without(self.model, *TERMS), without(self.loads, *BESIDE_DRIVES), self.state,
                 self.time)
 
     def clear_meters(self) -> None:
-        """Nothing has flowed yet."""
+        """Reset all meters."""
         if self._work.spent is not None or self._work.given is not None:
             for meter in self.meters().values():
                 meter.done[:] = 0.0
 
     def meters(self) -> dict[str, Meter]:
-        """Return the meters of energy that flows by velocities and by a body force, by name."""
+        """Return meters of energy dissipated by velocities and of a body force, by name."""
         meters = {'spent': self.work.spent, 'given': self.work.given}
         return {name: meter for name, meter in meters.items() if meter is not None}
 
     def fail(self, message: str) -> NoReturn:
-        """End the run: no step is taken any more until the state jumps."""
+        """End the run: no step is taken until the state jumps."""
         self.failure = SimulationError(message)
         raise self.failure
 
     def require_sound(self) -> None:
-        """Raise the failure that has ended the run, if one has."""
+        """Raise the failure that has ended the run, if any."""
         if self.failure is not None:
             raise self.failure
 
@@ -430,7 +432,7 @@ class Trajectory:
         self.fail(f'{reason}; the last good state, of t = {self.saved_time:.9g} s, is kept')
 
     def take_force_failure(self) -> str | None:
-        """Return why a body force has failed since the last call; None if it has not."""
+        """Return why a body force has failed since the last call; None without failure."""
         packed = self.packed
         if packed.external is None or packed.body_force is None or not packed.external.status[0]:
             return None
@@ -439,7 +441,7 @@ class Trajectory:
         return reason
 
     def state_tree(self) -> dict[str, Any]:
-        """All of it that the steps to come depend on, body by body."""
+        """Return the data that later steps depend on, by body."""
         tree: dict[str, Any] = {
             'origin': self.origin,
             'index': self.index,
@@ -468,7 +470,7 @@ class Trajectory:
         return tree
 
     def load_state(self, tree: StateTree, loads: Loads) -> None:
-        """Go on from there, with the `loads` that acted then; accelerations come later."""
+        """Restore the trajectory, with the `loads` of that time; accelerations follow."""
         layout = self.packed.layout
         self.origin = tree.number('origin', 0.0)
         self.failure = SimulationError(tree.text('failure')) if 'failure' in tree else None
@@ -492,7 +494,7 @@ class Trajectory:
             meter.done[:, layout.slot] = tree.array(name, (layout.body_count, 2)).T
 
     def load_accelerations(self, tree: StateTree) -> None:
-        """Go on with the accelerations of there; with contacts that were found before."""
+        """Restore the accelerations, after the contacts."""
         # Also where there are no bodies: what was there may not be finite.
         self.refresh_places(anew=True)
         layout, losses = self.packed.layout, self.losses
@@ -509,9 +511,7 @@ class Trajectory:
             if values is not None}
 
     def take_back(self, state: State, tree: StateTree) -> None:
-        """
-        Write a remembered state; slots without a body are at rest at the origin, as at the start.
-        """
+        """Write a state from a checkpoint; slots without a body are at rest at the origin."""
         layout = self.packed.layout
         for name, target in state._asdict().items():
             if target is None:
@@ -526,9 +526,9 @@ class Trajectory:
 
     def rows_by_body(self, loads: Loads) -> np.ndarray:
         """
-        Places of the wrenches on bodies among the work of the loads, by body and then by wrench.
+        Return indices of loaded lanes in the work of the loads, by body and by wrench.
 
-        Whatever the layout: lanes on which a wrench does not act are left out.
+        The order does not depend on the layout: lanes without a wrench are left out.
         """
         layout = self.packed.layout
         body = np.zeros(layout.slot_count, np.int64)

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-In which order the threads of a team go over a fabric, so that bodies come from memory once.
+Order in which the threads of a team traverse a fabric, to load bodies from memory once.
 
-Drifts run ahead of pushes by one layer of the fabric, and what lies between is read again soon: it
-should stay in a core's own cache. Where a layer is too large for that the fabric is swept in
-panels, one after the other, each through all layers. A panel's drifts lie a little across its
-border, where its pushes read. The order changes no result: every block is computed from values
-that do not depend on it.
+Drifts run ahead of kicks by one layer of the fabric. The data in between are read again soon and
+should stay in the cache of a core. If a layer is too large, the fabric is traversed in panels in
+sequence, each through all layers. The drifts of a panel extend slightly across its border, where
+its kicks read. The order does not change results: every block is computed from values that do not
+depend on the order.
 """
 
 from collections.abc import Iterator
@@ -33,9 +33,10 @@ def make_sweeps(
     layout: Layout, links: Links | None, size: int, *, together: bool = False
 ) -> list[Sweep]:
     """
-    The order for each of `size` threads, which own equal runs of blocks.
+    Return the order for each of `size` threads, which own equal runs of blocks.
 
-    `together`: forces need the places of all bodies, so all drift before one is pushed.
+    `together` means that forces need the positions of all bodies, so that all drift before the
+    first kick.
     """
     count = len(layout.blocks.slot)
     owners = np.repeat(
@@ -53,7 +54,7 @@ def make_sweeps(
 
 
 def panel_width(layout: Layout) -> int:
-    """Rows of a panel."""
+    """Return the number of rows of a panel."""
     panels = -(-layout.blocks.reach * LANES // _PANEL)
     return max(1, -(-(int(layout.rows.max(initial=0)) + 1) // max(1, panels)))
 
@@ -84,7 +85,7 @@ def neighbours_of(
     layout: Layout, links: Links | None, blocks: np.ndarray
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """
-    Blocks (p, n) that the pushes of each part of `blocks` read; their own where there is none.
+    Yield the blocks (p, n) that kicks of each batch of `blocks` read, or own ones without links.
     """
     if links is None:
         return

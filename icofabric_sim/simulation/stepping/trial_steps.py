@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Trial steps: where a trajectory leads, or would have led, with other steps; it stays."""
+"""Trial steps: the result of other steps of a trajectory, which remains unchanged."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -23,7 +23,7 @@ import numpy as np
 
 
 class TrialSteps:
-    """Takes steps beside the trajectory, with copies of all that steps change."""
+    """Trial steps of a trajectory, with copies of all data that steps change."""
 
     def __init__(
         self, trajectory: Trajectory, contact: ContactScheduler, calls: MethodCalls
@@ -46,10 +46,9 @@ class TrialSteps:
         start: float | None = None, model: Model | None = None
     ) -> State:
         """
-        Return where `count` steps of length `step` lead; the trajectory stays where it is.
+        Return the state after `count` steps of length `step`, without changing the trajectory.
 
-        `start` [s] and `model`: time and constants to begin with, where these are not the present
-        ones.
+        `start` [s] and `model` are the initial time and constants if not the present ones.
         """
         trajectory = self._trajectory
         state, acceleration = self._make_room()
@@ -68,11 +67,11 @@ class TrialSteps:
         self, step: float, count: int, start: float, source: State, trail: Trail
     ) -> State | None:
         """
-        Return where `count` steps of the embedded pair of length `step` [s] lead.
+        Return the state after `count` steps of the embedded pair of length `step` [s].
 
-        From the state `source` at `start` [s], with room for slopes in `trail`. By the kernel that
-        takes the steps of the trajectory, so that no other need be compiled; None where numbers
-        run away.
+        The steps start from `source` at `start` [s], with arrays of slopes in `trail`. They use
+        the kernel of the trajectory, so that no other kernel is compiled. The result is None on
+        overflow.
         """
         trajectory = self._trajectory
         state, acceleration = self._make_room()
@@ -185,9 +184,9 @@ class TrialSteps:
         self, count: int, rest: float, visit: Callable[[State, State, float, float], None]
     ) -> None:
         """
-        Repeat the `count` steps from the saved state on, then one of `rest` [s], and come back.
+        Repeat `count` steps from the saved state, followed by one of `rest` [s], and return.
 
-        `visit` gets the states before and after each, and their times [s].
+        `visit` gets the states before and after each step, and their times [s].
         """
         trajectory = self._trajectory
         layout, time = trajectory.packed.layout, trajectory.saved_time
@@ -220,7 +219,7 @@ class TrialSteps:
             self._trajectory.refresh(time, model, step)
 
     def keep_earlier(self) -> None:
-        """Keep the saved state for `compare_behind`: the next health check replaces it."""
+        """Store the saved state for `compare_behind`, before the next health check replaces it."""
         trajectory = self._trajectory
         losses, contacts = trajectory.losses, trajectory.model.contacts
         if self._earlier is None:
@@ -275,12 +274,12 @@ class TrialSteps:
         return None if failed else found
 
     def earlier_tree(self) -> dict[str, Any]:
-        """The state that `keep_earlier` has kept, body by body."""
+        """Return the state of `keep_earlier`, by body."""
         assert self._earlier is not None
         return self._trajectory.by_body(self._earlier)
 
     def load_earlier(self, tree: StateTree) -> None:
-        """Keep that state again, where nothing can touch."""
+        """Restore the state of `keep_earlier` without contacts."""
         if self._earlier is None:
             self._earlier = self._trajectory.packed.layout.like(self._trajectory.state)
         self._trajectory.take_back(self._earlier, tree)

@@ -85,10 +85,10 @@ class UniformStepping:
         """Do nothing: `errors` measures again."""
 
     def forget(self) -> None:
-        """Do nothing, likewise."""
+        """Do nothing: `errors` has all sums."""
 
     def rebase(self, time: float) -> None:
-        """Do nothing, likewise."""
+        """Do nothing: the trajectory has the time."""
 
     def count_until(self, time: float) -> int:
         """Count the whole steps that end by `time` [s]."""
@@ -324,10 +324,10 @@ class UniformStepping:
         """Add nothing: the other components have everything that later steps depend on."""
 
     def load_time(self, tree: StateTree) -> None:
-        """Do nothing, likewise."""
+        """Do nothing: the trajectory has the time."""
 
     def load_state(self, tree: StateTree) -> None:
-        """Do nothing, likewise."""
+        """Do nothing: the other components restore their state."""
 
     def take(self, step: float, count: int) -> int:
         """Take up to `count` steps of `step` [s] and react to the outcome; return their number."""

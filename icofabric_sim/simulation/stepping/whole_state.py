@@ -25,11 +25,11 @@ class WholeState:
     """Queries about the full state, local or distributed."""
 
     def __init__(self, trajectory: Trajectory, calls: MethodCalls) -> None:
-        """Ask the state of the `trajectory`, by `calls` where others have it."""
+        """Query the state of the `trajectory`, by `calls` if it is distributed."""
         self._trajectory, self._calls = trajectory, calls
 
     def refresh(self) -> None:
-        """Compute its accelerations."""
+        """Compute the accelerations of the state."""
         trajectory, elsewhere = self._trajectory, self._elsewhere()
         if elsewhere is None:
             trajectory.refresh()
@@ -54,10 +54,10 @@ class WholeState:
 
     def squares(self) -> float:
         """
-        Squares of forces and torques over masses and inertias of all bodies, summed [N^2/kg].
+        Return the sum of squared forces and torques over masses and inertias [N^2/kg].
 
-        By anchors, too, and without the weight of what falls freely, which does not come back.
-        Accelerations are those of `refresh`.
+        Forces of anchors are included, and the weight in free fall is not, because it does not
+        return. Accelerations are those of `refresh`.
         """
         trajectory, elsewhere = self._trajectory, self._elsewhere()
         packed, model, work = trajectory.packed, trajectory.model, trajectory.for_steps()[3]
@@ -81,7 +81,7 @@ class WholeState:
         return float(mass * added_up(sums[0]) + inertia * added_up(sums[1]))
 
     def relative_speed(self) -> float:
-        """Largest speed [m/s] of a body beside the mean velocity of all."""
+        """Return the largest speed [m/s] of a body relative to the mean velocity."""
         trajectory, elsewhere = self._trajectory, self._elsewhere()
         blocks, work = trajectory.model.blocks, trajectory.for_steps()[3]
         count = len(blocks.slot)
@@ -100,7 +100,9 @@ class WholeState:
             return math.sqrt(elsewhere.fastest_square(mean))
 
     def frequency(self, *, locate: bool = False) -> Frequency:
-        """Find the largest frequency of the fabric; `locate`: with the bodies of its vibration."""
+        """
+        Return the largest frequency of the fabric; `locate` adds the bodies of its vibration.
+        """
         trajectory, found = self._trajectory, None
         elsewhere = None if locate else self._elsewhere()
         if elsewhere is not None:

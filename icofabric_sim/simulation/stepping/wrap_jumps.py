@@ -3,9 +3,9 @@
 """
 Jumps of the lengths of connectors around shells that pass through each other.
 
-The shortest way around two shells changes with their poses without a jump while they keep out of
-each other. Where they overlap it may not be taut any more, and another one, longer or shorter,
-takes its place: the energy of the connector jumps with its length, whatever the step.
+The geodesic around two shells changes continuously with their poses while they do not overlap. If
+they overlap, it may no longer be taut, and another geodesic, longer or shorter, replaces it: the
+energy of the connector jumps with its length, whatever the step.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Jump(NamedTuple):
     depth: float  # least shift that parts the two shells after it [m]
 
     def __str__(self) -> str:
-        """Say what jumped, by how much, and why."""
+        """Return a sentence on the jump and its cause."""
         first, second = self.bodies
         return (
             f'the shells of bodies {first} and {second} pass through each other, by '
@@ -47,9 +47,10 @@ def jumps_between(
     broken_since: np.ndarray | None
 ) -> list[Jump]:
     """
-    Connectors around overlapping shells of `half_edge` [m] whose length jumped, largest first.
+    Return connectors around overlapping shells whose length jumped, the largest jump first.
 
-    `broken_since` (c,) [s], NaN while unbroken; None: all are whole.
+    Shells have the `half_edge` [m]. `broken_since` (c,) [s] is NaN while unbroken; None: no
+    connector is broken.
     """
     connectors = packed.connectors
     if connectors is None or packed.model.wrapping is None:
@@ -82,9 +83,9 @@ def depths_of(
     snapshot: Snapshot, half_edge: float, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
     """
-    By how much the shells of bodies overlap [m], (p,); negative: how far they are apart.
+    Return the overlaps [m] of the shells of bodies, (p,), or minus their distances.
 
-    Of `half_edge` [m]; bodies `first` and `second`, (p,) each.
+    Shells have the `half_edge` [m]; bodies are `first` and `second`, (p,) each.
     """
     # Columns of these are the axes of a body.
     axes = cosines_from_quaternions(snapshot.orientation).transpose(0, 2, 1)
@@ -101,9 +102,9 @@ def _most(
     one: Snapshot, two: Snapshot, first: np.ndarray, second: np.ndarray, radius: float
 ) -> np.ndarray:
     """
-    By how much the motion of shells of `radius` [m] can change lengths between them [m], (c,).
+    Return the largest changes of lengths [m], (c,), by the motion of shells of `radius` [m].
 
-    From the bodies `first` to the bodies `second`, (c,).
+    Connectors lead from the bodies `first` to the bodies `second`, (c,).
     """
     shift = two.position - one.position
     # The product of two unit quaternions is the cosine of half the angle between them.

@@ -53,8 +53,8 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
     fold_largest,
     judge,
     Losses,
-    ROWS,
     slope_kernel,
+    STATE_ROW_COUNT,
 )
 from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.devices.pair_control import (
@@ -72,7 +72,7 @@ wp: Any = import_module('warp')
 # Stored slopes of a step: start, stages and end.
 SLOPES = embedded.LAST + 1
 # Most values of an error that this process folds.
-_FEW = 1024
+_HOST_FOLD_COUNT = 1024
 _NOTHING_NEAR = Nearness()
 _Run = tuple[Loads, State, Work]
 
@@ -94,7 +94,7 @@ class DevicePair:
         self._start: tuple[Any, Any]
         self._stage, self._start = (
             (self._zeros(POSE * slots), self._zeros(MOTION * slots)) for _ in range(2))
-        self._slopes = self._zeros((SLOPES, ROWS * slots))
+        self._slopes = self._zeros((SLOPES, STATE_ROW_COUNT * slots))
         spends = any(self._losses)
         self._spent = self._zeros((SLOPES, slots if spends else 0))
         # [J] in total, and at the start of the step in progress.
@@ -104,7 +104,7 @@ class DevicePair:
         self._errors_by = [
             doubles(row, device) for row in (pair.higher_error, pair.lower_error)]
         self._errors = [self._zeros((2, self._threads))]
-        while self._errors[-1].shape[1] > _FEW:
+        while self._errors[-1].shape[1] > _HOST_FOLD_COUNT:
             self._errors.append(self._zeros((2, -(-self._errors[-1].shape[1] // SHARE))))
         # Loads, and empty loads.
         self._acting: Any = None

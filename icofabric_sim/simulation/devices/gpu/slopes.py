@@ -45,7 +45,7 @@ _ZERO_F64, _HALF, _ONE, _TWO, _TWENTY = (
 _TINY, _HUNDREDTH = wp.constant(_DOUBLE(1e-300)), wp.constant(_DOUBLE(0.01))
 _SLOPE, _KINK = wp.constant(_DOUBLE(26.0)), wp.constant(_DOUBLE(1.7))
 # Rows of a state and of its slope: position, orientation, velocity, spin.
-ROWS = 13
+STATE_ROW_COUNT = 13
 # First rows of each quantity; without contacts and arms the last one is the spin.
 _FIRSTS = wp.constant(wp.types.vector(length=5, dtype=wp.int32)(0, 3, 7, 10, 13))
 

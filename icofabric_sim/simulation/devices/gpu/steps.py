@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A method whose steps a device takes.
+A method whose steps run on a GPU.
 
-The run, its driver and all that judges it are in this process. The state stays on the device; it
-comes here whenever the trajectory is asked for it, and at health checks that look at what is not
-summed up there (health.py).
+The run, its driver and all checks are in this process. The state stays on the device. It is copied
+to this process when the trajectory needs it, and for health checks of quantities that the device
+does not sum (health.py).
 """
 
 from collections.abc import Iterator
@@ -61,21 +61,21 @@ import numpy as np
 wp: Any = import_module('warp')
 
 # Evaluations of the forces in the longest graph.
-_LONGEST = 64
-_KEPT, _EVALUATED = 1, 2
+_MAX_GRAPH_EVALUATIONS = 64
+_STORED_SOURCE, _EVALUATED_SOURCE = 1, 2
 _NOTHING_NEAR = Nearness()
 
 
 class DeviceSteps:
-    """Steps of a method, taken on a device."""
+    """Steps of a method on a GPU."""
 
     def __init__(
         self, device: Device, packed: PackedScene, method: Method, *, given: bool, estimated: bool
     ) -> None:
         """
-        Put the fabric on the device; `given`: the step is, and its error is `estimated`.
+        Copy the fabric to the device; raise ValueError if memory is insufficient.
 
-        Raises ValueError where it lacks memory.
+        `given` means a given step, whose error is `estimated`.
         """
         self._device, self._packed, self._method = device, packed, method
         self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
@@ -115,12 +115,12 @@ class DeviceSteps:
 
     @property
     def rank_count(self) -> int:
-        """One process takes the steps."""
+        """Number of processes that take the steps: 1."""
         return 1
 
     @property
     def halo_bytes(self) -> int:
-        """Nothing travels between processes."""
+        """Bytes exchanged between processes: 0."""
         return 0
 
     @property
@@ -129,13 +129,13 @@ class DeviceSteps:
         return self._device.name
 
     def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
-        """Take steps as `splitting` of kernels/integrators/splitting.py does, on the device."""
+        """Take steps on the device, as `splitting` of kernels/integrators/splitting.py."""
         with TURN, self._named_failure():
             return take_steps(
                 self, self._differences, self._method.stages, model, *arguments)
 
     def take_over(self) -> bool:
-        """Have the whole state of the run here; whether it was on the device until then."""
+        """Copy the whole state to this process; return True if it was only on the device."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
             with TURN, self._named_failure():
@@ -145,7 +145,7 @@ class DeviceSteps:
 
     @property
     def device_bytes(self) -> int:
-        """Bytes that the run takes there, about, but for its loads."""
+        """Approximate memory [bytes] of the run on the device, without its loads."""
         packed = self._packed
         return bytes_of(
             packed.model, packed.layout, kinked=self._follows_kinks,
@@ -153,11 +153,11 @@ class DeviceSteps:
 
     @property
     def has_saved(self) -> bool:
-        """Whether the state that was saved last is on the device, and not here."""
+        """True if the last saved state is only on the device."""
         return self._saved_for is not None
 
     def take_saved(self) -> dict[str, np.ndarray]:
-        """Have it here, with the work that loads had done."""
+        """Copy the saved state to this process; return the work of loads at that time."""
         if self._saved_for is None:
             return {}
         (saved, loads), self._saved_for = self._saved_for, None
@@ -166,7 +166,7 @@ class DeviceSteps:
         return {'work': loads.earlier_work.copy()}
 
     def _named_failure(self) -> AbstractContextManager[None]:
-        """Let what goes wrong be a failure of the device; the state there is lost."""
+        """Raise any failure as DeviceError; the state on the device is lost."""
         return named_failure(self.device, self._forget)
 
     def _forget(self) -> None:
@@ -175,9 +175,9 @@ class DeviceSteps:
 
     def bare_steps(self, count: int) -> None:
         """
-        Take `count` steps of the length before, from where the device stands, and wait for them.
+        Take `count` more steps of the same length on the device, and wait for them.
 
-        For measurements: no health check, and the run does not get to know.
+        For measurements only: without health checks, and without a change of the run.
         """
         with TURN:
             self._steps(0, count)
@@ -268,7 +268,7 @@ class DeviceSteps:
             self._take(call.loads, call.state, call.work, whole=True)
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
-        """Have state and loads on the device."""
+        """Copy state and loads to the device."""
         self._state.put(state, work)
         self._now = 0
         # Once something has acted, the kernel without loads is not made beside the other.
@@ -287,7 +287,7 @@ class DeviceSteps:
             self._difference.assign(work.difference.ravel())
 
     def _take(self, loads: Loads, state: State, work: Work, *, whole: bool) -> None:
-        """Have state and work of the loads here; `whole`: with all that the next step needs."""
+        """Copy state and work of loads to this process; `whole` adds data for the next step."""
         self._state.take(self._now, state, work, whole=whole)
         if len(loads.wrench):
             copy_back(loads.work, self._acting.work)
@@ -295,14 +295,14 @@ class DeviceSteps:
             copy_back(work.difference, self._difference)
 
     def _steps(self, index: int, count: int) -> None:
-        """Take `count` steps from the number `index` on, by graphs of launches."""
+        """Take `count` steps from number `index` on, by graphs of launches."""
         loaded, contacts, room = self._acting is not None, self._contacts, 0
         if contacts is not None and self._near is not None and len(contacts.pairs):
             set_tests(contacts, 0, tests_of(contacts, 0) + (
                 count * self._method.stages * len(contacts.pairs)))
             room = self._near.room
         seen_by = self._is_watching, room
-        longest = max(_LONGEST // self._method.stages, 1)
+        longest = max(_MAX_GRAPH_EVALUATIONS // self._method.stages, 1)
         while count:
             # Powers of two: few graphs do for any count.
             length = min(1 << count.bit_length() - 1, longest)
@@ -317,7 +317,7 @@ class DeviceSteps:
             count -= length
 
     def _flips(self, count: int) -> int:
-        """Count how often poses move from one array to the other in so many steps."""
+        """Return how often `count` steps move poses from one array to the other."""
         if self._follows_kinks:
             return count * len(self._method.drifts)
         return sum(stage.drift != 0.0 for stage in stages_of(self._method, count))
@@ -337,7 +337,7 @@ class DeviceSteps:
             near.load()
         with wp.ScopedCapture(device=self._device.handle) as capture:
             for stage in stages_of(self._method, count):
-                if near is not None and stage.source == _EVALUATED:
+                if near is not None and stage.source == _EVALUATED_SOURCE:
                     near.evaluate(
                         self._clock, stage.push_step, stage.push_drifts,
                         self._state.poses[now], touching=touching,
@@ -354,7 +354,7 @@ class DeviceSteps:
         return capture.graph
 
     def _record_kinked(self, count: int, loaded: bool, acting: Any) -> Any:
-        """The same of steps that follow where slopes jump."""
+        """Record the launches of `count` steps that resolve jumps of slopes as one graph."""
         terms = terms_of(self._packed.model, loaded=loaded)._replace(kept=True)
         kernel = step_kernel(terms)
         more = crossings(midpoints=terms.midpoints)
@@ -402,7 +402,7 @@ class DeviceSteps:
         return capture.graph
 
     def _sample(self, model: Model, work: Work, number: int) -> None:
-        """Add the poses at a step end to the difference by which roughness is judged."""
+        """Add the poses at the end of a step to the difference that measures roughness."""
         count = self._difference.shape[0] // POSE
         launch(
             sample, dim=count, inputs=[
@@ -415,21 +415,21 @@ def stages_of(method: Method, count: int) -> Iterator[Any]:
     """
     Yield the launches of `count` steps of a method.
 
-    Each pushes where the one before has drifted to, and drifts: the first only drifts, after a
-    push by the accelerations that were kept where kicks begin a step.
+    Each launch kicks at the positions after the previous drift, and drifts. The first launch only
+    drifts, after a kick by stored accelerations if steps start with a kick.
     """
     kicks, drifts = method.kicks, method.drifts
     kick_first, stages = len(kicks) > len(drifts), min(len(kicks), len(drifts))
     first = Stage()
     if kick_first:
-        first.source, first.kick = _KEPT, kicks[0]
+        first.source, first.kick = _STORED_SOURCE, kicks[0]
     first.drift = drifts[0]
     yield first
     for evaluation in range(count * stages):
         step, number = divmod(evaluation, stages)
         is_last, ends = evaluation + 1 == count * stages, number + 1 == stages
         stage = Stage()
-        stage.source, stage.push_step, stage.push_drifts = _EVALUATED, step, number + 1
+        stage.source, stage.push_step, stage.push_drifts = _EVALUATED_SOURCE, step, number + 1
         stage.kick = kicks[number + 1] if kick_first else kicks[number]
         if kick_first:
             stage.keep = int(is_last)
@@ -449,9 +449,9 @@ def device_method(
     later: str = ''
 ) -> Method:
     """
-    Return the method `name` with steps that the device takes.
+    Return the method `name` with steps on the device.
 
-    `later`: the one that may go on from there, for which there must be room beside it; '': none.
+    `later` is the method that may take over and needs memory at the same time; empty without one.
     """
     require_method_on_device(name, device.choice)
     method = METHODS[name]

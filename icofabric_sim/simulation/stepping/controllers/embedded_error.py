@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Adaptive steps: their length follows the error estimate of the embedded Runge-Kutta pair.
+Adaptive steps, whose length follows the error estimate of the embedded Runge-Kutta pair.
 
-The kernel accepts or refuses each step (kernels/integrators/embedded.py); here it is told by what.
-A given step rules as elsewhere, but for steps that an event ends.
+The kernel accepts or rejects each step (kernels/integrators/embedded.py); this module sets the
+criteria. A given step is kept, apart from steps that an event ends.
 """
 
 import math
@@ -49,12 +49,12 @@ RANK = 0
 
 
 def suits(choice: StepChoice) -> bool:
-    """Whether the kernel accepts or refuses each step."""
+    """Return True if the kernel accepts or rejects each step."""
     return choice.embedded
 
 
 def make(pieces: Pieces, choice: StepChoice) -> 'EmbeddedError':
-    """Return the controller; ValueError where step or tolerance are impossible."""
+    """Return the controller; raise ValueError if step or tolerance are impossible."""
     if choice.given > 0.0:
         pieces.rates.require_possible(choice.given)
     else:
@@ -63,12 +63,12 @@ def make(pieces: Pieces, choice: StepChoice) -> 'EmbeddedError':
 
 
 class EmbeddedError:
-    """Tells the kernel by what it accepts a step, and how long the first one is."""
+    """Criteria by which the kernel accepts a step, and the length of the first step."""
 
     held_back = False
 
     def __init__(self, pieces: Pieces, choice: StepChoice) -> None:
-        """Write into the control of the trajectory."""
+        """Write the criteria to the control of the trajectory."""
         self._pieces, self._given = pieces, choice.given
         self._output_period = choice.output_period
         pieces.contact.list_by_few_axes()
@@ -80,7 +80,7 @@ class EmbeddedError:
         return control
 
     def outlook(self) -> tuple[float, float]:
-        """What is near need not touch: steps are as long as the motion allows until then."""
+        """Return the step before contacts, as the motion allows, and the number of steps ahead."""
         trajectory, contact = self._pieces.trajectory, self._pieces.contact
         if self._given > 0.0:
             return trajectory.step, 1.0
@@ -88,7 +88,7 @@ class EmbeddedError:
         return max(step, min(self._control.next, self._control.close)), _AHEAD
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return the given step, or the first one of a motion: later the error decides."""
+        """Return the given step, or the first step of a motion; later, the error decides."""
         pieces, control = self._pieces, self._control
         trajectory, contact = pieces.trajectory, pieces.contact
         first = self._first_step()
@@ -124,16 +124,17 @@ class EmbeddedError:
         return self._given or trajectory.step or first
 
     def excess(self) -> float | None:
-        """Steps that erred by too much were refused already."""
+        """Return None: steps with too large errors were rejected already."""
         return None
 
     def follow_contacts(self) -> bool:
         """
-        Errors and displacements decide; but at first touch forces have a kink.
+        Set limits of steps at first contact, where forces have a kink; return False.
 
-        In a step of length h with a kink a velocity v errs by about (w h)^2 v, w the frequency of
-        the contact: at the length below by less than the part of a that the tolerance allows in
-        a few hundred radians of it. And the last bits of positions make noise in large forces.
+        In a step of length h with a kink, a velocity v errs by about (w h)^2 v, with the frequency
+        w of the contact. At the length below, this is less than the fraction of a that the
+        tolerance allows in a few hundred radians of w. Round-off of positions causes noise in
+        large forces.
         """
         control, contact = self._control, self._pieces.contact
         control.kink = control.floor = control.resume = 0.0
@@ -162,14 +163,14 @@ class EmbeddedError:
         return False
 
     def follow_touching(self) -> bool:
-        """What touches is in the error of each step."""
+        """Return False: the error of each step includes contacts."""
         return False
 
     def follow_swing(self) -> None:
-        """It is never asked for."""
+        """Do nothing: adaptive steps have no limit of the energy oscillation."""
 
     def follow_jump(self) -> bool:
-        """The next step reuses nothing of the one before, and is no longer than a first one."""
+        """Start the next step without data of the last one, at most as long as a first step."""
         control = self._control
         control.has_last = 0.0
         control.next = min(control.next, self._first_step())
@@ -177,7 +178,7 @@ class EmbeddedError:
         return False
 
     def _keep_given(self) -> None:
-        """A given step: every error is right, and no step is longer."""
+        """Accept every error of a given step, and limit steps to this length."""
         if self._given > 0.0:
             control = self._control
             control.tolerance = ANY
@@ -195,14 +196,16 @@ class EmbeddedError:
 
     @property
     def _has_kinks(self) -> bool:
-        """Whether tensions of connectors have kinks, or jump where bands change their way."""
+        """True if tensions have kinks, or jump where wrapped connectors change their path."""
         model = self._pieces.trajectory.model
         links = model.links
         return has_jumps(links) or model.wrapping is not None or (
             links is not None and links.tables is not None)
 
     def _kinked_rate(self, rate: float) -> float:
-        """Square [1/s^2] of the fastest motion where forces may have kinks; 0: they have none."""
+        """
+        Return the squared rate [1/s^2] of the fastest motion if forces may have kinks; else 0.
+        """
         model, contact = self._pieces.trajectory.model, self._pieces.contact
         if not contact.is_possible and model.wrapping is None and not self._has_kinks:
             return 0.0

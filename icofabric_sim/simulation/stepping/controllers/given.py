@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A given step: the controller keeps it, and measures what it adds to the error.
+A given step, whose error is measured.
 
-How soon it measures again depends on how much of the sum of errors hangs on it, and on how long
-the motion lasts.
+The time until the next measurement depends on its effect on the sum of errors, and on the duration
+of the motion so far.
 """
 
 import math
@@ -30,7 +30,7 @@ def suits(choice: StepChoice) -> bool:
 
 
 def make(pieces: Pieces, choice: StepChoice) -> 'GivenStep':
-    """Return the controller; ValueError where the step is too long or far too short."""
+    """Return the controller; raise ValueError if the step is too long or far too short."""
     pieces.rates.require_possible(choice.given)
     return GivenStep(pieces)
 
@@ -41,13 +41,15 @@ class GivenStep:
     held_back = False
 
     def __init__(self, pieces: Pieces) -> None:
-        """Keep the step that the trajectory has."""
+        """Keep the step of the trajectory."""
         self._pieces = pieces
         if pieces.trajectory.method.runs_through_contacts:
             pieces.contact.count_only_touching()
 
     def outlook(self) -> tuple[float, float]:
-        """Look one step ahead, or to the next health check where steps run through contacts."""
+        """
+        Return the step, and the number of steps ahead: one, or more if they run through contacts.
+        """
         pieces = self._pieces
         method, step = pieces.trajectory.method, pieces.trajectory.step
         # A step too long for contacts ends the run where one is about to begin, and no sooner.
@@ -56,7 +58,7 @@ class GivenStep:
         return step, float(pieces.monitor.search_interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return the step, and measure its error if that is due and wanted."""
+        """Return the step, and measure its error if due and requested."""
         pieces, errors = self._pieces, self._pieces.errors.probe
         if not pieces.errors.is_estimated:
             errors.checks_left = NEVER
@@ -80,26 +82,26 @@ class GivenStep:
         return step
 
     def excess(self) -> float | None:
-        """Steps are taken whatever they err by."""
+        """Return None: steps are accepted with any error."""
         return None
 
     def follow_contacts(self) -> bool:
-        """Nothing changes the step."""
+        """Return False: the step does not change."""
         return False
 
     def follow_touching(self) -> bool:
-        """Nothing changes the step."""
+        """Return False: the step does not change."""
         return False
 
     def follow_swing(self) -> None:
-        """Nothing changes the step."""
+        """Do nothing: the step does not change."""
 
     def follow_jump(self) -> bool:
         """Request a measurement of the error, as loads may be faster."""
         return True
 
     def _measure_briefly(self, fastest: float) -> None:
-        """Measure what the step adds until health checks read it from differences."""
+        """Measure the error until health checks compute it from differences."""
         errors, rates = self._pieces.errors.probe, self._pieces.rates
         step = self._pieces.trajectory.step
         errors.begin()
@@ -117,7 +119,7 @@ class GivenStep:
         errors.checks_left = errors.checks_to_difference(self._pieces.monitor.interval)
 
     def _measure(self, fastest: float, *, jumped: bool) -> None:
-        """Measure what the step adds; `jumped`: what acts is new."""
+        """Measure the error of the step; `jumped` means that loads are new."""
         errors, rates = self._pieces.errors.probe, self._pieces.rates
         step = min(self._pieces.trajectory.step, rates.pulse_step())
         method = self._pieces.trajectory.method

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of one length, as long as they are stable and as accurate as asked.
+Steps of one length, as long as stability and the tolerance allow.
 
-Their error is measured (accuracy_probe.py) where a motion begins, where it changes, and now and
-then; in between the step is kept while it is about right.
+Their error is measured (accuracy_probe.py) at the start of a motion, after changes, and from time
+to time. Between measurements, a step is kept while its error is about right.
 """
 
 import math
@@ -84,9 +84,10 @@ RANK = 0
 
 def _largest_ratio(method: Method, energy_limit: float) -> float:
     """
-    Step times frequency at which the energy of a vibration swings by half of its limit.
+    Return step times frequency at which the energy oscillates by half of its limit.
 
-    That of leapfrog by (w h)^2 / 4 of itself, whatever is tolerated of the motion.
+    The energy of a vibration with leapfrog oscillates by a fraction (w h)^2 / 4, whatever the
+    tolerance.
     """
     if method.implicit or not energy_limit > 0.0:
         return math.inf
@@ -99,11 +100,11 @@ def _largest_ratio(method: Method, energy_limit: float) -> float:
 
 def _largest_ratio_at_kinks(method: Method, energy_limit: float, error: float) -> float:
     """
-    Step times frequency with which the energy of a kinked fabric stays within half of its limit.
+    Return step times frequency for which energy errors at kinks stay within half of the limit.
 
-    Of small motion the tolerance may ask for nothing, but what drifts does not depend on its size.
-    `error`: of the balance by now, in parts of its scale. Steps become shorter as it grows, so
-    that long runs go on.
+    The tolerance of small motion may require nothing, but the relative drift does not depend on
+    amplitude. `error` is the present relative error of the balance. Steps shorten as the error
+    grows, so that long runs continue.
     """
     if method.order <= 2 or not energy_limit > 0.0:
         return math.inf
@@ -121,16 +122,16 @@ def suits(choice: StepChoice) -> bool:
 
 
 def make(pieces: Pieces, choice: StepChoice) -> 'MeasuredStep':
-    """Return the controller; ValueError where the tolerance is below rounding."""
+    """Return the controller; raise ValueError if the tolerance is below round-off."""
     pieces.errors.probe.require_possible(pieces.rates.fabric.rate)
     return MeasuredStep(pieces, choice.output_period)
 
 
 class MeasuredStep:
-    """The longest step that the tolerance allows, as far as it was measured."""
+    """The longest step that the tolerance allows, as measured."""
 
     def __init__(self, pieces: Pieces, output_period: float) -> None:
-        """Without any scale take steps of `output_period` [s]."""
+        """Use steps of `output_period` [s] if no time scale is known."""
         self._pieces, self._output_period = pieces, output_period
         self.held_back = False
         self._runs_through = pieces.trajectory.method.runs_through_contacts
@@ -138,7 +139,7 @@ class MeasuredStep:
             pieces.contact.count_only_touching()
 
     def outlook(self) -> tuple[float, float]:
-        """Contacts are stiffer than the fabric, whose frequency is of an earlier state."""
+        """Return the step for contacts, stiffer than the fabric, and the number of steps ahead."""
         method = self._pieces.trajectory.method
         if self._runs_through:
             listed = self._pieces.contact.contacts
@@ -149,7 +150,7 @@ class MeasuredStep:
             method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
 
     def propose(self, *, probe: bool, shorter: float) -> float:
-        """Return a step that is stable and as accurate as asked: the present one if it will do."""
+        """Return a stable and accurate step: the present one if suitable."""
         pieces = self._pieces
         trajectory, rates, errors = pieces.trajectory, pieces.rates, pieces.errors.probe
         errors.follow_forces()
@@ -213,7 +214,7 @@ class MeasuredStep:
         return step
 
     def _contact_step(self) -> float:
-        """Step [s] that runs through contacts."""
+        """Return a step [s] that runs through contacts."""
         contact = self._pieces.contact
         most, least = self._contact_ratios
         ratio = max(most * self._pieces.trajectory.ledger.swing_part, least)
@@ -224,7 +225,7 @@ class MeasuredStep:
 
     @property
     def _contact_ratios(self) -> tuple[float, float]:
-        """Longest and shortest step for collisions, times the bound of a contact's frequency."""
+        """Longest and shortest step for collisions, times the bound of the contact frequency."""
         pieces = self._pieces
         trajectory, ledger = pieces.trajectory, pieces.trajectory.ledger
         most = _CONTACT * math.sqrt(min(pieces.errors.probe.tolerance / _LOOSE, 1.0))
@@ -240,12 +241,14 @@ class MeasuredStep:
 
     @property
     def _largest_swing(self) -> float:
-        """Part of the scale of the balance that contacts may make swing in a step."""
+        """Relative energy oscillation that contacts may cause in a step."""
         limit = self._pieces.trajectory.ledger.limit
         return _SWINGS * limit if limit > 0.0 else _ANY
 
     def _longest_at_kinks(self) -> float:
-        """Step [s] for crossings to come, which no present motion shows: slack connectors."""
+        """
+        Return the longest step [s] for later crossings of slack connectors, unseen in the motion.
+        """
         pieces = self._pieces
         trajectory, rates = pieces.trajectory, pieces.rates
         packed, frequency = trajectory.packed, rates.fabric.rate
@@ -287,11 +290,11 @@ class MeasuredStep:
         return _MAX_ERROR_RATIO * ledger.rough / ledger.rough_limit
 
     def follow_contacts(self) -> bool:
-        """Propose another step."""
+        """Return True: another step is proposed."""
         return True
 
     def follow_touching(self) -> bool:
-        """Propose another step where what touches, and moves, asks for a shorter or longer one."""
+        """Return True if moving contacts require a shorter or permit a longer step."""
         ledger = self._pieces.trajectory.ledger
         allowed = self._largest_swing * ledger.balance.scale
         if ledger.swing_part < 1.0 and 4.0 * ledger.swing <= _SWUNG * allowed:
@@ -301,7 +304,7 @@ class MeasuredStep:
         return step > wanted or step < _RELAXED * min(wanted, self._pieces.errors.probe.step)
 
     def follow_swing(self) -> None:
-        """Let the next steps be half as long: collisions made too much energy swing."""
+        """Halve the next steps: collisions made too much energy oscillate."""
         trajectory = self._pieces.trajectory
         most, least = self._contact_ratios
         ratio = 0.5 * trajectory.step * math.sqrt(self._pieces.contact.least_rate)
@@ -309,17 +312,17 @@ class MeasuredStep:
             trajectory.ledger.swing_part *= 0.5
 
     def follow_jump(self) -> bool:
-        """Propose another step."""
+        """Return True: another step is proposed."""
         return True
 
     def _measure(
         self, step: float, cap: float, fastest: float, *, jumped: bool, held: bool
     ) -> float:
         """
-        Find a step up to `cap` [s] that is accurate enough, near `step` if that will do.
+        Return an accurate step up to `cap` [s], close to `step` if possible.
 
-        `fastest` is the rate [rad/s] of the fastest motion; `jumped`: what acts is new; `held`:
-        contacts keep steps short, whose errors are measured behind the steps.
+        `fastest` is the rate [rad/s] of the fastest motion. `jumped` means that loads are new.
+        `held` means that contacts keep steps short, whose errors are measured after the steps.
         """
         errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
         tolerance, order = errors.tolerance, trajectory.order
@@ -389,11 +392,11 @@ class MeasuredStep:
         self, step: float, cap: float, fastest: float, *, jumped: bool, excess: float
     ) -> float:
         """
-        Find a step as `_measure` does, by differences where these are known of the present one.
+        Return a step as `_measure`, by differences if known for the present step.
 
-        Else by a measurement over a quarter of a period: the next health check tells more.
-        `excess`: how many times too large the error was with the step before. Then no longer one
-        than `step` is tried, as the motion ahead is rougher than the present one.
+        Otherwise a quarter of a period is measured, and the next health check provides
+        differences. `excess` is the ratio of the error of the last step to the allowed one. If
+        above 1, no step longer than `step` is tried, because the motion ahead is rougher.
         """
         errors, trajectory = self._pieces.errors.probe, self._pieces.trajectory
         ledger, rates, tolerance = trajectory.ledger, self._pieces.rates, errors.tolerance
@@ -447,7 +450,7 @@ class MeasuredStep:
         return step
 
     def _expect(self, rough: float) -> None:
-        """Note how rough the motion is with the error that was measured; more asks for another."""
+        """Store the roughness for the measured error; rougher motion requires a new step."""
         errors, ledger = self._pieces.errors.probe, self._pieces.trajectory.ledger
         error = max(errors.rate, 1e-3 * TARGET_RATIO * errors.tolerance)
         room = max(_MAX_ERROR_RATIO * errors.tolerance / error, _ROUGHER)
@@ -457,9 +460,9 @@ class MeasuredStep:
 
 def rounded_down(step: float) -> float:
     """
-    Nearest number below with a mantissa of 12 bits.
+    Return the nearest lower number with a mantissa of 12 bits.
 
-    So the last bits of the frequency hardly ever decide about the step.
+    So the last bits of the frequency rarely affect the step.
     """
     mantissa, exponent = math.frexp(step)
     return math.ldexp(math.floor(mantissa * 4096.0) / 4096.0, exponent)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Anchors break where they reach a limit of their length."""
+"""Breakage of anchors that reach a limit of their length."""
 
 from typing import Any
 
@@ -16,34 +16,36 @@ import numpy as np
 
 
 def why(scene: Scene) -> str:
-    """Say why a scene needs steps that end where an anchor breaks; '': it does not."""
+    """Return why a scene needs steps that end where an anchor breaks; empty if it does not."""
     return 'anchors that break need steps that end where one does' if scene.anchors_break else ''
 
 
 def make(pieces: Pieces, step: StepInProgress) -> 'AnchorBreakage | None':
-    """Return the locator; None where no anchor breaks."""
+    """Return the locator; None if no anchor can break."""
     breaks = pieces.trajectory.anchor_breaks
     return None if breaks is None else AnchorBreakage(pieces, step, breaks)
 
 
 class AnchorBreakage:
     """
-    Finds the first anchors to break in the step in progress, and breaks them at its end.
+    Locator of the first anchors to break in the step in progress, which break at its end.
 
-    They are few: each step is searched.
+    Each step is searched, because anchors are few.
     """
 
     status = 0
 
     def __init__(self, pieces: Pieces, step: StepInProgress, breaks: AnchorBreaks) -> None:
-        """Search the `step` in progress for those of the `breaks` that are left."""
+        """Search the `step` in progress for unbroken anchors of `breaks`."""
         self._trajectory, self._step, self._breaks = pieces.trajectory, step, breaks
         self.is_due = False
         # Numbers of the anchors that were found.
         self._found = np.zeros(0, np.int64)
 
     def find(self) -> float | None:
-        """Part of the step in progress at which anchors break first; None where none does."""
+        """
+        Return the fraction of the step in progress at which anchors first break; None without any.
+        """
         breaks, step = self._breaks, self._step
         left = breaks.left
         if not len(left):
@@ -59,7 +61,7 @@ class AnchorBreakage:
         return part
 
     def happen(self) -> None:
-        """Break what was found; the energy in it is lost."""
+        """Break the located anchors; their energy is lost."""
         trajectory, found, end = self._trajectory, self._found, self._step.end
         length, _ = self._lengths(trajectory.state, end, found)
         extension, compression, rest = self._breaks.law[found].T
@@ -76,7 +78,7 @@ class AnchorBreakage:
         return {'due_anchors': self._found.astype(float)} if self.is_due else {}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the anchors to break from a checkpoint."""
         self.is_due = 'due_anchors' in tree
         if self.is_due:
             values, left = tree.array('due_anchors'), self._breaks.left
@@ -93,7 +95,7 @@ class AnchorBreakage:
     def _lengths(
         self, state: State, time: float, chosen: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths [m] of some anchors in a state at `time` [s], and their rates [m/s]."""
+        """Return lengths [m] of some anchors in a state at `time` [s], and their rates [m/s]."""
         layout, anchors, breaks = self._trajectory.packed.layout, self._anchors, self._breaks
         slot = layout.slot[breaks.body[chosen]]
         turned = np.ascontiguousarray(state.orientation[:, slot].T)

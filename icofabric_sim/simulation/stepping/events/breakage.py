@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Connectors break where they reach a limit of their length.
+Breakage of connectors that reach a limit of their length.
 
-Kernels report a step in which one may have done so.
+Kernels report steps in which a connector may have done so.
 """
 
 from typing import Any
@@ -25,19 +25,19 @@ import numpy as np
 
 
 def why(scene: Scene) -> str:
-    """Say why a scene needs steps that end where a connector breaks; '': it does not."""
+    """Return why a scene needs steps that end where a connector breaks; empty if it does not."""
     if scene.connectors.limits is None:
         return ''
     return 'connectors that break need steps that end where one does'
 
 
 def make(pieces: Pieces, step: StepInProgress) -> 'Breakage | None':
-    """Return the locator; None where nothing breaks."""
+    """Return the locator; None if no connector can break."""
     return None if pieces.trajectory.packed.breakage is None else Breakage(pieces, step)
 
 
 class Breakage:
-    """Finds the first connectors to break in the step in progress, and breaks them at its end."""
+    """Locator of the first connectors to break in the step in progress, which break at its end."""
 
     status = embedded.BREAKING
 
@@ -70,9 +70,9 @@ class Breakage:
 
     def find(self) -> float | None:
         """
-        Part of the step in progress at which connectors break first; None where none does.
+        Return the fraction of the step in progress at which connectors first break, if any.
 
-        All that have reached their limit by then, or nearly: see `TOGETHER`.
+        All connectors that have reached their limit, or nearly, are included: see `TOGETHER`.
         """
         limits = self._limits
         link, slot = np.nonzero(limits.excess > 0.0)
@@ -89,7 +89,7 @@ class Breakage:
         return part
 
     def happen(self) -> None:
-        """Break what was found; the energy in it is lost."""
+        """Break the located connectors; their energy is lost."""
         trajectory = self._trajectory
         before = self._stored_energy()
         trajectory.broken.add(self._found, self._step.end)
@@ -100,13 +100,13 @@ class Breakage:
         return {'due': self._found.astype(float)} if self.is_due else {}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Restore the connectors to break from a checkpoint."""
         self.is_due = 'due' in tree
         if self.is_due:
             self._found = connector_numbers(tree.array('due'), self._trajectory.packed)
 
     def _stored_energy(self) -> float:
-        """Energy [J] in the connectors of the present state."""
+        """Return the energy [J] in the connectors of the present state."""
         trajectory = self._trajectory
         numbers, model = trajectory.ledger.numbers.copy(), trajectory.model
         trajectory.place_points()
@@ -115,7 +115,7 @@ class Breakage:
         return float(numbers[monitor.STORED])
 
     def _lengths(self, state: State, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths [m] of some connectors in a state, and their rates [m/s]."""
+        """Return lengths [m] of some connectors in a state, and their rates [m/s]."""
         model, work, connectors = self._trajectory.model, self._trajectory.work, self._connectors
         if model.wrapping is not None:
             length, rate = np.zeros((2, len(chosen)))

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Connectors that enter the shell they are attached to within a step, where that ends the run.
+Connectors that enter their own shell within a step, if such connectors end the run.
 
-Health checks look where steps end (connector.obstruction: stop). Steps of a high order may be as
-long as a third of a vibration, and a connector may be in a shell in between.
+Health checks test the ends of steps (connector.obstruction: stop). Steps of high order may be as
+long as a third of a vibration, so that a connector may be inside a shell in between.
 """
 
 from typing import Any
@@ -24,18 +24,18 @@ _APART, _MAX_SAMPLE_COUNT = 1.0, 7
 
 
 def why(scene: Scene) -> str:
-    """Return '': other methods look where their steps end."""
+    """Return an empty text: other methods test the ends of their steps."""
     return ''
 
 
 def make(pieces: Pieces, step: StepInProgress) -> 'Entering | None':
-    """Return the locator; None where no connector ends the run."""
+    """Return the locator; None if no connector ends the run."""
     obstruction = pieces.monitor.obstruction
     return Entering(pieces, step) if obstruction.stops and obstruction.is_watching else None
 
 
 class Entering:
-    """Looks between the ends of the step in progress."""
+    """Tests between the ends of the step in progress."""
 
     status = 0
 
@@ -44,7 +44,9 @@ class Entering:
         self._pieces, self._step, self.is_due = pieces, step, False
 
     def find(self) -> float | None:
-        """Part of the step in progress at which a connector is in its shell; None: not seen."""
+        """
+        Return a fraction of the step in progress at which a connector is in its shell, if any.
+        """
         pieces, step = self._pieces, self._step
         if not pieces.monitor.obstruction.is_watching:
             return None
@@ -54,16 +56,16 @@ class Entering:
         return next((part for part in parts if self._enters(step.dense(part))), None)
 
     def happen(self) -> None:
-        """End the run, if the connector is in its shell also in the step that ends here."""
+        """End the run if the connector is in its shell also in the step that ends here."""
         if self._enters(self._pieces.trajectory.state):
             self._pieces.monitor.handle_obstruction(self._step.end)
 
     def state_tree(self) -> dict[str, Any]:
-        """Return nothing: what happens here ends the run."""
+        """Return no entries: this event ends the run."""
         return {}
 
     def load_state(self, tree: StateTree) -> None:
-        """Go on from there."""
+        """Reset the event."""
         self.is_due = False
 
     def _enters(self, state: State) -> bool:
