@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names and texts keep to docs/style.md: counts of docs/language.py have ceilings."""
+"""Names and texts keep to docs/style.md: docs/language.py finds no breach."""
 
 from collections import Counter
 import importlib.util
@@ -13,11 +13,6 @@ from icofabric_sim import contact
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Rooms and pages without breaches; those of other rooms may only become fewer.
-ROOMS = (
-    'parameters', 'scene', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures',
-    'viewer', 'commands', 'ros', 'kernels')
-CEILINGS = {'docstrings': 315, 'constants': 69, 'words': 153, 'sections': 0}
 
 # Checks of numpydoc: a docstring (GL08) whose summary (SS01) ends with a period (SS03) and is
 # imperative (SS05); parameters as in the signature, in its order, with descriptions (PR01 to PR03,
@@ -45,13 +40,9 @@ def test_pages_are_read_once(counts):
     assert not [str(place) for place in pages]
 
 
-def test_breaches_in_code_become_fewer(counts):
-    code = [place for place in counts.places if place.path.suffix == '.py']
-    found = Counter(place.rule for place in code)
-    assert {rule: found[rule] for rule, most in CEILINGS.items() if found[rule] > most} == {}
-    package = ROOT / 'icofabric_sim'
-    assert not [str(place) for place in code if not place.path.is_relative_to(package)
-                or place.path.relative_to(package).parts[0] in ROOMS]
+def test_code_has_no_breaches(counts):
+    assert counts.examined['docstrings'] > 1000 and counts.examined['constants'] > 100
+    assert not [str(place) for place in counts.places if place.path.suffix == '.py']
 
 
 @pytest.mark.parametrize('rule, text', [
