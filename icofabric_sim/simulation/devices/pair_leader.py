@@ -72,7 +72,7 @@ _NO_BLOCKS = np.zeros(0, np.int64)
 
 class SharedPair:
     """
-    Steps of the pair of `dop8` that all ranks of a transport take; created on the first rank.
+    Steps of an embedded pair that all ranks of a transport take; created on the first rank.
     """
 
     def __init__(self, transport: Transport, packed: PackedScene, pair: Pair) -> None:

@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of the embedded Runge-Kutta pair of `dop8` on a GPU.
+Steps of an embedded Runge-Kutta pair on a GPU.
 
 The code of a single process (pair_control.py) selects, accepts and rejects steps; its calls for
 all bodies are a few launches. State, slopes and dissipated energies stay on the device and are
