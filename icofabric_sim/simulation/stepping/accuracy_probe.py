@@ -30,41 +30,41 @@ from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 import numpy as np
 
-# The measured error rate that is aimed at, in parts of the tolerance. Motion changes between two
-# measurements, so the aim leaves room.
+# Intended error rate over the tolerance, with a reserve for changes of the motion between two
+# measurements.
 TARGET_RATIO = 0.15
-# What a measurement between two may change of the sum of errors, in parts of it: the next comes
-# later below the first, and sooner above the second.
+# Relative change of the sum of errors by a measurement: below the first the next measurement is
+# later, above the second it is sooner.
 _SMALL_CHANGE, _LARGE_CHANGE = 0.1, 0.25
-# Steps of a measurement at most, where a step is far below the fastest period.
+# Most steps of a measurement, if a step is far below the fastest period.
 _LARGEST_MEASUREMENT = 2048
-# Radians of a step in smooth motion, up to which the order of all methods holds.
+# Largest angle [rad] of a step in smooth motion for which the order of all methods holds.
 _SMOOTH_RAD = 0.5
-# Steps that measurements may take: so many at first, and this part of the steps of the run.
-# Larger where forces have kinks or shells touch.
+# Steps that measurements may take: the first number initially, and this fraction of the steps of
+# the run; the last fraction if forces have kinks or shells touch.
 _FIRST_COST, _COST_PART, _KINKED_COST_PART = 15.0, 0.05, 0.15
-# Mean of the differences between two checks, over what is counted for them: the largest, and no
-# less than at the check before.
+# Mean of the differences between two checks over the counted one: the largest, and at least that
+# of the last check.
 _MEAN_PART = 0.8
-# What kinks add to the error of a vibration with steps of order 2: 1.2 to 1.8 times in four random
-# fabrics.
+# Ratio of the error at kinks to that of a vibration with steps of order 2: 1.2 to 1.8 in four
+# random fabrics.
 _AT_KINKS = 1.3
-# Radians of a step above which a method of order 8 errs by more than a vibration does, as the
-# angle, measured in random fabrics. And radians below which phase errors are lost in rounding.
+# Angle [rad] of a step above which the error of a method of order 8 exceeds that of a vibration
+# by the ratio of angles, measured in random fabrics; angle below which phase errors are round-off.
 _NONLINEAR_RAD, _RESOLVED_RAD = 0.6, 0.5
-# Steps of a period at most, where that is beyond counting.
+# Most steps of a period, for very short steps.
 _MAX_PERIOD_STEPS = 2**40
-# Corrections of a step that theory expects to be accurate enough.
+# Iterations for a step with the intended error in theory.
 _CORRECTIONS = 4
-# Bodies above which a quarter of a period is measured: some of so many err at any moment.
+# Number of bodies above which a quarter of a period is measured: some of them always err.
 _QUARTER_PERIOD_BODIES = 20_000
-# A measurement comes early once the kinetic energy is this many times that of the last.
+# A measurement is due early if the kinetic energy has grown by this ratio.
 _ENERGY_GROWTH_RATIO = 4.0
-# Rounding of positions, beside the size of the fabric, in one period: no method adds less.
+# Round-off of positions over the size of the fabric in one period, the least error of a method.
 _ROUNDING = 64.0 * float(np.finfo(float).eps)
-# Part of that floor which was measured where steps only round: 0.2 to 0.45.
+# Measured errors over this floor if steps have only round-off: 0.2 to 0.45.
 _FLOOR_RATIO = 0.4
-# Parts of a window, and of what is added in it by then, where that grows steadily.
+# Fractions of a window and of its error, for an error that grows linearly.
 _STEADY_COURSE = np.array([(0.0, 0.0), (1.0, 1.0)])
 
 
@@ -87,7 +87,7 @@ class AccuracyProbe:
         self._since = self._begun = trajectory.time
         self._span = 0.0  # [s] that the last measurement ran over
         self._measured_course = _STEADY_COURSE  # how errors grew in it
-        # Error of a step over the difference of its motion; 0: differences do not tell errors.
+        # Error of a step over the difference of its motion; 0: differences do not yield errors.
         self._weight = 0.0
         self._rounding_rate = 0.0  # [1/s] that is added to that
         self._cost = 0.0  # steps that measurements took
@@ -131,7 +131,7 @@ class AccuracyProbe:
             'is_new': self.is_new,
             'is_measured': self.is_measured,
             'gap': self.gap,
-            # None are left only where the run has ended.
+            # No checks are left only if the run has ended.
             'looks_left': max(self.checks_left, 1),
             'since': self._since,
             'begun': self._begun,
@@ -146,7 +146,7 @@ class AccuracyProbe:
         """Restore the measurements from a checkpoint."""
         self.total = tree.number('total', 0.0, finite=False)
         self.step = tree.number('step', math.ulp(0.0), finite=False)
-        # Earlier versions did not note it.
+        # Earlier versions did not store this step.
         self.measured_step = (
             tree.number('measured_step', 0.0) if 'measured_step' in tree else math.inf)
         self.rate = tree.number('rate', 0.0, finite=False)
@@ -401,7 +401,7 @@ class AccuracyProbe:
         shortest, most = least * step, _LARGEST_MEASUREMENT
         at_first = given and least > 1
         if at_first and self._rates.load_rate > 0.0:
-            # A load may last a few steps only: none are lengthened.
+            # A load may last a few steps only: steps are not lengthened.
             count = min(count, least)
         elif given and (self.is_smooth or self.reads_differences):
             most = math.ceil(2.0 * math.pi / _SMOOTH_RAD)
@@ -427,7 +427,7 @@ class AccuracyProbe:
             self._measured_course[-1] = 1.0
         error = scale * total * power / (power - 1.0) / self._span
         if scale < 1.0 and total > 0.0:
-            # What rounding adds does not fall with the step.
+            # Round-off does not decrease with the step.
             error = max(error, _FLOOR_RATIO * self.floor(fastest))
         return error
 

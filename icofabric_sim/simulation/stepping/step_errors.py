@@ -12,7 +12,7 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
-# The sum is within so many times of what was added: above it more was, for certain.
+# Largest ratio of the sum to the true error: above it, the error certainly exceeds the tolerance.
 _CERTAIN_RATIO = 3.0
 
 

@@ -13,12 +13,12 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 
-# Shortest periods until the next measurement, at most: it is for the report only.
+# Most shortest periods until the next measurement, which only serves reports.
 _LARGEST_GAP = 128
-# Parts of the motion so far, of which none is left without a measurement: errors of high order
-# rise and fall tenfold within a few periods. Of smooth motion that keeps its energy half will do.
+# Number of intervals of the motion so far, each with a measurement: errors of high order vary
+# tenfold within a few periods. For smooth motion of constant energy, half of them suffice.
 _PARTS, _SMOOTH_PARTS = 4, 2
-# Steps of three periods above which only a quarter of one is measured at first.
+# Number of steps in three periods above which only a quarter of a period is measured at first.
 _LONG_PERIOD = 15
 
 RANK = 0
@@ -52,7 +52,7 @@ class GivenStep:
         """
         pieces = self._pieces
         method, step = pieces.trajectory.method, pieces.trajectory.step
-        # A step too long for contacts ends the run where one is about to begin, and no sooner.
+        # A step too long for contacts ends the run just before a contact, and no sooner.
         through = method.runs_through_contacts and (
             step * math.sqrt(pieces.contact.least_rate) <= method.stability)
         return step, float(pieces.monitor.search_interval) if through else 1.0
@@ -105,7 +105,7 @@ class GivenStep:
         errors, rates = self._pieces.errors.probe, self._pieces.rates
         step = self._pieces.trajectory.step
         errors.begin()
-        # A load may last a few steps only, and its errors with it.
+        # A load and its errors may last a few steps only.
         is_pulse = rates.load_rate > rates.fabric.rate
         error = errors.measured(
             min(step, rates.pulse_step()), fastest, given=True, brief=not is_pulse,
@@ -138,7 +138,7 @@ class GivenStep:
         if math.isnan(error):
             error = errors.rate
         change = errors.add(errors.free_rate if jumped else error)
-        # Not before the end of what was measured.
+        # Not before the end of the measured window.
         unit = interval * step
         first = max(math.ceil(min(errors.span / unit, steps)), 1)
         errors.pace(

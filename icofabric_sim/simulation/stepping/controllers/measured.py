@@ -19,30 +19,30 @@ from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 import numpy as np
 
-# Step times frequency, in parts of what the method chooses at most: too long (shorten it), too
-# short (lengthen it).
+# Step times frequency over the largest one of the method: above the first the step is shortened,
+# below the second lengthened.
 _MAX_STEP_RATIO, _MIN_STEP_RATIO = 1.25, 0.4
-# The exact frequency is computed again once its bound has grown so many times, and where steps
-# come so near to the limit of the method.
+# The exact frequency is computed again once its bound has grown by the first ratio, and if steps
+# exceed the second ratio to the limit of the method.
 _GROWN, _NEAR_LIMIT_RATIO = 1.1, 0.9
-# The range of the measured error rate in which a step is kept, in parts of the tolerance.
+# Range of the measured error rate over the tolerance in which a step is kept.
 _MAX_ERROR_RATIO, _MIN_ERROR_RATIO = 0.4, 0.02
-# Shortest periods until the next measurement, which costs three: at first, and at most.
+# Number of shortest periods until the next measurement, which takes three: first and largest.
 _FIRST_GAP, _LARGEST_GAP = 2, 64
-# The same where contacts keep steps short, whose errors are measured behind the steps.
+# The same if contacts keep steps short, whose errors are measured after the steps.
 _LARGEST_GAP_HELD = 512
-# Parts of the motion so far, of which none is left without a measurement.
+# Number of intervals of the motion so far, each with a measurement.
 _PARTS = 2
-# The same where inputs come so often that the roughness of the motion cannot be judged.
+# The largest gap if inputs are so frequent that the roughness of the motion is unknown.
 _LARGEST_BLIND_GAP = 16
-# A measurement comes early once the motion is this many times as rough as at the last, and so
-# rough that the tolerance is in question.
+# A measurement is due early if the roughness of the motion has grown by this ratio, and so far
+# that the error may exceed the tolerance.
 _ROUGHER = 1.5
-# By how much a step changes at once, and how often until it is accurate enough.
+# Limits of the ratio of a change of the step, and most changes until it is accurate enough.
 _LARGEST_CHANGE = 0.1, 4.0
 _MAX_TRIAL_COUNT = 8
-# An error that does not fall with the step is taken for rounding up to so many times its floor;
-# above that the step was so long that it passed what bends the motion.
+# An error that does not decrease with the step is round-off up to this ratio to its floor; above,
+# the step was so long that it skipped curved parts of the motion.
 _ROUNDINGS = 1e4
 
 # Product of step and the bound of a contact's frequency for methods that run through contacts: at
@@ -52,23 +52,23 @@ _ROUNDINGS = 1e4
 # quarter of its limit on, and longer by the last factor once what moves is below the part before
 # that of its scale.
 _CONTACT, _LOOSE, _STABLE, _CALM, _CALMER = 0.8, 0.1, 2.9, 0.0625, 1.75
-# Stiffer contacts shorten the step by powers of this; a step that is shorter than this part of
-# what contacts allow becomes longer. So one contact more or less hardly ever matters.
+# Stiffer contacts shorten the step by powers of the first ratio; a step below the second ratio to
+# the one that contacts allow becomes longer. So a single contact rarely changes the step.
 _FEWER, _RELAXED = 2.0**-0.25, 0.8
-# Health checks that a search looks ahead there: one costs as much as some thousand tests of pairs
-# that are apart.
+# Health checks that a search covers there: a search takes as long as some thousand tests of
+# separated pairs.
 _SEARCHED = 3.0
-# The same where more than so many pairs are listed: those that are apart then cost more than
-# searches, as they are too many for a cache.
+# The same if more pairs than the second number are listed: separated pairs then cost more than
+# searches, because they exceed the cache.
 _SEARCHED_IN_CROWDS, _CROWD = 1.0, 4_000
 # A face that hits a face comes near the bound of the frequency, and its energy swings by up to
 # 0.01 of the largest at so many times the step at which that of a vibration at the bound swings
 # by half of that (measured over phases of drops at 3 m/s). No collision asks for shorter steps.
 _FACES = 2.5
-# Collisions that make more swing than this part of the limit of the balance are taken again with
-# half of the step. Once no more than this part of that would swing, steps are twice as long.
+# Collisions whose energy oscillates by more than the first fraction of the limit of the balance
+# are repeated with half of the step. Below the second fraction of that, steps are doubled.
 _SWINGS, _SWUNG = 0.25, 0.5
-# No limit: it is only noted.
+# No limit: the value is only recorded.
 _ANY = 1e300
 # Where slopes of connectors jump, methods that mend kinks add up to _DRIFT * ratio^_DRIFT_ORDER
 # of the energy for each radian of the fastest vibration: measured for stiffness ratios from 1.25
@@ -164,7 +164,7 @@ class MeasuredStep:
                 method, ledger.limit, ledger.balance.error_in_parts))
         step = trajectory.step * shorter ** (-1.0 / trajectory.order)
         if not rate > 0.0:
-            # Every step is exact.
+            # Steps of any length are exact.
             step, rate = self._output_period, chosen / self._output_period
         cap = chosen / rate
         through = self._runs_through and pieces.contact.rate > 0.0
@@ -178,11 +178,11 @@ class MeasuredStep:
         least, most = (_RELAXED, 1.0) if cap == contact else (_MIN_STEP_RATIO, _MAX_STEP_RATIO)
         if not least * min(cap, errors.step) <= step <= most * cap:
             step = rounded_down(min(cap, errors.step))
-        # What held steps short, contacts to come, says nothing of longer ones.
+        # Steps limited by later contacts provide no information on longer ones.
         longer = not through and step > _MAX_STEP_RATIO * errors.measured_step
         jumped = errors.is_new or longer or rates.load_rate > errors.load_rate
         if probe and not jumped and not shorter > 1.0 and self._may_wait:
-            # Asked again once the run has paid for it.
+            # Measured again after enough steps of the run.
             errors.checks_left = -(-errors.steps_to_measure // pieces.monitor.interval_with(step))
             ledger.rough_limit = max(ledger.rough_limit, _ROUGHER * ledger.rough)
         elif probe or jumped:
@@ -198,17 +198,17 @@ class MeasuredStep:
         if through:
             ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
             if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
-                # As short as any collision asks for.
+                # As short as any collision requires.
                 ledger.swing_limit = _ANY
         if not trajectory.time + step > trajectory.time:
-            # It would be lost in the time that it is added to.
+            # The step would vanish by round-off when added to the time.
             trajectory.fail(too_fast(trajectory.time, rates.fastest_term()))
-        # Above the first the exact frequency is computed again once its bound has grown; near the
-        # limit of the method at every health check.
+        # The exact frequency is computed again once its bound exceeds the first value; near
+        # the limit of the method at every health check.
         near = min(_GROWN * ledger.rate, _NEAR_LIMIT_RATIO * method.stability / step)
         ledger.high = max(_MAX_STEP_RATIO * chosen / step, near)
-        # Of contacts the bound of the frequency at health checks knows nothing. Nor does a lower
-        # one make steps longer that contacts or crossings to come keep short.
+        # The bound of the frequency at health checks excludes contacts. A lower bound does not
+        # lengthen steps that later contacts or crossings keep short.
         follows = errors.step >= cap and not through and not cap < stable
         ledger.low = _MIN_STEP_RATIO * chosen / step if follows else 0.0
         return step
@@ -255,9 +255,9 @@ class MeasuredStep:
         if trajectory.method.implicit or not (
                 frequency > 0.0 and has_jumps(packed.model.links)):
             return math.inf
-        # Bodies that all move alike meet no crossing.
+        # Bodies with a common motion have no crossing.
         speed = rates.relative_speed() / trajectory.half_edge
-        # And what is gained while the fastest vibration turns by a radian.
+        # And the speed gained within a radian of the fastest vibration.
         acceleration = rates.load_rate**2
         if packed.gravity is not None and packed.held:
             acceleration += float(np.linalg.norm(packed.gravity)) / trajectory.half_edge
@@ -333,13 +333,13 @@ class MeasuredStep:
         touching = self._pieces.errors.touching
         known = math.inf if touching is None or jumped else touching.rate_with(step)
         if held and step >= cap and known <= _MAX_ERROR_RATIO * tolerance:
-            # The stretches that are measured behind the steps say it already.
+            # The intervals measured after the steps provide the error already.
             errors.take_over()
             error = known
         else:
             error = errors.measured(step, fastest)
         if math.isnan(error):
-            # The next health check measures again, if the run comes to it.
+            # The next health check measures again, if the run reaches it.
             errors.add(errors.free_rate)
             errors.end(errors.rate)
             errors.checks_left = 1
@@ -351,7 +351,7 @@ class MeasuredStep:
             if error <= _MAX_ERROR_RATIO * tolerance and (error >= low * tolerance or step >= cap):
                 break
             if error <= floor:
-                # Shorter steps only add roundings.
+                # Shorter steps only add round-off.
                 break
             wish = (TARGET_RATIO * tolerance / error) ** (1.0 / order) if error < math.inf else 0.0
             change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
@@ -362,13 +362,13 @@ class MeasuredStep:
             if math.isnan(found):
                 break
             if other < step and error <= found < math.inf and error <= _ROUNDINGS * floor:
-                # So short that rounding rules: it adds the same to every step, however short.
+                # Round-off dominates and adds the same error to every step, however short.
                 break
             step, error = other, found
             best = min(best, (error, step))
             low = 0.25 * TARGET_RATIO
         if error > max(_MAX_ERROR_RATIO * tolerance, best[0]):
-            # Nothing tried is accurate enough.
+            # No tried step is accurate enough.
             error, step = best
         rough = trajectory.ledger.rough
         is_held = held and step >= cap
@@ -413,7 +413,7 @@ class MeasuredStep:
             cap = step
         if is_known:
             error = errors.present_rate
-            # Longer ones are measured first: differences foretell nothing of a collapse.
+            # Longer steps are measured first, because differences do not predict a collapse.
             low = _MIN_ERROR_RATIO * tolerance if errors.may_measure else 0.0
         else:
             error = errors.measured(step, fastest, brief=not is_pulse)
@@ -422,7 +422,7 @@ class MeasuredStep:
             if not error > _MAX_ERROR_RATIO * tolerance and (not error < low or step >= cap):
                 break
             if error <= floor:
-                # Shorter steps only add roundings.
+                # Shorter steps only add round-off.
                 break
             wish = (TARGET_RATIO * tolerance / error) ** (1.0 / order)
             change = min(max(wish, _LARGEST_CHANGE[0]), _LARGEST_CHANGE[1])
@@ -445,7 +445,7 @@ class MeasuredStep:
         errors.step, errors.measured_step = math.inf if step >= cap else step, step
         ledger.rough_limit = errors.largest_difference(_MAX_ERROR_RATIO * tolerance, step)
         if is_same:
-            # One that did not go back is not asked again at each health check.
+            # A run that did not return is not checked again at each health check.
             ledger.rough_limit = max(ledger.rough_limit, _ROUGHER * ledger.rough)
         return step
 
@@ -454,7 +454,7 @@ class MeasuredStep:
         errors, ledger = self._pieces.errors.probe, self._pieces.trajectory.ledger
         error = max(errors.rate, 1e-3 * TARGET_RATIO * errors.tolerance)
         room = max(_MAX_ERROR_RATIO * errors.tolerance / error, _ROUGHER)
-        # Not known: the next health check will find out.
+        # If unknown, the next health check determines the roughness.
         ledger.rough_limit = room * rough if rough >= 0.0 else 0.0
 
 
