@@ -67,31 +67,30 @@ from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
 import numpy as np
 
-# Corrections of a stage, in parts of a or rad, that are small enough: this, or the second of what
-# a chosen step may err by. Where rounding is larger, so that they do not shrink, the third.
+# Sufficiently small corrections of a stage, over a or in rad: the first value, or the second ratio
+# to the allowed error of a chosen step; the third value if round-off stops convergence.
 _SOLVED, _SOLVED_PART, _ROUNDING_LIMIT = 1e-13, 1e-3, 1e-9
-# A correction that is not smaller than this part of the one before asks for a matrix of its own.
+# Ratio of successive corrections above which a new matrix is computed.
 _SLOW_RATIO = 0.2
 _MAX_CORRECTIONS, _HALVINGS = 40, 12
-# Steps are aimed at this part of the tolerance, and become so many times as long at once; those
-# that would grow by less than the last number stay as they are. One that is refused becomes at
-# most so many times as long.
+# Intended error over the tolerance, and limits of the ratio of successive steps; steps that would
+# grow by less than the last ratio do not change. Below: the largest ratio after a rejected step.
 _TARGET_RATIO, _SHRINK, _GROW, _WORTH = 0.4, 0.2, 4.0, 1.4
 _LESS = 0.5
-# The estimate, of order 3, over the error of order 4.
+# Ratio of the estimate, of order 3, to the error of order 4, and its exponent.
 _ESTIMATE, _POWER = 3.0, 1.0 / 3.0
 # No limit.
 _ANY = 1e300
-# How often a chosen step that cannot be solved is halved.
+# Most bisections of a chosen step without solution.
 _PARTS = 16
-# Part of solver.energy_limit that a step may err by.
+# Allowed energy error of a step over solver.energy_limit.
 _LOST = 0.05
-# So many steps are short after one in which a contact may have gone unseen, and up to so many if
-# the next long one is refused too.
+# Number of short steps after one that may have missed a contact, and the most if the next long
+# step is rejected, too.
 _HOLD, _LONGEST_HOLD = 8.0, 64.0
-# Depth of a contact that no stage of a step sees, in parts of the way of bodies in it, at most.
+# Largest depth of a contact between stages of a step, over the displacement of bodies in the step.
 _GRAZE = 0.01
-# Matrices that are kept: of the step, of its halves in trials, and of steps that inputs cut.
+# Cached matrices: of the step, of its halves in trials, and of steps that inputs end.
 _KEPT_MATRIX_COUNT = 3
 
 

@@ -37,8 +37,8 @@ class _Pace(NamedTuple):
     parts: int  # steps of the companion in one step
 
 
-# A step is accepted where its kink lies so as to do little; in those of the companion the kink
-# lies anywhere, and with halves errors seemed twice what they were.
+# Accepted steps have kinks at places with small effect; in steps of the companion kinks lie
+# anywhere, and with halves the measured errors were twice too large.
 _KINKED = _Pace(1, 8, 2, 16, 0.9, 4)
 # Some 15 % of the evaluations of 100 steps, and 7 % of 300.
 _DAMPED = _Pace(8, 1, 4, 64, 0.5, 2)
@@ -51,10 +51,10 @@ _STRONG_DECAY_RATIO = 2.0
 _LONG_STEP = 1.2
 # Relative excess of the probable error for each unit of that product, in shorter steps.
 _DECAY_BIAS = 0.45
-# Part of the largest error within a window that counts at least: errors swing within a period.
+# Least counted fraction of the largest error in a window: errors oscillate within a period.
 _MIN_ERROR_RATIO = 0.5
-# Steps until the next judgement, with which a call of kernels ends: after one in which shells may
-# touch, or one that is short beside the decay where that is slow; where the decay is faster.
+# Steps until the next decision, at which a kernel call ends: after a step with possible contacts
+# or one much shorter than a slow decay; and for a faster decay.
 _SKIPPED, _SHORT_SKIPPED = 16, 2
 _SLOW_DECAY_RATIO = 0.5
 # Relative rounding of a difference of sums.
@@ -248,7 +248,7 @@ class StepSamples:
             self._pieces.rates.frequency.rate)
         if self._companion is None:
             self._companion = layout.like(start)
-            # Slopes of its own: those of the step in progress are needed for states within it.
+            # Separate slopes: those of the step in progress are needed for states within the step.
             self._trail = layout.room(None, start).trail
         copy_state(start, self._companion)
         self._begun = self._control.start

@@ -27,15 +27,15 @@ from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 
-# So many stretches are measured, then twice as many that stand for two each, and so on up to the
-# second number. Few of them make most of the error: which kink lies where in its step is chance.
+# Number of measured intervals with weight 1, followed by twice as many with weight 2, and so on up
+# to the second number. Few intervals dominate the error: the places of kinks in steps are random.
 _SAMPLES, _MAX_WEIGHT = 128, 8
-# Where steps run through contacts every stretch counts while something is near, and one in which
-# nothing touches adds nothing. Each that is measured stands for twice as many once errors as those
-# of so many that are alike have been seen: the second number is for forces that jump without a
-# touch, as when a slack connector tightens. The third is how many it stands for at most. One that
-# errs far more makes it half as many. What was seen fades by this at each. Where many pairs touch
-# a stretch counts as one for each so many of them.
+# If steps run through contacts, every interval with candidate pairs counts, without error if no
+# pair touches. The weight of a measured interval doubles after the errors of this number of
+# similar intervals; the second number is for forces that jump without contact, for example when a
+# slack connector tightens. The third number is the largest weight. An interval with a much larger
+# error halves the weight. Earlier measurements fade by the fourth ratio at each interval. The last
+# number is that of pairs in contact for which an interval counts once.
 _ALIKE, _ALIKE_AT_ANY_TIME, _MOST_THROUGH, _FADES, _CROWD = 2.0, 8.0, 32, 0.99, 64.0
 # A kink in a force leaves an error of order 2.
 _RICHARDSON = 4.0 / 3.0

@@ -17,32 +17,32 @@ from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
 import numpy as np
 
-# Where a tolerance leaves more than this for each radian of the fastest motion, steps are so long
-# that the estimate of their error may be too small by three times; it is then kept smaller.
+# Tolerance per radian of the fastest motion above which steps are so long that the estimate of
+# their error may be three times too small; the estimate is then limited by the second ratio.
 _LOOSE, _LOOSE_AIM = 1e-6, 0.3
-# In a step in which a tension has a kink the estimate may be too small likewise: errors were up to
-# 1.9 times what the tolerance allows over whole runs. It is not kept so small that rounding, times
-# the second number, would be asked for: near it no step is short enough.
+# The estimate may be too small, too, in a step with a kink of a tension: errors of whole runs were
+# up to 1.9 times the tolerance. The limit stays above round-off times the second number, because
+# no step is short enough close to round-off.
 _KINKED_AIM, _ABOVE_ROUNDING = 0.4, 10.0
-# The first step after a jump, in radians of the fastest motion; the error then decides.
+# Angle [rad] of the fastest motion in the first step after a jump; later, the error decides.
 _FIRST_STEP = 0.5
-# The shortest, in parts of that.
+# Shortest step over the first one.
 _SHORTEST_PART = 1e-9
-# The longest in which something may touch, likewise. A contact that begins and ends between two of
-# the times at which a step asks for forces, up to 0.27 of it apart, is not seen; so it is not
-# deeper than about a hundredth of the way that bodies swing.
+# Largest angle [rad] of a step with possible contacts. A contact that starts and ends between two
+# force evaluations, up to 0.27 of a step apart, is not detected; so its depth is at most about a
+# hundredth of the amplitude of bodies.
 _CLOSE_STEP = 1.0
-# Squared radians of a contact in which a kink may lie, beside the tolerance for a radian; at most.
+# Squared angle of a contact with a kink, over the tolerance per radian, and its maximum.
 _KINK, _LARGEST_KINK = 1e3, 1e-4
-# Steps for which contacts are known ahead.
+# Number of steps ahead that a search for contacts covers.
 _AHEAD = 6.0
-# A force that jumps is passed by a step that errs by as much as the tolerance allows in so many
-# radians of the fastest motion. With a whole period smooth steps made use of it too.
+# A step across a jump of a force may err by the tolerance of this angle [rad] of the fastest
+# motion. With a whole period, smooth steps would use this reserve, too.
 _SPARE = 0.1
-# Rounding of forces of contacts as it shows in the estimate of the error, beside a coordinate.
+# Round-off of contact forces in the estimate of the error, over a coordinate.
 _NOISE_RATIO = 0.25 * float(np.finfo(float).eps)
-# At most this part of the tolerance may be noise: where it was 2.5 times the tolerance no step was
-# short enough, and they were 1e-11 s in the end.
+# Largest ratio of noise to the tolerance: at a ratio of 2.5, no step was short enough, and steps
+# shrank to 1e-11 s.
 _LARGEST_NOISE = 0.5
 
 RANK = 0
@@ -92,7 +92,7 @@ class EmbeddedError:
         pieces, control = self._pieces, self._control
         trajectory, contact = pieces.trajectory, pieces.contact
         first = self._first_step()
-        # Whether anything is near must not matter: steps do not depend on searches.
+        # Candidate pairs must not matter: steps do not depend on searches.
         rate = pieces.rates.fastest(contacts=False)
         if control.next == 0.0:
             control.next = first
@@ -106,12 +106,12 @@ class EmbeddedError:
         control.longest = ANY
         control.close = 0.0
         if contact.is_possible:
-            # Implicit steps do not follow what dies out; then bodies are slow.
+            # Implicit steps do not resolve decaying motion, after which bodies are slow.
             followed = rate if not trajectory.method.implicit else pieces.rates.fastest(
                 contacts=False, losses=False)
             control.close = _CLOSE_STEP / followed if followed > 0.0 else ANY
         control.kinked = self._kinked_rate(rate)
-        # Around shells the shortest way may change to the other side.
+        # Around shells, the geodesic may change to the other side.
         rate = rate or 1.0 / self._output_period
         control.spare = 0.0 if trajectory.model.wrapping is None else _SPARE / rate
         size, fastest = trajectory.half_edge**-2, rate**-2
@@ -139,23 +139,23 @@ class EmbeddedError:
         control, contact = self._control, self._pieces.contact
         control.kink = control.floor = control.resume = 0.0
         if self._pieces.trajectory.model.wrapping is not None:
-            # A jump of force in so short a step is no reason to stop.
+            # A jump of force in such a short step is no reason to stop.
             control.kink = control.shortest
         if not contact.is_possible:
             return False
-        # Whatever was seen so far: steps must not depend on searches.
+        # Independent of earlier contacts: steps must not depend on searches.
         rate = math.sqrt(contact.least_rate)
         part = min(_KINK * control.tolerance / rate, _LARGEST_KINK)
         control.kink = max(control.kink, math.sqrt(part) / rate)
-        # A step that short is always taken: it must not count as too short before.
+        # Such a short step is always accepted: it must not count as too short before.
         control.shortest = min(control.shortest, control.kink)
-        # A step of a contact, as far as that can be known before.
+        # Estimated step in a contact.
         control.resume = _FIRST_STEP / rate
         if contact.rate > 0.0:
             trajectory = self._pieces.trajectory
             extent = trajectory.extent
             noise = contact.stiffness * trajectory.model.inverse_mass * extent
-            # As errors of velocities count.
+            # In the measure of errors of velocities.
             noise *= _NOISE_RATIO * math.sqrt(control.scales[2])
             if noise > _LARGEST_NOISE * control.tolerance:
                 control.floor = noise / _LARGEST_NOISE
@@ -183,12 +183,12 @@ class EmbeddedError:
             control = self._control
             control.tolerance = ANY
             control.longest = control.next = self._given
-            # Of the length that was asked for, whatever may touch.
+            # Of the given length, even with possible contacts.
             control.close = self._given if self._pieces.contact.is_possible else 0.0
 
     def _first_step(self) -> float:
         rates, time = self._pieces.rates, self._pieces.trajectory.time
-        # Without what may touch, as above: the first step is refused where it errs by too much.
+        # Without candidate pairs, as above: a first step with too large an error is rejected.
         rate = rates.fastest(contacts=False)
         if not rate < math.inf:
             self._pieces.trajectory.fail(too_fast(time, rates.fastest_term()))
@@ -209,5 +209,5 @@ class EmbeddedError:
         model, contact = self._pieces.trajectory.model, self._pieces.contact
         if not contact.is_possible and model.wrapping is None and not self._has_kinks:
             return 0.0
-        # With whatever may touch: estimates must not depend on searches either.
+        # With any possible contact: estimates must not depend on searches, either.
         return rate * rate + contact.least_rate
