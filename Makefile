@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help run test test-long check bench lint language docs films clean
+.PHONY: help run test test-long check bench lint language docs films wheel clean
 .SILENT:
 
 # What a sourced ROS installation, or another environment of ROS wheels, leaves in the shell
@@ -50,6 +50,7 @@ help:
 	echo 'make language  count what docs/style.md asks of names and texts (ARGS="--rooms")'
 	echo 'make docs    set up .venv, then build the documentation site in build/site'
 	echo 'make films   set up .venv, then make the films of docs/gallery.md anew (half an hour)'
+	echo 'make wheel   build a wheel with compiled kernels in dist/ (ARGS="hanging_slab": one scene)'
 	echo 'make clean   remove .venv and everything built; recorded runs stay'
 
 run:
@@ -110,6 +111,11 @@ docs:
 films:
 	.ci/environment test
 	$(call stage,films (icofabric film),.venv/bin/python docs/draw_gallery.py $(ARGS))
+
+# With all example scenes for two levels: ten minutes and more.
+wheel:
+	.ci/environment run
+	$(call stage,wheel with compiled kernels (.ci/wheel.py),.venv/bin/python .ci/wheel.py $(ARGS))
 
 clean:
 	rm -rf .venv build install log dist {.,validation}/*.egg-info validation/build .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage

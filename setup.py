@@ -2,21 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 
 from glob import glob
+from pathlib import Path
 from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
+from setuptools import Distribution, find_packages, setup
 
 package_name = 'icofabric_sim'
 # package.xml is the one place where the version is written.
 version = ElementTree.parse('package.xml').findtext('version')
+# Compiled kernels, and the versions that they need; only in the tree that .ci/wheel.py makes.
+compiled = Path('icofabric_sim/kernels/compiled')
+pinned = (compiled / 'requirements.txt').read_text().split() if compiled.is_dir() else []
+
+
+class CompiledDistribution(Distribution):
+    """A distribution for one Python and one kind of machine if it has compiled kernels."""
+
+    def has_ext_modules(self):
+        """Return True if the wheel has compiled kernels."""
+        return bool(pinned)
+
 
 setup(
+    distclass=CompiledDistribution,
     name=package_name,
     version=version,
     # So an editable install adds this folder to the search path. Without it setuptools installs a
     # finder instead, and any folder site-packages/icofabric_sim, also an empty one, hides that.
     package_dir={'': '.'},
     packages=find_packages(include=[package_name, f'{package_name}.*']),
+    package_data={f'{package_name}.kernels': ['compiled/**']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -25,7 +40,7 @@ setup(
         (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
     ],
     # What the command line and Python need. Oldest versions: those of Ubuntu 24.04.
-    install_requires=['numba>=0.58', 'numpy>=1.26', 'PyYAML', 'rosbags', 'scipy>=1.11'],
+    install_requires=['numba>=0.58', 'numpy>=1.26', 'PyYAML', 'rosbags', 'scipy>=1.11', *pinned],
     extras_require={
         # Nodes, where no ROS is installed; ROS knows the same packages under other names.
         'ros': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
