@@ -160,7 +160,7 @@ def test_page_of_accuracy_names_every_method_and_which_auto_takes():
     assert re.findall(r'^\| `(\w+)` \|', sheet, re.MULTILINE) == [*METHODS, *IMPLICIT]
     taken = set(re.findall(r'`(\w+)`', ' '.join(
         line.split('|')[2] for line in re.findall(r'^\|[^-].*\|$', choice, re.MULTILINE))))
-    assert taken == {*METHODS, *IMPLICIT}
+    assert taken == {*METHODS, *IMPLICIT} - {'tsit5'}
 
 
 def quoted(text):

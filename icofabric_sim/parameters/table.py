@@ -243,7 +243,7 @@ STATIC: tuple[Specification, ...] = (
        AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S),
     _s('solver.method', 'auto', '',
        'integration method; auto: the cheapest method that meets the tolerance in this scene',
-       choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'sdirk4')),
+       choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'tsit5', 'sdirk4')),
     _s('solver.tolerance', 1e-6, '1/s',
        'largest error that the method may add per second of simulated time: position over a, or '
        'orientation in rad, whichever is larger',

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 # Leapfrog takes a step of its own, one for many radians of a contact.
 METHODS = ('leapfrog', 'dop8')
+# tsit5 is refused where shells may touch.
+THROUGH_CONTACTS = [name for name in ico.METHODS if name != 'tsit5']
 
 
 @pytest.mark.parametrize('method', METHODS)
@@ -65,7 +67,7 @@ def test_auto_and_always_are_the_same_bits_also_in_pieces_and_from_checkpoints(m
         assert again.checkpoint().difference(always.checkpoint()) == ''
 
 
-@pytest.mark.parametrize('method', ico.METHODS)
+@pytest.mark.parametrize('method', THROUGH_CONTACTS)
 def test_pairs_that_steps_look_at_do_not_depend_on_pieces_or_on_who_is_shown_what(method):
     scene = loose(
         OBLIQUE, contact__mode='always', solver__method=method, solver__step=1e-5,
@@ -81,7 +83,7 @@ def test_pairs_that_steps_look_at_do_not_depend_on_pieces_or_on_who_is_shown_wha
 
 @pytest.mark.parametrize('method', [
     pytest.param(name, marks=pytest.mark.long if name in ('srkn4', 'srkn6') else ())
-    for name in ico.METHODS])
+    for name in THROUGH_CONTACTS])
 def test_energy_errs_by_the_square_of_the_step_through_contacts(method):
     # The force has a kink at first touch, wherever in a step that is: a mean over eight places.
     # Given steps do not end there, also those of dop8.

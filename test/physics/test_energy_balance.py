@@ -112,7 +112,8 @@ FABRICS = {
         'initial_random.spin_sigma': 300.0, 'initial_random.velocity_sigma': 0.2}, **LOADED),
 }
 # Steps times frequency of the coarsest of four runs, each with 5/7 of the step before.
-COARSEST = {'leapfrog': 0.2, 'srkn4': 0.9, 'srkn6': 1.2, 'srkn8': 1.2, 'dop8': 0.9}
+COARSEST = {'leapfrog': 0.2, 'srkn4': 0.9, 'srkn6': 1.2, 'srkn8': 1.2, 'dop8': 0.9,
+            'tsit5': 0.1}
 
 
 @pytest.mark.parametrize('method, form', [

@@ -106,7 +106,7 @@ def test_simulation_converges_to_the_reference_at_its_order(name, form, referenc
 
 # Steps in the duration: from about a third of the stability limit down, all above rounding.
 COUNTS = {'srkn4': (20, 28, 40, 56), 'srkn6': (14, 20, 28), 'srkn8': (14, 17, 20),
-          'dop8': (24, 28, 34, 40)}
+          'dop8': (24, 28, 34, 40), 'tsit5': (192, 224, 256, 320)}
 
 
 def test_every_method_is_tested_for_its_order():
@@ -121,7 +121,8 @@ def test_stated_limit_is_where_an_oscillator_begins_to_grow(name):
     assert max(below) < 1.0 + 1e-7
     # Stated to three digits, rounded down.
     beyond = max(amplification(method, p) for p in np.linspace(1.0, 1.02, 400) * method.stability)
-    assert beyond > 1.0 + 1e-4
+    # At its limit, tsit5 begins to amplify by 1 + c (step x frequency)^6 with a small c.
+    assert beyond > 1.0 + (1e-8 if name == 'tsit5' else 1e-4)
     assert method.chosen < method.stability
 
 

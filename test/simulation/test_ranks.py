@@ -285,7 +285,7 @@ def test_what_ranks_cannot_share_is_refused_by_its_name(changes, names):
 def test_what_no_parameter_asks_for_is_refused_too():
     for name in ico.METHODS:
         require_shareable_method(name)
-    with pytest.raises(ParameterError, match='sdirk4 .* of leapfrog, .*, srkn8, dop8, or'):
+    with pytest.raises(ParameterError, match='sdirk4 .* of leapfrog, .*, srkn8, dop8, tsit5, or'):
         require_shareable_method('sdirk4')
     scene = ico.Scene.from_parameters({**COMMON, 'weave.size': [5, 5, 5]})
     for asked in ({'cosines': True, 'body_force': False}, {'cosines': False, 'body_force': True}):

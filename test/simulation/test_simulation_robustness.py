@@ -318,7 +318,8 @@ FOLDED = {
 @pytest.mark.parametrize('method', ico.METHODS)
 def test_a_run_whose_time_is_reset_remembers_nothing(method):
     scene = loaded_fabric({
-        'solver.method': method, 'solver.tolerance': 1e-3, 'contact.mode': 'auto'})
+        'solver.method': method, 'solver.tolerance': 1e-3,
+        'contact.mode': 'never' if method == 'tsit5' else 'auto'})
     fresh, again = ico.compile_scene(scene), ico.compile_scene(scene)
     start, count = fresh.checkpoint(), 0
     # Stopped at steps of every number since the last look.

@@ -9,8 +9,12 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
 from icofabric_sim.simulation.stepping.methods import facts_of, IMPLICIT, METHODS
+import numpy as np
 
 ADAPTIVE = 'dop8'
+# Largest gap between the stages of a pair, as a fraction of the step, for which the speeds at the
+# stages bound the motion between them (kernels/contact/clearance.py).
+_LARGEST_STAGE_GAP_RATIO = 0.28
 # Methods up to this order lose least where forces jump.
 _LOW_ORDER = 2
 
@@ -32,6 +36,11 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
                 f'solver.method {given} cannot integrate this scene yet: {lacks}; take '
                 f'{ADAPTIVE} or auto')
         return None
+    if given != 'auto' and not _follows_contacts(given) and may_touch(scene):
+        raise ParameterError(
+            'solver.method',
+            f'solver.method {given} cannot integrate this scene: shells may touch, and its stages '
+            f'are too far apart to see contacts; take contact.mode never, {ADAPTIVE} or auto')
     if not reason and given != 'auto' and not facts_of(given).runs_through_contacts:
         reason = contact_losses(scene)
         others = ', '.join(
@@ -116,6 +125,22 @@ def beyond_losses(scene: Scene) -> str:
     if is_charged(parameters) and any(parameters['field.magnetic']):
         return 'field.magnetic acts on charges by their velocities'
     return why_events(scene)
+
+
+def may_touch(scene: Scene) -> bool:
+    """Return True if contacts are computed and there are at least two shells or planes."""
+    parameters = scene.parameters
+    return scene.body_count + len(parameters.names('planes')) > 1 and (
+        parameters['contact.mode'] != 'never')
+
+
+def _follows_contacts(name: str) -> bool:
+    """Return True if the stages of the method `name` are close enough to see contacts."""
+    embedded = facts_of(name).embedded
+    if embedded is None or embedded.pair is None:
+        return True
+    nodes = np.sort([*embedded.pair.nodes[:embedded.pair.stage_count], 1.0])
+    return bool(np.diff(nodes).max() < _LARGEST_STAGE_GAP_RATIO)
 
 
 def contact_losses(scene: Scene) -> str:

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, Protocol, TYPE_CHECKING
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
-from icofabric_sim.kernels.integrators.tableau import Pair
+from icofabric_sim.kernels.integrators.tableau import Pair, pair_of
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
+from icofabric_sim.simulation.stepping import tsit5
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 import numpy as np
 
@@ -235,6 +236,11 @@ METHODS: dict[str, Method] = {
         DOP8, order=8, stability=5.95, chosen=2.0, error=6.7e-8,
         source='Dormand and Prince, in Hairer, Norsett and Wanner 1993, Solving Ordinary '
         'Differential Equations I, II.10: DOP853, an embedded pair with dense output'),
+    # It is for damped motion: without damping, steps above the stated limit gain energy slowly.
+    'tsit5': _embedded(
+        pair_of(tsit5.TABLEAU), order=5, stability=0.478, chosen=0.4, error=1e-4,
+        source='Tsitouras 2011, Comput. Math. Appl. 62, 770: an embedded pair of order 5(4) with '
+        'dense output'),
 }
 
 # Methods whose steps are solutions of equations; only damping that is beyond all others asks for
