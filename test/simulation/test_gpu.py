@@ -354,7 +354,8 @@ def test_what_a_device_cannot_compute_is_refused_by_its_name(changes, names):
 
 def test_methods_and_ranks_are_refused_by_name_too():
     with pytest.raises(
-            ParameterError, match='sdirk4 .* one of leapfrog, srkn4, srkn6, srkn8, dop8, or'):
+            ParameterError,
+            match='sdirk4 .* one of leapfrog, srkn4, srkn6, srkn8, dop8, tsit5, or'):
         compiled('slab, leapfrog', solver={'method': 'sdirk4'})
     scene = compiled('slab, leapfrog').scene
     with pytest.raises(ParameterError, match='not for ranks of MPI'):
