@@ -338,6 +338,9 @@ def test_sines_are_those_of_the_library():
       'solver.method': 'srkn6', 'drives': {'pull': {
           'group': 'tip', 'motion': 'velocity', 'linear': [0.1, 0.0, 0.0]}}},
      ['drives.pull', 'srkn6', 'k_e', 'take solver.method auto']),
+    ({'groups': {'tip': 'z_min'}, 'solver.method': 'tsit5', 'drives': {'pull': {
+        'group': 'tip', 'motion': 'velocity', 'linear': [0.1, 0.0, 0.0]}}},
+     ['drives.pull by tsit5 is not computed', 'take solver.method auto']),
     ({'groups': {'tip': 'z_min'}, 'tractions': {
         'wind': {'group': 'tip', 'faces': 'all', 'pressure': 1.0}}}, ['tractions.wind']),
     ({'weave.kind': 'radial', 'connector.bending_stiffness': 1e-3}, [

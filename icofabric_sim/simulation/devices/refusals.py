@@ -149,7 +149,8 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     method = str(parameters['solver.method'])
     for name in parameters.names('drives'):
         if method != 'auto' and method in METHODS and method not in methods_on_device(scene):
-            yield (f'drives.{name}', f'by {method} where k_e is not k_c',
+            law = ' where k_e is not k_c' if method in _THROUGH_CONTACTS else ''
+            yield (f'drives.{name}', f'by {method}{law}',
                    'take solver.method auto, leapfrog or dop8')
     for name in parameters.names('tractions'):
         yield f'tractions.{name}', 'with a surface force', 'leave it out'
