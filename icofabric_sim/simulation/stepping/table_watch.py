@@ -23,13 +23,12 @@ class TableWatch:
         self._always = packed.model.wrapping is not None
         links = packed.model.links
         tables = None if links is None else links.tables
-        self._has_tables = tables is not None
-        self._beyond = np.zeros(1) if tables is None else tables.beyond
+        self._beyond = None if tables is None else tables.beyond  # (1,) written by kernels
 
     @property
     def is_watching(self) -> bool:
         """True while a length beyond a table is still to be reported."""
-        return self._has_tables and (not self.found or self.may_stop)
+        return self._beyond is not None and (not self.found or self.may_stop)
 
     @property
     def may_stop(self) -> bool:
@@ -38,12 +37,13 @@ class TableWatch:
 
     def is_suspect(self) -> bool:
         """Return True if a connector was beyond its table in a state since the last check."""
-        return self._always or self._beyond[0] > 0.0
+        return self._always or (self._beyond is not None and self._beyond[0] > 0.0)
 
     def was_suspect(self) -> bool:
         """Return True if a state since the last check but one is suspect; restart the count."""
         before, self._suspected = self._suspected, self.is_suspect()
-        self._beyond[0] = 0.0
+        if self._beyond is not None:
+            self._beyond[0] = 0.0
         return before or self._suspected
 
     def describe(
