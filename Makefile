@@ -112,7 +112,7 @@ films:
 	.ci/environment test
 	$(call stage,films (icofabric film),.venv/bin/python docs/draw_gallery.py $(ARGS))
 
-# With all example scenes for two levels: ten minutes and more.
+# Compiles each scene for two levels: about a minute for two scenes and one level.
 wheel:
 	.ci/environment run
 	$(call stage,wheel with compiled kernels (.ci/wheel.py),.venv/bin/python .ci/wheel.py $(ARGS))

@@ -40,7 +40,7 @@ def path_to_save(parameters: Parameters, being_saved: Collection[Path] = ()) -> 
 
 
 def path_to_restore(parameters: Parameters) -> Path:
-    """Return the file of the last checkpoint; raise ValueError if there is none."""
+    """Return the file of the last checkpoint; raise ValueError without one."""
     place = _place(parameters)
     if place.suffix == SUFFIX:
         if not place.is_file():

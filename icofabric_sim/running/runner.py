@@ -288,7 +288,7 @@ class Runner:
         self._broadcast.report(state.now, at_once=True)
 
     def _turn(self, until_finished: bool | None) -> bool:
-        """Perform the next action; return False if there is none left."""
+        """Perform the next action; return False after the last one."""
         state = self.state
         # Before the commands are executed, so that later ones wake the run.
         self.commands.begin_turn()

@@ -218,7 +218,7 @@ class _CacheFile(CacheFile):
     shipped: CacheFile | None = None
 
     def load(self, key: Any) -> Any:
-        """Return the entry of a key, None if there is none."""
+        """Return the entry of a key, or None."""
         entry = super().load(key)
         return self.shipped.load(key) if entry is None and self.shipped is not None else entry
 

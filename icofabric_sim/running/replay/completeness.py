@@ -61,7 +61,7 @@ class Completeness:
         self, run: RecordedRun, simulation: Callable[[], Simulation | None], *, exact: bool
     ) -> None:
         """
-        Follow `run`; `simulation` returns the present simulation, None if there is none yet.
+        Follow `run`; `simulation` returns the present simulation, or None before the first.
 
         `exact`: the simulation is bit-identical to the recorded one, so that breakages occur at
         the same times.

@@ -183,7 +183,7 @@ class Player:
         self._tell(at_once=True)
 
     def _turn(self) -> bool:
-        """Perform the next action; return False if there is none left."""
+        """Perform the next action; return False after the last one."""
         # Cleared before the requests are read, so that later ones are not missed.
         self._wake.clear()
         if self._stopping:

@@ -149,7 +149,7 @@ def take_steps(
             executor.exchange(call, is_guarded=guarded)
         is_searched, time = is_watched and since_check % stride == 0, origin + (index + done) * h
         is_examined = since_check >= check_interval
-        # Any limit that overflows is none.
+        # A limit that overflows is no limit.
         with np.errstate(over='ignore'):
             if guarded:
                 ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
