@@ -36,6 +36,10 @@ MAX_PARAMETERS_PER_REQUEST = 1000
 BUILD_WAIT_S = 1.0
 # Time for which parameters are validated before other callbacks run [s].
 _TURN_S = 0.02
+# Reason of a change that is accepted, and still being built when the answer is due.
+PENDING = (
+    'accepted; the old fabric continues until the changed one is built and its kernels are '
+    'compiled; ~/events reports the result (reweave or change_refused)')
 
 
 class GuardedParameterService(ParameterService):
@@ -82,9 +86,9 @@ class GuardedParameterService(ParameterService):
                 await self._answers.turn()
                 last_turn = time.monotonic()
         # A later parameter may correct an earlier one, so the last build decides.
-        reason = await self._build_failure(next((one for one in reversed(builds) if one), None))
+        outcome = await self._outcome(next((one for one in reversed(builds) if one), None))
         response.results = [
-            _refusal(f'{message.name}: {reason}') if reason and build else result
+            _with_outcome(message.name, outcome) if outcome.reason and build else result
             for message, result, build in zip(messages, results, builds, strict=True)]
         return response
 
@@ -93,10 +97,10 @@ class GuardedParameterService(ParameterService):
             response.result = _too_many(len(request.parameters))
             return response
         response.result, build = self._set(request.parameters)
-        reason = await self._build_failure(build)
-        if reason:
+        outcome = await self._outcome(build)
+        if outcome.reason:
             names = ', '.join(message.name for message in request.parameters)
-            response.result = _refusal(f'{names}: {reason}')
+            response.result = _with_outcome(names, outcome)
         return response
 
     def _set(self, messages: Any) -> 'tuple[SetParametersResult, Future[str] | None]':
@@ -115,13 +119,19 @@ class GuardedParameterService(ParameterService):
             names = ', '.join(parameter.name for parameter in wanted)
             return _refusal(f'{names}: {error}'), None
 
-    async def _build_failure(self, build: 'Future[str] | None') -> str:
-        """
-        Return why a change could not be built, or '' if it was built or is still being built.
-        """
-        if build is None or not await self._answers.within(build, BUILD_WAIT_S):
-            return ''
-        return build.result()
+    async def _outcome(self, build: 'Future[str] | None') -> SetParametersResult:
+        """Return why a change could not be built, or that it is still being built."""
+        if build is None:
+            return SetParametersResult(successful=True)
+        if not await self._answers.within(build, BUILD_WAIT_S):
+            return SetParametersResult(successful=True, reason=PENDING)
+        reason = build.result()
+        return SetParametersResult(successful=not reason, reason=reason)
+
+
+def _with_outcome(names: str, outcome: SetParametersResult) -> SetParametersResult:
+    return SetParametersResult(
+        successful=outcome.successful, reason=shortened(f'{names}: {outcome.reason}'))
 
 
 def _refusal(reason: str) -> SetParametersResult:

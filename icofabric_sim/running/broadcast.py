@@ -316,6 +316,10 @@ class Broadcast:
         """Return whether a sink accepts /diagnostics."""
         return bool(self._receivers(topics.DIAGNOSTICS))
 
+    def is_measured(self) -> bool:
+        """Return whether a sink accepts reactions or contacts; thread-safe."""
+        return any(self._receivers(topic) for topic in topics.PERIODIC if topic.loads_kernels)
+
     def report(self, now: int, *, at_once: bool = False) -> None:
         """
         Send /diagnostics once per second of wall time.

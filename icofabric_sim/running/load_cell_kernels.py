@@ -5,10 +5,10 @@
 from contextlib import suppress
 import threading
 import time
-from typing import Any
 
+from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.precompile import MAX_BODY_COUNT
-from icofabric_sim.simulation.simulation import Simulation
+from icofabric_sim.simulation.simulation import measure_forces, Simulation
 
 
 class LoadCellKernels:
@@ -19,9 +19,11 @@ class LoadCellKernels:
         self._thread: threading.Thread | None = None
         self._began = time.monotonic()
         if simulation.scene.body_count <= MAX_BODY_COUNT:
-            has_contacts = simulation.status.has_contacts
+            scene = simulation.scene
+            if simulation.status.has_contacts:
+                scene = scene.with_changes({'contact.mode': 'always'})
             self._thread = threading.Thread(
-                target=_load, args=(simulation, has_contacts), name='load cells', daemon=True)
+                target=_load, args=(scene, simulation.rotation), name='load cells', daemon=True)
             self._thread.start()
 
     @property
@@ -35,13 +37,7 @@ class LoadCellKernels:
         return time.monotonic() - self._began
 
 
-def _load(simulation: Simulation, has_contacts: bool) -> None:
-    """Measure in another simulation of the same kernel variant."""
+def _load(scene: Scene, rotation: str) -> None:
     # An error is reported where the kernels are used.
     with suppress(Exception):
-        scene = simulation.scene
-        changes: dict[str, Any] = {'solver.threads': 1}
-        if has_contacts:
-            changes['contact.mode'] = 'always'
-        other = Simulation(scene.with_changes(changes), rotation=simulation.rotation)
-        other.reactions()
+        measure_forces(scene, rotation)

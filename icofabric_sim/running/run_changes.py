@@ -29,7 +29,7 @@ from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.rate_limited_log import RateLimitedLog
 from icofabric_sim.running.real_time_factor import RealTimeFactor
 from icofabric_sim.running.received_inputs import ReceivedInputs
-from icofabric_sim.running.reweave import lost_wrenches, Reweaver
+from icofabric_sim.running.reweave import lost_wrenches, Reweaver, SwapPostponed
 from icofabric_sim.running.run_events import do_event, is_jump, replace_simulation
 from icofabric_sim.running.run_records import is_initial, Status
 from icofabric_sim.running.run_state import RunState
@@ -70,7 +70,8 @@ class RunChanges:
         self._post, self._fresh_status, self.on_rebuilt = post, fresh_status, on_rebuilt
         self._reweaver = Reweaver(
             post, self._swap, state.simulation.body_force, state.simulation.ranks,
-            lambda: state.simulation.status.has_contacts, real_time.has_spare_time)
+            has_touched=lambda: state.simulation.status.contact_tests > 0,
+            is_measured=broadcast.is_measured, has_time=real_time.has_spare_time)
         # A slider sends fifty changes a second.
         self._log = RateLimitedLog(_LOGGER.info)
         self.equilibrium = EquilibriumSolve(state, time, broadcast, post)
@@ -231,6 +232,9 @@ class RunChanges:
         """Swap in another simulation, or report the error, as the outcome of `answered`."""
         try:
             reason = self._taken(wanted, simulation, reason)
+        except SwapPostponed:
+            answered = []
+            raise
         except BaseException as error:
             reason = str(error)
             raise
@@ -249,9 +253,12 @@ class RunChanges:
         restarts = False
         if simulation is not None:
             try:
-                restarts = replace_simulation(
-                    state.simulation, simulation, state.now, state.parameters, wanted)
+                with self._reweaver.postponing():
+                    restarts = replace_simulation(
+                        state.simulation, simulation, state.now, state.parameters, wanted)
                 self._broadcast.set_scene(simulation, self._reweaver.outputs)
+            except SwapPostponed:
+                raise
             except Exception as error:  # the old fabric continues after any error
                 simulation, reason = None, str(error) or type(error).__name__
         if simulation is None:

@@ -71,7 +71,7 @@ def compile_ahead(
     given = scene.parameters.given()
     kinds = [{**given, **changes} for changes in kinds_of_steps(
         method, present=present, may_touch=given.get('contact.mode', 'auto') == 'auto')]
-    task = pickle.dumps((kinds, rotation, _LOWEST_PRIORITY))
+    task = pickle.dumps((kinds, rotation, False, _LOWEST_PRIORITY))
     # Collect ended processes, so that none remains.
     for key in [key for key, process in _processes.items() if process.poll() is not None]:
         del _processes[key]
@@ -91,15 +91,17 @@ def compile_ahead(
     return process
 
 
-def compile_elsewhere(scene: Scene) -> None:
+def compile_elsewhere(scene: Scene, *, is_measured: bool = False) -> None:
     """
-    Compile the kernels of a scene in another process, and wait.
+    Compile the kernels of a scene in another process, and wait; or those that measure forces.
 
     Without such a process, return immediately: the caller then compiles and blocks other threads.
     """
     if not may_compile_elsewhere(scene):
         return
-    process = _begin(pickle.dumps(([scene.parameters.given()], 'quaternion', 0)))
+    parameters = scene.parameters
+    process = _begin(pickle.dumps(
+        ([parameters.given()], parameters['solver.rotation'], is_measured, 0)))
     if process is None:
         return
     _awaited.add(process)

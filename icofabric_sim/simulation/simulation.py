@@ -122,6 +122,11 @@ def use_all_kernels(simulation: 'Simulation') -> None:
     _ = snapshot.energy, snapshot.obstructed, simulation.balance
 
 
+def measure_forces(scene: Scene, rotation: str | None = None) -> None:
+    """Measure the reactions in the initial state of a scene, to load or compile the kernels."""
+    Simulation(scene.with_changes({'solver.threads': 1}), rotation=rotation).reactions()
+
+
 @renamed_attributes(take_over='continue_from', break_like='copy_breaks')
 class Simulation:
     """Motion of one scene from its initial state; only one thread may use it at a time."""

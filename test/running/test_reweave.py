@@ -5,11 +5,12 @@ from queue import SimpleQueue
 import time
 
 import icofabric_sim as ico
+from icofabric_sim.kernels.runtime.kernel_guard import _guard
 from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave
 from icofabric_sim.running.parameter_change import ParameterChange
 from icofabric_sim.running.real_time_factor import RealTimeFactor
-from icofabric_sim.running.reweave import lost_wrenches, Reweaver
+from icofabric_sim.running.reweave import lost_wrenches, Reweaver, SwapPostponed
 import pytest
 
 BASE = ico.Scene.from_parameters({
@@ -191,7 +192,7 @@ def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
 
     monkeypatch.setattr(reweave, 'compile_scene', missing_at_first)
     monkeypatch.setattr(
-        reweave, 'compile_elsewhere', asked.append)
+        reweave, 'compile_elsewhere', lambda scene, **_: asked.append(scene))
     runner = Runner()
     runner.reweaver.want(change_to(with_density(900.0)))
     runner.run_one()
@@ -199,6 +200,104 @@ def test_kernels_that_are_missing_are_compiled_by_another_process(monkeypatch):
     assert reason == '' and simulation.scene.parameters['shell.density'] == 900.0
     [scene] = asked
     assert scene.parameters == wanted
+
+
+class Kernels:
+    """Kernels for contacts; counts how often they were waited for."""
+
+    waits = 0
+
+    def wait(self):
+        Kernels.waits += 1
+
+
+@pytest.fixture
+def contact_kernels(monkeypatch):
+    """Whether kernels were loaded, for each simulation whose contacts were prepared."""
+    loads = []
+    monkeypatch.setattr(Kernels, 'waits', 0)
+    monkeypatch.setattr(
+        reweave.Simulation, 'prepare_contacts',
+        lambda self, *, load: loads.append(load) or Kernels())
+    return loads
+
+
+def test_a_postponed_swap_is_tried_again_with_another_simulation(builds, contact_kernels):
+    answers, posted, simulations = [], SimpleQueue(), []
+
+    def swap(wanted, simulation, reason, answered):
+        if simulation is not None:
+            simulations.append(simulation)
+        if len(simulations) == 1:
+            raise SwapPostponed
+        answers.append((wanted['shell.density'], reason, outcomes(answered)))
+
+    reweaver = Reweaver(posted.put, swap)
+    good, wrong = with_density(2.0), with_density(2.0).with_changes({'solver.step': 1.0})
+    changes = want_all(reweaver, good, wrong)
+    while reweaver.wanted is not None:
+        posted.get(timeout=60.0)()
+    # The refused change is refused only once the other one is in force.
+    assert answers[0] == (2.0, '', outcomes(changes[:1]))
+    _, reason, answered = answers[1]
+    assert 'solver.step' in reason and answered == outcomes(changes[1:]) and len(answers) == 2
+    assert simulations[0] is not simulations[1] and builds == [2.0, 2.0, 2.0]
+    assert contact_kernels == [False, True] and Kernels.waits == 1
+
+
+def test_a_swap_is_postponed_a_few_times_and_then_compiles(contact_kernels):
+    posted, tries = SimpleQueue(), []
+
+    def swap(wanted, simulation, reason, answered):
+        with reweaver.postponing():
+            tries.append(bool(_guard.forbids))
+            if _guard.forbids:
+                raise KernelsMissing
+
+    reweaver = Reweaver(posted.put, swap)
+    for number in (1, 2):
+        reweaver.want(change_to(with_density(2.0 + number)))
+        while reweaver.wanted is not None:
+            posted.get(timeout=60.0)()
+        # Each change starts its own count.
+        assert tries == number * [True, True, False]
+
+
+@pytest.mark.parametrize('has_touched', [False, True])
+def test_a_swap_waits_for_contacts_where_shells_have_been_near(contact_kernels, has_touched):
+    posted, answers = SimpleQueue(), []
+    reweaver = Reweaver(
+        posted.put, lambda *answer: answers.append(answer), has_touched=lambda: has_touched)
+    reweaver.want(change_to(with_density(2.0)))
+    posted.get(timeout=60.0)()
+    assert len(answers) == 1 and contact_kernels == [False] and Kernels.waits == has_touched
+
+
+@pytest.mark.parametrize('mode', ['never', 'auto'])
+def test_forces_are_measured_before_the_swap_while_they_have_receivers(
+        monkeypatch, contact_kernels, mode):
+    measured, asked, posted = [], [], SimpleQueue()
+
+    def measure(scene):
+        measured.append(scene.parameters['contact.mode'])
+        if len(measured) == 1:
+            raise KernelsMissing
+
+    monkeypatch.setattr(reweave, 'measure_forces', measure)
+    monkeypatch.setattr(
+        reweave, 'compile_elsewhere', lambda scene, **options: asked.append(options))
+    is_measured = True
+    reweaver = Reweaver(
+        posted.put, lambda *answer: None, has_touched=lambda: True,
+        is_measured=lambda: is_measured)
+    reweaver.want(change_to(BASE.with_changes({'contact.mode': mode})))
+    posted.get(timeout=60.0)()
+    assert measured == 2 * ['never' if mode == 'never' else 'always']
+    assert asked == [{'is_measured': True}]
+    is_measured = False
+    reweaver.want(change_to(with_density(2.0)))
+    posted.get(timeout=60.0)()
+    assert len(measured) == 2
 
 
 def test_many_changes_a_second_become_few_builds(builds):

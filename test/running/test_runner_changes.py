@@ -5,8 +5,10 @@ import json
 import threading
 
 from fabrics import warnings_said
+from icofabric_sim.kernels.runtime.kernel_guard import _guard
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
 from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPICS, WEAVE
+from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave, run_changes, time_advance
 from icofabric_sim.running import runner as runner_module
 from icofabric_sim.running.checkpoint_files import path_to_restore, path_to_save
@@ -318,6 +320,43 @@ def test_scene_of_a_later_change_is_used_once_the_earlier_one_is_built(monkeypat
         beside.wait_for(lambda: told)
         assert runner.simulation.scene is scenes[1]
     assert told == [(second, '')]
+
+
+def test_a_swap_that_lacks_kernels_never_compiles_them_in_the_run(monkeypatch):
+    """It changes nothing and is tried again, with the motion of a swap at that time."""
+    guards, replace = [], run_changes.replace_simulation
+
+    def lacks_at_first(*arguments):
+        guards.append(bool(_guard.forbids))
+        restarts = replace(*arguments)
+        if len(guards) == 1:
+            raise KernelsMissing
+        return restarts
+
+    monkeypatch.setattr(run_changes, 'replace_simulation', lacks_at_first)
+    told, sink = [], ListSink(EVENTS)
+    runner, other = (make_runner(
+        each, start_paused=True, duration=0.0, solver__step=0.001, step_count=20)
+        for each in (sink, ListSink()))
+    runner.changes.on_rebuilt = lambda *report: told.append(report)
+    with Beside(runner) as beside, Beside(other):
+        for each in (runner, other):
+            push(each)
+            each.take_steps().result(60.0)
+        change = ParameterChange(
+            runner.parameters, runner.parameters.with_changes({'connector.damping': 0.01}))
+        runner.apply_change(change)
+        assert change.outcome.result(60.0) == '' and guards == [True, True]
+        beside.wait_for(lambda: told)
+        other.apply_change(again := ParameterChange(change.before, change.after))
+        assert again.outcome.result(60.0) == '' and guards == [True, True, True]
+        for each in (runner, other):
+            each.take_steps().result(60.0)
+    names = [json.loads(decode_string(data))['event'] for _, data in sink.of(EVENTS)]
+    assert names == ['step', 'reweave', 'step'] and len(told) == 1
+    state, expected = runner.simulation.snapshot(), other.simulation.snapshot()
+    assert state.time == expected.time and set(runner.simulation.status.active_loads) == {'tip'}
+    assert state.position.tobytes() == expected.position.tobytes()
 
 
 @pytest.mark.parametrize('error', [

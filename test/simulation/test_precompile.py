@@ -109,13 +109,13 @@ def test_a_parameter_that_is_moved_compiles_once_and_other_kinds_replace_the_old
 def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidden(
         begun, monkeypatch):
     monkeypatch.setattr(FakeProcess, 'wait', lambda self: setattr(self, 'waited', True))
-    scene = make_scene((2, 2, 2), CHANGES)
+    scene = make_scene((2, 2, 2), {**CHANGES, 'solver.rotation': 'direction_cosines'})
     compiled = compile_notice.seconds
     precompile.compile_elsewhere(scene)
     process, = begun
-    [given], rotation, niceness = pickle.loads(process.task)
-    assert given == scene.parameters.given() and niceness == 0
-    assert rotation == 'quaternion' and process.waited
+    [given], rotation, is_measured, niceness = pickle.loads(process.task)
+    assert given == scene.parameters.given() and niceness == 0 and not is_measured
+    assert rotation == 'direction_cosines' and process.waited
     assert not compile_notice.is_compiling and compile_notice.seconds >= compiled
     monkeypatch.setattr(precompile, 'MAX_BODY_COUNT', 1)
     precompile.compile_elsewhere(scene)
