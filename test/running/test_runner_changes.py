@@ -7,7 +7,16 @@ import threading
 from fabrics import warnings_said
 from icofabric_sim.kernels.runtime.kernel_guard import _guard
 from icofabric_sim.messages import decode_marker_points, decode_pose_array, decode_string
-from icofabric_sim.messages.topics import CLOCK, CONNECTORS, EVENTS, POSES, TOPICS, WEAVE
+from icofabric_sim.messages.topics import (
+    CLOCK,
+    CONNECTORS,
+    CONTACTS,
+    EVENTS,
+    POSES,
+    REACTIONS,
+    TOPICS,
+    WEAVE,
+)
 from icofabric_sim.process.compile_notice import KernelsMissing
 from icofabric_sim.running import reweave, run_changes, time_advance
 from icofabric_sim.running import runner as runner_module
@@ -132,6 +141,12 @@ def test_error_of_a_command_goes_to_the_one_who_asked():
     with pytest.raises(ZeroDivisionError):
         future.result(0.0)
     assert runner.now == 100_000_000
+
+
+@pytest.mark.parametrize('topic, is_measured', [
+    (POSES, False), (REACTIONS, True), (CONTACTS, True)])
+def test_forces_are_measured_while_a_sink_wants_them(topic, is_measured):
+    assert make_runner(ListSink(CLOCK), ListSink(topic))._broadcast.is_measured() == is_measured
 
 
 def change_and_wait(beside, runner, told, **changes):

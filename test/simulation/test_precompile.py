@@ -125,6 +125,18 @@ def test_a_scene_is_compiled_elsewhere_at_normal_priority_unless_that_is_forbidd
     assert len(begun) == 1
 
 
+def test_the_other_process_measures_forces_instead_of_stepping(monkeypatch):
+    """The kernels of measured forces are those that a rotation of the scene needs."""
+    measured, reactions = [], ico.Simulation.reactions
+    monkeypatch.setattr(
+        ico.Simulation, 'reactions',
+        lambda self: measured.append((self.rotation, self.time)) or reactions(self))
+    scene = make_scene((2, 2, 2), CHANGES)
+    for rotation in ('quaternion', 'direction_cosines'):
+        precompile_process._compile(([scene.parameters.given()], rotation, True, 0))
+    assert measured == [('quaternion', 0.0), ('direction_cosines', 0.0)]
+
+
 def test_a_step_that_ends_at_an_input_is_among_the_kernels_of_a_run(monkeypatch):
     cuts, take = [], UniformStepping.take
     monkeypatch.setattr(
