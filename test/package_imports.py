@@ -26,9 +26,11 @@ def _name(path: Path) -> str:
 
 # Ground floor first. A module imports from its own room and from those before it.
 ROOMS = (
-    'version', 'checks', 'libraries', 'process', 'geometry', 'parameters', 'kernels', 'scene',
-    'simulation', 'statics', 'messages', 'bag', 'running', 'sweeps', 'pictures', 'terminal',
-    'viewer', 'commands', 'ros')
+    'version', 'checks', 'libraries', 'process', 'geometry', 'runtime', 'terms', 'parameters',
+    'kernels', 'scene', 'simulation', 'statics', 'messages', 'bag', 'running', 'sweeps',
+    'pictures', 'terminal', 'viewer', 'commands', 'ros')
+# Modules of `kernels` without terms, below `terms`.
+RUNTIME = ('icofabric_sim.kernels.runtime', 'icofabric_sim.kernels.rotations')
 # Documented names for users, above everything.
 ROOF = ('icofabric_sim', 'icofabric_sim.contact')
 
@@ -66,6 +68,8 @@ def imports_of(name: str) -> list[Import]:
 
 def room_of(name: str) -> str:
     """The room of a module; of one at the top of the package its own name."""
+    if '.'.join(name.split('.')[:3]) in RUNTIME:
+        return 'runtime'
     return name.split('.')[1] if '.' in name else name
 
 

@@ -7,6 +7,8 @@ The rooms of the package: imports point down only, and no modules import each ot
 import ast
 import re
 
+from icofabric_sim.kernels.records import Model
+from icofabric_sim.terms.registry import TERMS
 from package_imports import (
     arrows,
     circle,
@@ -100,3 +102,29 @@ def test_a_scene_describes_and_does_not_pack():
     taken = {target.module for name in MODULES if name not in ROOF and room_of(name) == 'scene'
              for target in imports_of(name) if room_of(target.module) == 'kernels'}
     assert taken == {'icofabric_sim.kernels.inside'}
+
+
+def test_a_term_imports_its_own_folder_and_what_all_terms_share():
+    """Its record and kernels depend on no other term; `terms` lies below `parameters`."""
+    folders = {name.split('.')[2] for name in MODULES
+               if room_of(name) == 'terms' and MODULES[name].parent.parent.name == 'terms'}
+    assert len(folders) >= 5 and folders <= {term.name for term in TERMS}
+    for name in MODULES:
+        if room_of(name) != 'terms':
+            continue
+        own, path = '.'.join(name.split('.')[:3]), MODULES[name]
+        for target in imports_of(name):
+            if room_of(target.module) == 'terms':
+                if path.parent.name in folders:
+                    assert target.module.startswith(f'{own}.') or (
+                        target.module == 'icofabric_sim.terms.shared'), (name, target)
+                else:
+                    assert target.module == 'icofabric_sim.terms.interface', (name, target)
+            else:
+                assert room_of(target.module) in ('geometry', 'runtime'), (name, target)
+
+
+def test_terms_with_a_record_are_fields_of_the_model():
+    found = {term.name for term in TERMS if term.has('record')}
+    assert found <= {*Model._fields}
+    assert all(Model._defaults[name] is None for name in found)

@@ -3,7 +3,6 @@
 """Connectors from edges to points of the world, fixed or moving: eq 49 with one end prescribed."""
 
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.loads import inverses
 from icofabric_sim.kernels.records import Anchors, Loads, Model, State
 from icofabric_sim.kernels.rotations import turn_to_world
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -23,6 +22,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.shared import inverses
 import numpy as np
 
 

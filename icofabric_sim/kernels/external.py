@@ -16,7 +16,7 @@ from icofabric_sim.kernels.records import External, Model, State, Team
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, load, splat, Vector
 from icofabric_sim.kernels.runtime.team import wait_for_all
-from icofabric_sim.kernels.viscous import add_force
+from icofabric_sim.terms.shared import add_wrench
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
@@ -97,7 +97,7 @@ def add_external(
     rows = external.rows
     fx, fy, fz = load(rows, 0, s), load(rows, 1, s), load(rows, 2, s)
     tx, ty, tz = load(rows, 3, s), load(rows, 4, s), load(rows, 5, s)
-    add_force(
+    add_wrench(
         model.supports, model.inverse_mass, model.inverse_inertia, linear, angular, s, fx, fy, fz,
         tx, ty, tz)
     v, w = state.linear_velocity, state.angular_velocity

@@ -15,11 +15,12 @@ from icofabric_sim.kernels.gyration import turning_square
 from icofabric_sim.kernels.masses import weights_of
 from icofabric_sim.kernels.meters import flowed_in
 from icofabric_sim.kernels.obstruction import obstructed_lanes
-from icofabric_sim.kernels.records import Gravity, Loads, Model, State, Work, Wrapping
+from icofabric_sim.kernels.records import Loads, Model, State, Work, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane, sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fabs, fma, LANES, load, maximum, splat, Vector
 from icofabric_sim.kernels.wrap.forces import wrapping_look
+from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
 
 # Sums. Energies [J] of connectors, of moments and ways around shells, of fields and of anchors;

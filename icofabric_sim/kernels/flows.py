@@ -4,14 +4,12 @@
 The two flows of all splitting methods, for runs of blocks.
 
 `drift`: the kinetic energy alone, free flight and free rotation, exact because the inertia is
-isotropic. `push`: the potential energy alone, which changes velocities only. `accelerations` and
-`push` list all terms that act on a fabric. An absent term is not compiled: Numba prunes its branch
-if the term is a separate argument.
+isotropic. `push`: the potential energy alone, which changes velocities only. `accelerations` calls
+all terms of the registry that depend on the pose of a fabric; loads are listed in `push`.
 """
 
 from icofabric_sim.kernels.anchors import kick_anchor
-from icofabric_sim.kernels.connectors import add_connectors, Six
-from icofabric_sim.kernels.contact.forces import add_contact
+from icofabric_sim.kernels.composition import compose
 from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
 from icofabric_sim.kernels.drives import (
     bear_loads,
@@ -21,12 +19,9 @@ from icofabric_sim.kernels.drives import (
     rest_along_path,
     velocities_before,
 )
-from icofabric_sim.kernels.fields import add_coulomb, add_dipole
 from icofabric_sim.kernels.loads import kick_load, kick_load_again, work_load
-from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.profiles import factor_of, factors_over, ONES
 from icofabric_sim.kernels.records import (
-    Gravity,
     Kinks,
     Links,
     Loads,
@@ -37,12 +32,17 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
-from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, where
-from icofabric_sim.kernels.wrap.forces import add_wrapping
+from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store
+from icofabric_sim.terms.shared import Six
 import numpy as np
 
 # No wrench. The profile of a wrench is reused while consecutive rows have the same wrench.
 NONE = np.int64(-1)
+
+add_forces = compose(
+    'add_forces', 'force', 'model, state, points, kinks, part, time, block, s', 'wrench')
+add_accelerations = compose(
+    'add_accelerations', 'acceleration', 'model, state, time, block, s, a', 'a')
 
 
 @compiled
@@ -237,19 +237,10 @@ def accelerations(
 
     The gyroscopic term vanishes. Gravity is an acceleration and needs no detour over the mass.
     """
-    force = add_connectors(model.links, kinks, part, points, state.position, block, s)
-    force = add_wrapping(
-        model.wrapping, model.links, model.maxwell, state.position, state.orientation, state.rest,
-        points, block, s, force)
-    force = add_bending(
-        model.bending, model.links, state.position, state.orientation, points, block, s, force)
-    force = add_twisting(model.twisting, model.links, state.orientation, block, s, force)
-    force = add_dipole(model.dipole, state.orientation, model.blocks.alive[block], s, force)
-    force = add_coulomb(model.coulomb, state.position, model.blocks.alive[block], s, force)
-    force = add_contact(model.contacts, s, force)
-    return add_gravity(
-        model.gravity, model.supports, model.blocks.alive[block], s,
-        accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s))
+    wrench = add_forces(model, state, points, kinks, part, time, block, s)
+    return add_accelerations(
+        model, state, time, block, s,
+        accelerate(model.supports, model.inverse_mass, model.inverse_inertia, wrench, s))
 
 
 @inlined
@@ -268,28 +259,6 @@ def accelerate(
             fy * load(supports.inverse_mass, 1, s),
             fz * load(supports.inverse_mass, 2, s),
             tx * inertia, ty * inertia, tz * inertia)
-
-
-@inlined
-def add_gravity(
-    gravity: Gravity | None, supports: Supports | None, alive: int, s: int, a: Six
-) -> Six:
-    """Add gravity to the accelerations of bodies that are free to fall."""
-    if gravity is None:
-        return a
-    else:
-        ax, ay, az, bx, by, bz = a
-        zero = splat(0.0)
-        g = gravity.acceleration
-        gx, gy, gz = splat(g[0]), splat(g[1]), splat(g[2])
-        if supports is None:
-            there = bits(alive)
-            gx, gy, gz = where(there, gx, zero), where(there, gy, zero), where(there, gz, zero)
-        else:
-            gx = where(load(supports.inverse_mass, 0, s) > zero, gx, zero)
-            gy = where(load(supports.inverse_mass, 1, s) > zero, gy, zero)
-            gz = where(load(supports.inverse_mass, 2, s) > zero, gz, zero)
-        return ax + gx, ay + gy, az + gz, bx, by, bz
 
 
 @inlined

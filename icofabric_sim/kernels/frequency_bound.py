@@ -7,8 +7,8 @@ A bound of the largest frequency of a fabric, body by body, and the energies fro
 import math
 from typing import Any
 
+from icofabric_sim.kernels.composition import compose
 from icofabric_sim.kernels.connectors import arm_of, slope_of
-from icofabric_sim.kernels.fields import field_parts
 from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
 from icofabric_sim.kernels.maxwell import maxwell_look
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
@@ -20,6 +20,8 @@ from icofabric_sim.kernels.runtime.lanes import (
     bits,
     fabs,
     fma,
+    lane,
+    LANES,
     load,
     load_at,
     maximum,
@@ -34,6 +36,10 @@ import numpy as np
 
 Row = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 Block = tuple[Row, Row, Row, Row, Row, Row]
+
+add_fields = compose(
+    'add_fields', 'bound', 'model, state, block, s, bound, energy', 'bound, energy',
+    energy='fields')
 
 
 @compiled
@@ -270,8 +276,7 @@ def bound_and_energies(
         state.orientation, work.points, block, s)
     most, twisted = twisting_look(
         model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
-    field, potential = field_parts(
-        model.dipole, model.coulomb, model, state, model.blocks.alive[block], s)
+    field, potential = add_fields(model, state, block, s, splat(0.0), splat(0.0))
     around, wound, _ = wrapping_look(
         model.wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
         state.position, state.orientation, state.rest, work.points, block, s)
@@ -309,8 +314,19 @@ def field_bound(model: Model, state: State) -> float:
     """Return a bound of what electric fields add to the squared frequency [1/s^2]."""
     largest = splat(0.0)
     for block in range(model.blocks.slot.shape[0]):
-        bound, _ = field_parts(
-            model.dipole, model.coulomb, model, state, model.blocks.alive[block],
-            model.blocks.slot[block])
+        bound, _ = add_fields(
+            model, state, block, model.blocks.slot[block], splat(0.0), splat(0.0))
         largest = maximum(bound, largest)
     return largest_lane(largest)
+
+
+@compiled
+def field_energy(model: Model, state: State) -> float:
+    """Return the energy [J] of all dipoles in the field and of all pairs of charges."""
+    total = 0.0
+    for block in range(model.blocks.slot.shape[0]):
+        _, energy = add_fields(
+            model, state, block, model.blocks.slot[block], splat(0.0), splat(0.0))
+        for i in range(LANES):
+            total += lane(energy, i)
+    return total

@@ -11,12 +11,13 @@ whole groups therefore get bit-identical results.
 import math
 
 from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
-from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.records import Blocks, Coulomb, Model, SecondDerivatives, State
+from icofabric_sim.kernels.records import Blocks, Model, SecondDerivatives, State
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store
+from icofabric_sim.terms.coulomb.record import Coulomb
+from icofabric_sim.terms.coulomb.tangent import add_coulomb_product
 import numpy as np
 
 

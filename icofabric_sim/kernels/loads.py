@@ -16,7 +16,7 @@ from icofabric_sim.kernels.profiles import (
     NEAR_WEIGHT,
     NODES,
 )
-from icofabric_sim.kernels.records import Loads, Model, State, Supports, Tractions, Varying
+from icofabric_sim.kernels.records import Loads, Model, State, Tractions, Varying
 from icofabric_sim.kernels.rotations import (
     axes_of_lanes,
     half_angle_factors,
@@ -38,6 +38,7 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 from icofabric_sim.kernels.tractions import mean_traction_power, three_at, traction_wrench
 from icofabric_sim.kernels.turning import mean_of_turning, turned
+from icofabric_sim.terms.shared import inverses
 import numpy as np
 
 
@@ -114,20 +115,6 @@ def kick_by(
     store(spin, 0, s, fma(inertia, torque[0], load(spin, 0, s)))
     store(spin, 1, s, fma(inertia, torque[1], load(spin, 1, s)))
     store(spin, 2, s, fma(inertia, torque[2], load(spin, 2, s)))
-
-
-@compiled
-def inverses(
-    supports: Supports | None, inverse_mass: float, inverse_inertia: float, s: int
-) -> tuple[Vector, Vector, Vector, Vector]:
-    """Return inverse masses along x, y, z [1/kg] and inverse inertias [1/(kg m^2)] of a block."""
-    if supports is None:
-        mass = splat(inverse_mass)
-        return mass, mass, mass, splat(inverse_inertia)
-    else:
-        return (
-            load(supports.inverse_mass, 0, s), load(supports.inverse_mass, 1, s),
-            load(supports.inverse_mass, 2, s), load(supports.inverse_inertia, 0, s))
 
 
 @inlined

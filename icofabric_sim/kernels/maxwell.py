@@ -28,7 +28,8 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.viscous import add_force, coefficient_of
+from icofabric_sim.kernels.viscous import coefficient_of
+from icofabric_sim.terms.shared import add_wrench
 import numpy as np
 
 _SMALLEST_SQUARE = 1e-300
@@ -82,7 +83,7 @@ def add_maxwell(
         tx = fma(ay, ez, tx - az * ey)
         ty = fma(az, ex, ty - ax * ez)
         tz = fma(ax, ey, tz - ay * ex)
-    add_force(
+    add_wrench(
         model.supports, model.inverse_mass, model.inverse_inertia, slope[row - 6:row - 3],
         slope[row - 3:row], s, fx, fy, fz, tx, ty, tz)
     return fma(splat(0.5), taken, spent)

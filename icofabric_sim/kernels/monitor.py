@@ -32,12 +32,14 @@ from icofabric_sim.kernels.figures import (
     WEIGHT,
 )
 from icofabric_sim.kernels.masses import largest_of, units_of
-from icofabric_sim.kernels.records import Dipole, Gravity, Loads, Model, State, Team, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, maximum, splat, store
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+from icofabric_sim.terms.dipole.record import Dipole
+from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.

@@ -8,9 +8,11 @@ are computed together are therefore adjacent. A term that a scene lacks is None 
 If its class has a method `absent`, the term is compiled and skipped at run time.
 """
 
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.kernels.runtime.record import Record
+from icofabric_sim.terms.registry import TERMS
+from icofabric_sim.terms.shared import Blocks, State, Supports
 import numpy as np
 
 EDGE_COUNT = 6
@@ -33,14 +35,6 @@ class Connectors(Record):
     natural_length: np.ndarray  # D [m]
     half_width: float  # centre to attachment point, w / 2 for edge midpoints [m]
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
-
-
-class Blocks(Record):
-    """Runs of LANES slots that are computed together, in the order of computation."""
-
-    slot: np.ndarray  # (b,) int32, first slot
-    alive: np.ndarray  # (b,) uint8, bit l: lane l holds a body
-    reach: int  # connectors lead to blocks at most this much earlier or later
 
 
 class Variety(Record):
@@ -167,17 +161,6 @@ class Breakage(Record):
     moving: np.ndarray  # (18 s,) velocities [m/s] of the attachment points
 
 
-class Gravity(Record):
-    """An acceleration of all bodies that are free to fall."""
-
-    acceleration: np.ndarray  # (3,) [m/s^2], with that of charges in a uniform electric field
-
-    @classmethod
-    def absent(cls) -> 'Gravity':
-        """Return the record that stands for None."""
-        return cls(np.zeros(3))
-
-
 class Masses(Record):
     """Masses and inertias of bodies that are not all alike."""
 
@@ -185,18 +168,6 @@ class Masses(Record):
     inertia: np.ndarray  # (1, s) [kg m^2]
     largest_mass: float  # [kg]
     largest_inertia: float  # [kg m^2]
-
-
-class Supports(Record):
-    """Inverse masses of all bodies, with held freedoms set to zero."""
-
-    inverse_mass: np.ndarray  # (3, s) [1/kg], world axes
-    inverse_inertia: np.ndarray  # (1, s) [1/(kg m^2)]
-
-    @classmethod
-    def absent(cls) -> 'Supports':
-        """Return the record that stands for None."""
-        return cls(np.zeros((3, 0)), np.zeros((1, 0)))
 
 
 class Varying(Record):
@@ -313,38 +284,6 @@ class Maxwell(Record):
     rate: float  # 1 / tau [1/s]; of many the largest
     own_stiffness: np.ndarray | None  # (12, s) [N/m] of the connectors at each body
     own_rate: np.ndarray | None  # (12, s) [1/s] likewise; both where not all are alike
-
-
-class Drag(Record):
-    """Drag on every body."""
-
-    linear: float  # gamma [N s/m]
-    angular: float  # gamma' [N m s/rad]
-
-
-class Magnet(Record):
-    """A uniform magnetic field, and the charges that move in it."""
-
-    field: np.ndarray  # (3,) B [T]
-    charge: np.ndarray  # (1, s) q [C]
-    moment: np.ndarray  # (3, s) dipole [C m], body axes
-    second: np.ndarray  # (1, s) s = q Lambda / (2 M) [C m^2]
-
-
-class Dipole(Record):
-    """A uniform electric field, and the dipoles that turn in it."""
-
-    field: np.ndarray  # (3,) E [V/m]
-    moment: np.ndarray  # (3,) p [C m], body axes
-    largest: float  # |p| |E| [J]
-
-
-class Coulomb(Record):
-    """Charges at the centres of bodies."""
-
-    strength: float  # kappa = q^2 / (4 pi eps_0) [J m] of the largest charge q
-    slots: np.ndarray  # (n,) int32, the slots of the bodies
-    charge: np.ndarray  # (1, s) relative to q
 
 
 class Meter(Record):
@@ -470,22 +409,18 @@ class Gyration(Record):
     moments: np.ndarray
 
 
-class Model(Record):
-    """Constants of a compiled scene."""
+class Model(Record, parts={
+        term.name: term.record for term in TERMS if term.has('record')}):
+    """Constants of a compiled scene; the record of each term of the registry is a field, too."""
 
     inverse_mass: float  # [1/kg] of all bodies, or of the lightest: see `masses`
     inverse_inertia: float  # [1/(kg m^2)] likewise; of the smallest principal moment
-    gravity: Gravity | None
     blocks: Blocks
     links: Links | None
     bending: Bending | None
     twisting: Twisting | None
     supports: Supports | None
     damping: Damping | None = None
-    drag: Drag | None = None
-    magnet: Magnet | None = None
-    dipole: Dipole | None = None
-    coulomb: Coulomb | None = None
     shells: Shells | None = None
     wrapping: Wrapping | None = None
     contacts: Contacts | None = None
@@ -493,20 +428,8 @@ class Model(Record):
     maxwell: Maxwell | None = None
     gyration: Gyration | None = None
 
-
-class State(Record):
-    """Evolving state, world frame, written by kernels."""
-
-    position: np.ndarray  # (3, s) [m]
-    orientation: np.ndarray  # (4, s) x y z w, or (3, 3, s) direction cosines
-    linear_velocity: np.ndarray  # (3, s) [m/s]
-    angular_velocity: np.ndarray  # (3, s) [rad/s]
-    # (12, s) [m] rest lengths of the springs of Maxwell arms; None without arms.
-    rest: np.ndarray | None = None
-
-    def rows(self) -> list[np.ndarray]:
-        """Return the arrays that are not None, in the order of the fields."""
-        return [array for array in self if array is not None]
+    if TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any: ...
 
 
 class Work(Record):

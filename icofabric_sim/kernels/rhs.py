@@ -8,7 +8,7 @@ the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 """
 
 from icofabric_sim.kernels.anchors import anchor_slope
-from icofabric_sim.kernels.contact.losses import add_taken, losses_of
+from icofabric_sim.kernels.composition import compose
 from icofabric_sim.kernels.drives import (
     is_wrench,
     keep_turning,
@@ -21,7 +21,6 @@ from icofabric_sim.kernels.flows import accelerations, NONE, place_links
 from icofabric_sim.kernels.gyration import turn_by_moments
 from icofabric_sim.kernels.loads import kick_load, wrench_of_row
 from icofabric_sim.kernels.masses import masses_of
-from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.probable_error import probable_error
 from icofabric_sim.kernels.profiles import factor_of
@@ -43,12 +42,15 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.viscous import add_damping, add_drag, add_magnetic, place_speeds
-from icofabric_sim.kernels.wrap.rates import add_wrapped_damping, creep_around
+from icofabric_sim.kernels.viscous import place_speeds
 import numpy as np
 
 # Slot of the slope at the end of a step.
 LAST = 12
+
+add_velocity_forces = compose(
+    'add_velocity_forces', 'velocity_force',
+    'model, state, points, speeds, slope, row, linear, angular, block, s, spent', 'spent')
 
 
 @compiled
@@ -93,21 +95,9 @@ def find_slopes(
         for k in range(3):
             store(linear, k, s, a[k])
             store(angular, k, s, a[k + 3])
-        spent = add_damping(
-            model.damping, model.links, model, state, work.points, work.speeds, linear, angular,
-            block, s)
-        spent = add_wrapped_damping(
-            model.wrapping, model.damping, model.links, model, state, work.points, work.speeds,
-            linear, angular, block, s, spent)
-        spent = add_maxwell(
-            model.maxwell, model.links, model, state.rest, slope, 9 + turn, state.position,
-            work.points, block, s, spent)
-        spent = creep_around(
-            model.wrapping, model.maxwell, model.links, state, work.points, slope, 9 + turn,
-            block, s, spent)
-        spent = add_drag(model.drag, model, state, linear, angular, s, spent)
-        spent = add_taken(losses_of(model.contacts), s, spent)
-        add_magnetic(model.magnet, model, state, linear, angular, s)
+        spent = add_velocity_forces(
+            model, state, work.points, work.speeds, slope, 9 + turn, linear, angular, block, s,
+            splat(0.0))
         note_flow(work.spent, index, s, spent)
         given = add_external(work.external, model, state, linear, angular, s)
         note_flow(work.given, index, s, given)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Coulomb forces between charges (charge.mutual): Hessian matrix and force scale."""
 
-from icofabric_sim.kernels.records import Coulomb
+from icofabric_sim.terms.coulomb.record import Coulomb
 import numpy as np
 
 

@@ -19,10 +19,8 @@ from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_quaternions
 from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
 from icofabric_sim.kernels.drives import place_driven
-from icofabric_sim.kernels.fields import add_coulomb_product
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.records import Gravity
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
@@ -54,6 +52,8 @@ from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
 from icofabric_sim.statics.tangent import Stretched, TangentLaws
 from icofabric_sim.statics.wrapped import find_wrapped, Wrapped
+from icofabric_sim.terms.coulomb.tangent import add_coulomb_product
+from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
 
 

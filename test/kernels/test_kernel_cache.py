@@ -251,7 +251,7 @@ def test_the_stamp_covers_all_that_kernels_are_made_of():
 
     compiled = [name for name, path in MODULES.items() if '\n@compiled\n' in path.read_text()]
     assert len(compiled) > 40
-    outside = [name for name in compiled if room_of(name) != 'kernels']
+    outside = [name for name in compiled if room_of(name) not in ('kernels', 'terms')]
     assert sorted(outside) == [
         'icofabric_sim.simulation.contact.curvature',
         'icofabric_sim.simulation.devices.rank_kernels']
@@ -259,6 +259,20 @@ def test_the_stamp_covers_all_that_kernels_are_made_of():
         if room_of(name) in disk_cache._STAMPED or name in outside:
             assert {room_of(target.module) for target in imports_of(name)} \
                 <= {*disk_cache._STAMPED, 'checks', 'process'}, name
+
+
+def test_files_of_terms_outside_the_stamp_are_not_compiled():
+    """Other files of terms belong to the stamp, whatever their names."""
+    terms = [name for name in MODULES if name.startswith('icofabric_sim.terms.')]
+    stamped = {Path(path) for path, _ in disk_cache._FILES}
+    outside = {name for name in terms if MODULES[name] not in stamped}
+    assert outside == {
+        name for name in terms if MODULES[name].name in disk_cache._NOT_COMPILED}
+    for name in outside:
+        assert 'compiled' not in MODULES[name].read_text()
+    for name in MODULES:
+        if MODULES[name] in stamped:
+            assert not outside & {target.module for target in imports_of(name)}, name
 
 
 GENERIC = {'NUMBA_CPU_NAME': 'generic', 'NUMBA_CPU_FEATURES': ''}

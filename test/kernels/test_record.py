@@ -7,11 +7,12 @@ import gc
 import pickle
 
 from fabrics import make_scene
-from icofabric_sim.kernels.records import Drag, Loads, Meter, Model, Supports
+from icofabric_sim.kernels.records import Loads, Meter, Model, Supports
 from icofabric_sim.kernels.runtime import record
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
+from icofabric_sim.terms.drag.record import Drag
 import numpy as np
 import pytest
 

@@ -361,12 +361,12 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
 
 
 @compiled
-def add_contact(contacts: Contacts | None, s: int, force: Six) -> Six:
+def add_contact(contacts: Contacts | None, s: int, wrench: Six) -> Six:
     """Add the forces and torques of contacts on a block."""
     if contacts is None:
-        return force
+        return wrench
     else:
-        fx, fy, fz, tx, ty, tz = force
+        fx, fy, fz, tx, ty, tz = wrench
         rows = contacts.rows
         return (
             fx + load(rows, 0, s), fy + load(rows, 1, s), fz + load(rows, 2, s),

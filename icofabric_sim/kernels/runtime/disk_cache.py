@@ -41,7 +41,9 @@ _SHIPPED = _PACKAGE / 'kernels' / 'compiled'
 
 # The rooms of the compiled functions and of their constants. They import no other room
 # (test/kernels/test_kernel_cache.py checks their imports).
-_STAMPED = ('geometry', 'kernels')
+_STAMPED = ('geometry', 'kernels', 'terms')
+# Files of terms that kernels do not read (docs/architecture.md).
+_NOT_COMPILED = {'device.py', 'parameters.py', 'curve.py'}
 # A folder of compiled kernels takes some 100 MB. Installations and working trees that share the
 # cache folder rarely have more different sources in use.
 _MAX_STAMP_COUNT = 12
@@ -55,7 +57,9 @@ def _source_files() -> list[tuple[str, int]]:
         for folder, subfolders, names in os.walk(_PACKAGE / room):
             # Neither has source files, and both have many other files.
             subfolders[:] = {*subfolders} - {'__pycache__', _SHIPPED.name}
-            paths += [os.path.join(folder, name) for name in names if name.endswith('.py')]
+            paths += [
+                os.path.join(folder, name) for name in names
+                if name.endswith('.py') and (room != 'terms' or name not in _NOT_COMPILED)]
     return sorted((path, os.stat(path).st_ctime_ns) for path in paths)
 
 

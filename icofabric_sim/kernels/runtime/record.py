@@ -25,7 +25,7 @@ kernel little for each block, and another compilation would take seconds. The an
 field names the class itself: a name in quotes is not looked up.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import ctypes
 from functools import cache
 import inspect
@@ -65,16 +65,25 @@ class Record(_Address):
     _numba_type: ClassVar[RecordType | None] = None
     _places: ClassVar[dict[str, tuple[int, int, int]] | None] = None
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Read the fields; classes for one type of the fields inherit them."""
+    def __init_subclass__(
+        cls, *, parts: 'Mapping[str, type[Record]] | None' = None, **options: Any
+    ) -> None:
+        """
+        Read the fields; classes for one type of the fields inherit them.
+
+        `parts` are further fields, each a record of the named class or None, which is the default.
+        """
         super().__init_subclass__(**options)
         if '_numba_type' in cls.__dict__:
             return
+        parts = parts or {}
         own = inspect.get_annotations(cls)
-        cls._fields = tuple(own)
         cls._defaults = {name: cls.__dict__[name] for name in own if name in cls.__dict__}
         for name in cls._defaults:
             delattr(cls, name)
+        cls._defaults |= dict.fromkeys(parts)
+        own |= {name: part | None for name, part in parts.items()}
+        cls._fields = tuple(own)
         cls._kinds = {}
         cls._is_optional = 'absent' in cls.__dict__
         cls._absent = {

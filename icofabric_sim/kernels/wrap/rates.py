@@ -14,10 +14,10 @@ from icofabric_sim.kernels.moments import partner_slot
 from icofabric_sim.kernels.records import Damping, Links, Maxwell, Model, State, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import any_lane, insert, lane, LANES, splat, Vector
-from icofabric_sim.kernels.viscous import add_force
 from icofabric_sim.kernels.wrap.forces import arm_law, entering, one_of
 from icofabric_sim.kernels.wrap.pairs import taut
 from icofabric_sim.kernels.wrap.path import apart, leaving, Point, Pose, pose_of, wound
+from icofabric_sim.terms.shared import add_wrench
 import numpy as np
 
 _SMALLEST_LENGTH = 1e-150
@@ -150,7 +150,7 @@ def add_wrapped_damping(
                 spent = insert(spent, i, lane(spent, i) + 0.5 * c * (
                     run.rate * run.rate - rate * rate))
     if found:
-        add_force(
+        add_wrench(
             model.supports, model.inverse_mass, model.inverse_inertia, linear, angular, s, fx, fy,
             fz, tx, ty, tz)
     return spent

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Packing of charges, dipoles and fields for the kernels."""
 
-from icofabric_sim.kernels.records import Coulomb, Dipole, Magnet
 from icofabric_sim.scene.electric import Electric
 from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.coulomb.record import Coulomb
+from icofabric_sim.terms.dipole.record import Dipole
+from icofabric_sim.terms.magnet.record import Magnet
 import numpy as np
 
 # 1 / (4 pi eps_0) [N m^2/C^2] with eps_0 = 8.8541878188e-12 F/m (CODATA 2022).

@@ -17,18 +17,12 @@ from typing import NamedTuple, Protocol
 
 from icofabric_sim.kernels.figures import group_size
 from icofabric_sim.kernels.lanczos import added_up, lanczos_steps, note_products
-from icofabric_sim.kernels.records import (
-    Coulomb,
-    Model,
-    SecondDerivatives,
-    State,
-    Supports,
-    Work,
-)
+from icofabric_sim.kernels.records import Model, SecondDerivatives, State, Supports, Work
 from icofabric_sim.kernels.tridiagonal import largest_eigenvalue
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, without
 from icofabric_sim.simulation.stepping.portions import Portions
+from icofabric_sim.terms.coulomb.record import Coulomb
 import numpy as np
 
 # Up to this number of bodies, the noise of start vectors is cached.

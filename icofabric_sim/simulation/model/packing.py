@@ -12,10 +12,8 @@ from icofabric_sim.kernels.records import (
     Anchors,
     Breakage,
     Connectors,
-    Drag,
     Drives,
     External,
-    Gravity,
     Gyration,
     LINK_COUNT,
     Loads,
@@ -56,6 +54,8 @@ from icofabric_sim.simulation.model.shells import pack_own_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
+from icofabric_sim.terms.drag.record import Drag
+from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
 
 # Runge-Kutta methods need 1.7 kB more for each body: larger fabrics do not use them.
@@ -238,20 +238,21 @@ def pack_scene(
     if scene.supports is not None or not masses.all_equal:
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
+    terms: dict[str, Any] = {
+        'gravity': Gravity(fall) if fall.any() else None,
+        'drag': drag if any(drag) else None,
+        'magnet': pack_magnet(electric, masses, layout),
+        'dipole': pack_dipole(electric),
+        'coulomb': pack_coulomb(electric, layout)}
     model = Model(
         inverse_mass=1.0 / mass,
         inverse_inertia=1.0 / inertia,
-        gravity=Gravity(fall) if fall.any() else None,
         blocks=layout.blocks,
         links=links,
         bending=resisting.bending,
         twisting=resisting.twisting,
         supports=supports,
         damping=damping,
-        drag=drag if any(drag) else None,
-        magnet=pack_magnet(electric, masses, layout),
-        dipole=pack_dipole(electric),
-        coulomb=pack_coulomb(electric, layout),
         shells=pack_own_shells(scene, layout),
         wrapping=None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
@@ -261,7 +262,7 @@ def pack_scene(
             float(masses.mass.max()), float(masses.inertia.max())),
         maxwell=maxwell,
         gyration=_pack_gyration(scene, layout),
-    )
+        **terms)
     external = None
     if body_force is not None:
         external = body_force.prepare(layout, np.hstack(scene.initial))

@@ -9,7 +9,7 @@ from typing import Any
 
 from icofabric_sim.checks import counted, renamed_attributes
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, relative_rotation
-from icofabric_sim.kernels.fields import field_energy
+from icofabric_sim.kernels.frequency_bound import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
