@@ -87,11 +87,9 @@ def frequency_bound(scene: Scene) -> float:
     """
     if not scene.connector_count:
         return 0.0
-    laws, tables = scene.connectors.laws, scene.connectors.tables
+    laws = scene.connectors.laws
     stiffness = np.broadcast_to(
-        np.maximum(laws.extension, laws.compression), (scene.connector_count,)).copy()
-    for number, table in enumerate(tables.tables):
-        stiffness[tables.of == number] = table.largest_slope
+        np.maximum(laws.extension, laws.compression), (scene.connector_count,))
     arm = np.linalg.norm(scene.connectors.attachment, axis=1).max()
     compliance = 1.0 / scene.masses.mass + arm**2 / scene.masses.inertia
     each = np.zeros(scene.body_count)

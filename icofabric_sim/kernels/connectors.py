@@ -11,8 +11,8 @@ threads.
 
 from typing import Any
 
-from icofabric_sim.kernels.law_tables import tabled_factor
-from icofabric_sim.kernels.records import Kinks, LawTables, Links, Variety
+from icofabric_sim.kernels.laws import replace_factor
+from icofabric_sim.kernels.records import Kinks, Laws, Links, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -185,7 +185,7 @@ def edge_pull(
         square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
         there = bits(links.present[block, link])
         factor = law_factor(
-            links.tables, kinks, part, variety, block, link, s, square, there, stiffness,
+            links.laws, kinks, part, variety, block, link, s, square, there, stiffness,
             minus_rest)
         factor = where(there, factor, zero)
         fx, fy, fz = fma(factor, ux, fx), fma(factor, uy, fy), fma(factor, uz, fz)
@@ -194,16 +194,14 @@ def edge_pull(
 
 @inlined
 def law_factor(
-    tables: LawTables | None, kinks: Kinks | None, part: float, variety: Variety | None,
+    laws: Laws | None, kinks: Kinks | None, part: float, variety: Variety | None,
     block: int, link: int, s: int, square: Vector, there: Any, stiffness: Vector,
     minus_rest: Vector
 ) -> Vector:
     """Return tension over length [N/m] at a squared length `square`; `there` masks the lanes."""
-    if tables is None:
-        return step_factor(
-            kinks, part, variety, block, link, s, square, stiffness, minus_rest)
-    else:
-        return tabled_factor(tables, variety, link, s, square, there)
+    return replace_factor(
+        laws, variety, link, s, square, there, step_factor(
+            kinks, part, variety, block, link, s, square, stiffness, minus_rest))
 
 
 @inlined

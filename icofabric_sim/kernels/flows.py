@@ -9,7 +9,7 @@ all terms of the registry that depend on the pose of a fabric; loads are listed 
 """
 
 from icofabric_sim.kernels.anchors import kick_anchor
-from icofabric_sim.kernels.composition import compose
+from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
 from icofabric_sim.kernels.drives import (
     bear_loads,
@@ -39,10 +39,9 @@ import numpy as np
 # No wrench. The profile of a wrench is reused while consecutive rows have the same wrench.
 NONE = np.int64(-1)
 
-add_forces = compose(
-    'add_forces', 'force', 'model, state, points, kinks, part, time, block, s', 'wrench')
-add_accelerations = compose(
-    'add_accelerations', 'acceleration', 'model, state, time, block, s, a', 'a')
+add_forces = compose_terms(
+    'add_force', 'model, state, points, kinks, part, time, block, s', 'wrench')
+add_accelerations = compose_terms('add_acceleration', 'model, state, time, block, s, a', 'a')
 
 
 @compiled

@@ -7,12 +7,12 @@ A bound of the largest frequency of a fabric, body by body, and the energies fro
 import math
 from typing import Any
 
-from icofabric_sim.kernels.composition import compose
+from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.connectors import arm_of, slope_of
-from icofabric_sim.kernels.law_tables import tabled_energy, tabled_pull
+from icofabric_sim.kernels.laws import replace_energy, replace_largest_slope, replace_pull
 from icofabric_sim.kernels.maxwell import maxwell_look
 from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
-from icofabric_sim.kernels.records import LawTables, Links, Model, State, Variety, Work
+from icofabric_sim.kernels.records import Laws, Links, Model, State, Variety, Work
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import (
@@ -37,8 +37,8 @@ import numpy as np
 Row = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 Block = tuple[Row, Row, Row, Row, Row, Row]
 
-add_fields = compose(
-    'add_fields', 'bound', 'model, state, block, s, bound, energy', 'bound, energy',
+add_fields = compose_terms(
+    'add_bound', 'model, state, block, s, bound, energy', 'bound, energy',
     energy='fields')
 
 
@@ -88,11 +88,13 @@ def block_bound(
                 inverse = where(there, rsqrt(squared), zero)
                 stretch, pull, slope = bound_parts(
                     links.variety, link, s, squared, inverse, stiffness, minus_rest)
-                pull = tabled_pull(links.tables, link, s, squared * inverse, pull)
+                length = squared * inverse
+                pull = replace_pull(links.laws, links.variety, link, s, length, pull)
+                slope = replace_largest_slope(
+                    links.laws, links.variety, link, s, length, slope)
                 stretch, pull = where(there, stretch, zero), where(there, pull, zero)
                 energy = stored_part(
-                    links.tables, links.variety, link, s, there, squared * inverse, stretch, pull,
-                    energy)
+                    links.laws, links.variety, link, s, there, length, stretch, pull, energy)
                 tension = fma(maximum(pull, zero), inverse, tension)
                 pulls = pulls + fabs(pull)
                 trace = trace + where(there, slope, zero)
@@ -143,6 +145,8 @@ def stiffest_direction(
             inverse = where(there, rsqrt(squared), zero)
             _, _, slope = bound_parts(
                 links.variety, link, s, squared, inverse, stiffness, minus_rest)
+            slope = replace_largest_slope(
+                links.laws, links.variety, link, s, squared * inverse, slope)
             weight = inverse * root_of(links.variety, slope)
             nx, ny, nz = ux * weight, uy * weight, uz * weight
             r0, r1, r2 = nx * splat(root_m), ny * splat(root_m), nz * splat(root_m)
@@ -238,14 +242,14 @@ def root_of(variety: Variety | None, slope: Vector) -> Vector:
 
 @compiled
 def stored_part(
-    tables: LawTables | None, variety: Variety | None, link: int, s: int, there: Any,
+    laws: Laws | None, variety: Variety | None, link: int, s: int, there: Any,
     length: Vector, stretch: Vector, pull: Vector, energy: Vector
 ) -> Vector:
-    """Add the energy of a connector, by its table if it has one, up to a common factor."""
-    if tables is None:
+    """Add the energy of a connector by its law, up to a common factor."""
+    if laws is None:
         return energy_part(variety, stretch, pull, energy)
     else:
-        double = tabled_energy(tables, link, s, length, splat(0.5) * (stretch * pull))
+        double = replace_energy(laws, variety, link, s, length, splat(0.5) * (stretch * pull))
         return energy + where(there, double + double, splat(0.0))
 
 

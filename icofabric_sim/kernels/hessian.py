@@ -8,7 +8,7 @@ or forces and torques.
 """
 
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
-from icofabric_sim.kernels.law_tables import tabled_pull
+from icofabric_sim.kernels.laws import replace_largest_slope, replace_pull
 from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.records import (
     Links,
@@ -130,7 +130,9 @@ def second_derivative(
                 there, where(square > splat(_SMALLEST_SQUARE), rsqrt(square), zero), zero)
             k, pull = slope_and_pull(
                 links.variety, link, s, square, inverse, stiffness, minus_rest)
-            pull = tabled_pull(links.tables, link, s, square * inverse, pull)
+            length = square * inverse
+            pull = replace_pull(links.laws, links.variety, link, s, length, pull)
+            k = replace_largest_slope(links.laws, links.variety, link, s, length, k)
             pull = where(inverse > zero, pull, zero)
             nx, ny, nz = ux * inverse, uy * inverse, uz * inverse
             along = fma(nx, vx, fma(ny, vy, nz * vz))

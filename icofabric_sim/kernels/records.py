@@ -11,14 +11,9 @@ If its class has a method `absent`, the term is compiled and skipped at run time
 from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.kernels.runtime.record import Record
-from icofabric_sim.terms.registry import TERMS
-from icofabric_sim.terms.shared import Blocks, State, Supports
+from icofabric_sim.terms.registry import LAWS, TERMS
+from icofabric_sim.terms.shared import Blocks, State, Supports, Variety
 import numpy as np
-
-EDGE_COUNT = 6
-# Connectors that meet at each edge of a weave.
-LINKS_PER_EDGE = 2
-LINK_COUNT = EDGE_COUNT * LINKS_PER_EDGE
 
 
 class Connectors(Record):
@@ -37,31 +32,8 @@ class Connectors(Record):
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
 
 
-class Variety(Record):
-    """Laws of the connectors at each body, if they are not one symmetric law; (12, s) each."""
-
-    extension: np.ndarray  # k_e [N/m]
-    compression: np.ndarray  # k_c [N/m]
-    natural_length: np.ndarray  # D [m]
-
-
-class LawTables(Record):
-    """Tensions by table, see kernels/law_tables.py."""
-
-    number: np.ndarray  # (12, s) of a connector's table, -1 without a table
-    # (8 m,) for each interval least length, anchor [m], f [N], d, c, b, energy [J], 0
-    rows: np.ndarray
-    # (8 t,) for each table the start of its bins [m], bins per metre, the last bin, the number of
-    # the first among those of all tables, its first and its last row; two numbers are unused
-    heads: np.ndarray
-    # (2 k,) for each bin the bound in it [m] (inf: none, -1: to be searched), and the row of the
-    # interval below the bound
-    bins: np.ndarray
-    is_alike: bool  # all connectors follow one table
-    # (3 s,) int32, for connectors of a block that follow one table: index in `rows` of the lower
-    # of two adjacent intervals that contain all lanes' lengths; -1: not known
-    near: np.ndarray
-    beyond: np.ndarray  # (1,) 1 once a length was outside its table
+class Laws(Record, parts={law.name: law.record for law in LAWS}):
+    """Laws that replace springs, those of the registry; None: no connector follows it."""
 
 
 class Links(Record):
@@ -77,8 +49,9 @@ class Links(Record):
     natural_length: float  # D [m]; of many laws the longest
     half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
-    variety: Variety | None  # individual laws; of tables the largest slopes
-    tables: LawTables | None
+    # Individual springs, k and D of other laws; of tables the largest slopes.
+    variety: Variety | None
+    laws: Laws | None  # None: all are springs
 
 
 class Shells(Record):

@@ -8,7 +8,7 @@ the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 """
 
 from icofabric_sim.kernels.anchors import anchor_slope
-from icofabric_sim.kernels.composition import compose
+from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.drives import (
     is_wrench,
     keep_turning,
@@ -48,8 +48,8 @@ import numpy as np
 # Slot of the slope at the end of a step.
 LAST = 12
 
-add_velocity_forces = compose(
-    'add_velocity_forces', 'velocity_force',
+add_velocity_forces = compose_terms(
+    'add_velocity_force',
     'model, state, points, speeds, slope, row, linear, angular, block, s, spent', 'spent')
 
 

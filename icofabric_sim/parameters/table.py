@@ -10,6 +10,8 @@ its parameter descriptors from it, and docs/parameters.md prints it.
 from enum import Enum
 from typing import NamedTuple, TypedDict, Unpack
 
+from icofabric_sim.terms.registry import LAWS
+
 Scalar = bool | int | float | str
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 
@@ -73,6 +75,9 @@ def _positive(**options: Unpack[_Options]) -> _Options:
     return {'minimum': 0.0, 'open_minimum': True, **options}
 
 
+# Those of connector laws that have a name.
+LAW_PARAMETERS = [
+    row for law in LAWS if law.has('parameters') for row in law.module('parameters').PARAMETERS]
 FIXED, AT_ONCE, RESTARTS = Change.FIXED, Change.AT_ONCE, Change.RESTARTS
 _ZERO3 = [0.0, 0.0, 0.0]
 # Forms of the equations of rotation.
@@ -183,10 +188,15 @@ STATIC: tuple[Specification, ...] = (
         for edge in ('up', 'down', 'north', 'south', 'west', 'east')
     ),
     _s('connector.law', '', '',
-       'CSV of length [m], force [N] (positive: tension) that replaces eq 1'),
+       'law that replaces eq 1: exponential, or a CSV of length [m], force [N] (positive: '
+       'tension)'),
     _s('connector.law_beyond', 'extrapolate', '',
        'lengths outside the table: extrapolate linearly and warn once, or stop the run',
        choices=('extrapolate', 'stop')),
+    *(
+        _s(f'connector.{name}', default, unit, description)
+        for name, default, unit, description in LAW_PARAMETERS
+    ),
     _s('gravity', _ZERO3, 'm/s^2', 'acceleration of gravity, world axes'),
     _s('drag.linear', 0.0, 'N s/m', 'linear drag coefficient of each body', minimum=0.0),
     _s('drag.angular', 0.0, 'N m s/rad', 'rotational drag coefficient of each body', minimum=0.0),
@@ -369,10 +379,14 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness'),
         _s('natural_length', 0.0, 'm',
            'natural length D; 0: connector.natural_length', minimum=0.0),
-        _s('law', '', '', "CSV of length [m], force [N]; '': connector.law"),
+        _s('law', '', '', "exponential, or CSV of length [m], force [N]; '': connector.law"),
         _s('law_beyond', '', '',
            "lengths outside the table: extrapolate or stop; '': connector.law_beyond",
            choices=('', 'extrapolate', 'stop')),
+        *(
+            _s(name, default, unit, f'{description}; {default:g}: connector.{name}')
+            for name, default, unit, description in LAW_PARAMETERS
+        ),
         _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: connector.bending_stiffness'),
         _s('twisting_stiffness', -1.0, 'N m/rad',
            'kappa_t; negative: connector.twisting_stiffness'),

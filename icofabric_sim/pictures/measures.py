@@ -102,13 +102,11 @@ def strains(scene: Scene, length: np.ndarray) -> np.ndarray:
 
 def tensions(scene: Scene, length: np.ndarray) -> np.ndarray:
     """Tension [N] of connectors of given lengths [m] by their laws, without damping, (c,)."""
-    laws, tables = scene.connectors.laws, scene.connectors.tables
+    laws = scene.connectors.laws
     stretch = length - laws.natural_length
-    tension = np.where(stretch > 0.0, laws.extension, laws.compression) * stretch
-    for number, table in enumerate(tables.tables):
-        chosen = tables.of == number
-        tension[chosen] = table.evaluate(length[chosen])[0]
-    return np.asarray(tension)
+    return scene.connectors.curves.replace(
+        'tension', np.where(stretch > 0.0, laws.extension, laws.compression) * stretch, length,
+        laws.extension, laws.natural_length)
 
 
 def overlaps(scene: Scene, position: np.ndarray, orientation: np.ndarray) -> np.ndarray:

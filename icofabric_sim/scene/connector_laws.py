@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.law_tables import LawTable, read_law
+from icofabric_sim.terms.interface import Curve
+from icofabric_sim.terms.registry import LAWS
 import numpy as np
 
 # Values of a group's properties that mean: use the property of `connector.*`.
@@ -15,8 +17,10 @@ _DEFAULT_MARKERS = {
     'natural_length': 0.0}
 
 
-# k_e, k_c, D and the table; D may be an array (c,) over connectors.
-_Law = tuple[float, float, float | np.ndarray, LawTable | None]
+# k_e, k_c, D and the curve that replaces the spring; D may be an array (c,) over connectors.
+_Law = tuple[float, float, float | np.ndarray, Curve | None]
+# Laws that parameters name; all other names are files of tables.
+NAMED_LAWS = {law.name: law for law in LAWS if law.has('parameters')}
 
 
 class ConnectorLaws(NamedTuple):
@@ -37,12 +41,55 @@ class ConnectorLaws(NamedTuple):
         return connectors if len(kinked) == 1 and kinked[0] else int(kinked.sum())
 
 
-class ConnectorTables(NamedTuple):
-    """Tabulated laws that replace eq 2; `ConnectorLaws` then holds their largest slopes."""
+class ConnectorCurves(NamedTuple):
+    """
+    Laws that replace eq 2.
 
-    tables: tuple[LawTable, ...]
-    of: np.ndarray  # (c,) int, index in `tables` of each connector, -1: none; (0,) without tables
-    stops: np.ndarray = np.zeros(0, bool)  # (c,) the run stops beyond the table; (0,) likewise
+    `ConnectorLaws` then holds k and D of these laws, for tables their largest slope.
+    """
+
+    curves: tuple[Curve, ...]
+    of: np.ndarray  # (c,) int, index in `curves` of each connector, -1: none; (0,) without curves
+    stops: np.ndarray = np.zeros(0, bool)  # (c,) the run stops beyond a table; (0,) likewise
+
+    @property
+    def tables(self) -> tuple[LawTable, ...]:
+        """Tabulated laws."""
+        return tuple(curve for curve in self.curves if isinstance(curve, LawTable))
+
+    @property
+    def table_of(self) -> np.ndarray:
+        """Index in `tables` of each connector, -1 without a table; (c,)."""
+        number = np.cumsum([isinstance(curve, LawTable) for curve in self.curves]) - 1
+        number[[not isinstance(curve, LawTable) for curve in self.curves]] = -1
+        return np.append(number, -1)[self.of]
+
+    @property
+    def has_corners(self) -> bool:
+        """True if the slope of some law has corners."""
+        return any(curve.has_corners for curve in self.curves)
+
+    def replace(
+        self, quantity: str, spring: np.ndarray, length: np.ndarray, stiffness: np.ndarray,
+        natural_length: np.ndarray
+    ) -> np.ndarray:
+        """
+        Return `spring` (c,) with values of the curves at lengths [m], (c,), where these apply.
+
+        `quantity` is tension, energy or slope. `stiffness` [N/m] and `natural_length` [m] are
+        those of springs in extension, (c,) or (1,).
+        """
+        for number, curve in enumerate(self.curves):
+            chosen = self.of == number
+            k, rest = (
+                np.broadcast_to(values, chosen.shape)[chosen]
+                for values in (stiffness, natural_length))
+            if quantity == 'slope':
+                spring[chosen] = curve.slope(length[chosen], k, rest)
+            else:
+                spring[chosen] = curve.evaluate(
+                    length[chosen], k, rest)[quantity == 'energy']
+        return spring
 
     def describe_beyond(self, length: np.ndarray, bodies: np.ndarray) -> tuple[str, bool]:
         """
@@ -51,8 +98,8 @@ class ConnectorTables(NamedTuple):
         `length` (c,) [m] is NaN for broken connectors; `bodies` is (c, 2). Connectors that stop
         the run take precedence. The description is '' if all are within their tables.
         """
-        low = np.array([table.rows[1, 0] for table in self.tables] + [-np.inf])[self.of]
-        high = np.array([table.rows[-1, 0] for table in self.tables] + [np.inf])[self.of]
+        low, high = np.array(
+            [curve.limits for curve in self.curves] + [(-np.inf, np.inf)])[self.of].T
         excess = np.maximum(length - high, low - length)
         beyond = excess > 0.0
         if not beyond.any():
@@ -62,44 +109,44 @@ class ConnectorTables(NamedTuple):
         one, two = bodies[number]
         return (
             f'connector {number}, between bodies {one} and {two}, is {length[number]:.6g} m long, '
-            f'beyond its table {self.tables[self.of[number]].file} ({low[number]:.6g} to '
+            f'beyond {self.curves[self.of[number]].text} ({low[number]:.6g} to '
             f'{high[number]:.6g} m)'), stops
 
 
-NO_TABLES = ConnectorTables((), np.zeros(0, np.int64))
+NO_CURVES = ConnectorCurves((), np.zeros(0, np.int64))
 
 
 def make_laws(
     parameters: Parameters, length: float | np.ndarray, members: Mapping[str, np.ndarray],
     count: int
-) -> tuple[ConnectorLaws, ConnectorTables]:
+) -> tuple[ConnectorLaws, ConnectorCurves]:
     """
-    Return the laws of all `count` connectors, and the tabulated laws.
+    Return the springs of all `count` connectors, and the laws that replace them.
 
     `length` [m] is the woven length L of all connectors, or of each, (c,). `members` are the masks
     (c,) of `connector_groups`; later groups take precedence.
     """
     general = _law(parameters, 'connector', length, None)
     if not members and not isinstance(general[2], np.ndarray) and general[3] is None:
-        return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_TABLES
+        return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_CURVES
     laws = ConnectorLaws(*(np.full(count, value) for value in general[:3]))
-    files = [general[3]]
+    curves = [general[3]]
     stops = np.full(count, parameters['connector.law_beyond'] == 'stop')
-    table_of = np.zeros(count, np.int32)
+    curve_of = np.zeros(count, np.int32)
     for name, chosen in members.items():
         own = _law(parameters, f'connector_groups.{name}', length, general)
         for array, value in zip(laws, own[:3]):
             array[chosen] = value[chosen] if isinstance(value, np.ndarray) else value
-        table_of[chosen] = len(files)
+        curve_of[chosen] = len(curves)
         if said := parameters[f'connector_groups.{name}.law_beyond']:
             stops[chosen] = said == 'stop'
-        files.append(own[3])
-    if not any(files):
-        return laws, NO_TABLES
-    tables = {table.file: table for table in files if table is not None}
+        curves.append(own[3])
+    if not any(curve is not None for curve in curves):
+        return laws, NO_CURVES
+    found = {curve.text: curve for curve in curves if curve is not None}
     number = np.array([
-        -1 if table is None else list(tables).index(table.file) for table in files])
-    return laws, ConnectorTables(tuple(tables.values()), number[table_of], stops)
+        -1 if curve is None else list(found).index(curve.text) for curve in curves])
+    return laws, ConnectorCurves(tuple(found.values()), number[curve_of], stops)
 
 
 def property_by_connector(
@@ -146,6 +193,12 @@ def _law(
         return None if unsaid else value
 
     stiffness, rest = said('stiffness'), said('natural_length')
+    if tabled and parameters[f'{prefix}.law'] in NAMED_LAWS:
+        k = stiffness if general is None or stiffness is not None else parameters[
+            'connector.stiffness']
+        if rest is None:
+            rest = length if general is None else general[2]
+        return k, k, rest, curve_of_law(parameters, prefix)
     table = table_of_law(parameters, prefix) if tabled else None
     if table is not None:
         most = table.largest_slope
@@ -167,10 +220,29 @@ def _law(
     return values[0], values[1], rest, None
 
 
+def curve_of_law(parameters: Parameters, prefix: str) -> Curve:
+    """Return the law that `PREFIX.law` names, with the values of its parameters."""
+    name = parameters[f'{prefix}.law']
+    for side in ('stiffness_extension', 'stiffness_compression'):
+        if parameters[f'{prefix}.{side}'] >= 0.0:
+            raise ParameterError(
+                f'{prefix}.{side}',
+                f'{prefix}.{side} {parameters[f"{prefix}.{side}"]!r} N/m: the law {name} has one '
+                f'stiffness; give {prefix}.stiffness')
+    values = {
+        key: parameters[f'{prefix}.{key}'] or parameters[f'connector.{key}']
+        for key, *_ in NAMED_LAWS[name].module('parameters').PARAMETERS}
+    try:
+        curve: Curve = NAMED_LAWS[name].module('curve').make_curve(values)
+    except ValueError as error:
+        raise ParameterError(f'{prefix}.law', f'{prefix}.law {name}: {error}') from None
+    return curve
+
+
 def table_of_law(parameters: Parameters, prefix: str) -> LawTable | None:
     """Return the table that `PREFIX.law` names, or None."""
     file = parameters[f'{prefix}.law']
-    if not file:
+    if not file or file in NAMED_LAWS:
         return None
     given = parameters[f'{prefix}.natural_length']
     if given > 0.0:

@@ -9,7 +9,7 @@ not overshoot, has a continuous slope, and is linear beyond both ends. The energ
 integral.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.scene.tables import read_numeric_table
 import numpy as np
@@ -27,15 +27,39 @@ class LawTable(NamedTuple):
     largest_slope: float  # [N/m]
     file: str
 
-    def evaluate(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the tension [N] and the energy [J] at lengths [m]."""
+    @property
+    def law(self) -> str:
+        """Name of the law."""
+        return 'tables'
+
+    @property
+    def text(self) -> str:
+        """Description for messages."""
+        return f'its table {self.file}'
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Smallest and largest length [m] of the table."""
+        return float(self.rows[1, 0]), float(self.rows[-1, 0])
+
+    @property
+    def has_corners(self) -> bool:
+        """True: the slope of the tension has a corner at each row."""
+        return True
+
+    def evaluate(
+        self, length: np.ndarray, stiffness: Any = None, natural_length: Any = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the tension [N] and the energy [J] at lengths [m]; the rest is in the table."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
         _, base, f, d, c, b, energy = self.rows[piece].T
         t = length - base
         return f + t * (d + t * (c + t * b)), energy + t * (
             f + t * (d / 2.0 + t * (c / 3.0 + t * b / 4.0)))
 
-    def slope(self, length: np.ndarray) -> np.ndarray:
+    def slope(
+        self, length: np.ndarray, stiffness: Any = None, natural_length: Any = None
+    ) -> np.ndarray:
         """Return the slope of the tension [N/m] at lengths [m]."""
         piece = np.searchsorted(self.rows[1:, 0], length, side='left')
         _, base, _, d, c, b, _ = self.rows[piece].T

@@ -31,8 +31,8 @@ from icofabric_sim.scene.connector_groups import (
     grouped_connectors,
 )
 from icofabric_sim.scene.connector_laws import (
+    ConnectorCurves,
     ConnectorLaws,
-    ConnectorTables,
     make_laws,
     property_by_connector,
     table_of_law,
@@ -86,7 +86,7 @@ class SceneConnectors:
     attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
     woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
-    tables: ConnectorTables
+    curves: ConnectorCurves  # that replace springs
     bending_stiffness: np.ndarray  # [N m/rad], (c,), or (1,) if all are equal
     twisting_stiffness: np.ndarray
     damping: np.ndarray  # (c,) or (1,) [N s/m]

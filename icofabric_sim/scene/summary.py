@@ -155,9 +155,9 @@ def _loose(scene: Scene) -> str:
 
 def _springs(scene: Scene) -> str:
     laws, length = scene.connectors.laws, scene.connectors.woven_length
-    tables = scene.connectors.tables.tables
-    if tables:
-        text = f'by table ({", ".join(table.file for table in tables)})'
+    curves = scene.connectors.curves.curves
+    if curves:
+        text = f'by {", ".join(curve.text for curve in curves)}'
     elif laws.is_single_linear_spring:
         text = f'stiffness {_range(laws.extension)} N/m'
     else:

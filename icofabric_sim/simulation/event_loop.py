@@ -125,7 +125,7 @@ class EventLoop:
                 liveliness,
                 fixed_ratio=fixed * frequency.rate if fixed > 0.0 else None,
                 kinks=scene.connectors.laws.kink_count(scene.connector_count),
-                bent=bool(scene.connectors.tables.tables),
+                bent=scene.connectors.curves.has_corners,
                 strain=expected_strain(scene, liveliness, frequency.rate),
                 contact='' if packed.contact is None else packed.contact.expected,
                 losses=contact_losses(scene),

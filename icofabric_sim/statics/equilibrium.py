@@ -801,8 +801,8 @@ class _Search:
         here = self.exact()
         contacts = here.contact_forces
         beyond = ''
-        if converged and here.fabric.packed.tables.tables:
-            beyond, stops = here.fabric.packed.tables.describe_beyond(
+        if converged and here.fabric.packed.curves.tables:
+            beyond, stops = here.fabric.packed.curves.describe_beyond(
                 np.where(here.snapshot.intact, here.snapshot.connector_length, np.nan),
                 here.fabric.scene.connectors.bodies)
             if stops:

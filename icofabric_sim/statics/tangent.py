@@ -71,19 +71,19 @@ class TangentLaws:
         connectors = packed.connectors
         # With wrapped connectors the model leaves them out, see wrapped.py.
         self.is_plain = connectors is None or (
-            packed.model.wrapping is None and not packed.tables.tables
+            packed.model.wrapping is None and not packed.curves.curves
             and len(connectors.extension) == 1
             and bool(connectors.extension[0] == connectors.compression[0]))
         self._places: LinkPlaces | None = None
-        # Tabulated laws have no kink, because their slope is continuous.
+        # Laws that replace springs have no kink, because their slope is continuous.
         self.kinked = np.zeros(0 if connectors is None else len(connectors.first), bool)
         if not self.is_plain:
             assert connectors is not None and packed.model.links is not None
             self._places = link_places(
                 packed.layout, packed.model.links, connectors, slice(None))
             self.kinked[:] = connectors.extension != connectors.compression
-            if packed.tables.tables:
-                self.kinked &= packed.tables.of < 0
+            if packed.curves.curves:
+                self.kinked &= packed.curves.of < 0
 
     def stretched(self, length: np.ndarray, ends: np.ndarray, lever: float) -> Stretched:
         """Return stretches and kinks for lengths [m], (c,), between `ends` (c, 2, 3) [m]."""
@@ -95,29 +95,25 @@ class TangentLaws:
 
     def tension(self, length: np.ndarray) -> np.ndarray:
         """Return tensions [N], positive in extension, at lengths [m], (c,) both."""
-        connectors, tables = self._packed.connectors, self._packed.tables
+        connectors = self._packed.connectors
         if connectors is None:
             return np.zeros(0)
         stretch = length - connectors.natural_length
         tension = stretch * np.where(
             stretch > 0.0, connectors.extension, connectors.compression)
-        for number, table in enumerate(tables.tables):
-            chosen = tables.of == number
-            tension[chosen] = table.evaluate(length[chosen])[0]
-        return np.asarray(tension)
+        return self._packed.curves.replace('tension', tension, length, connectors.extension,
+            connectors.natural_length)
 
     def slope(self, here: Stretched, side: str = ACTUAL) -> np.ndarray:
         """Return tangent stiffnesses [N/m], (c,), with the `side` of connectors at their kink."""
-        connectors, tables = self._packed.connectors, self._packed.tables
+        connectors = self._packed.connectors
         if connectors is None:
             return np.zeros(0)
         slope = slopes_on(
             side, connectors.extension, connectors.compression, here.stretch, here.at_kink,
             here.rounded)
-        for number, table in enumerate(tables.tables):
-            chosen = tables.of == number
-            slope[chosen] = table.slope(here.length[chosen])
-        return slope
+        return self._packed.curves.replace('slope', slope, here.length, connectors.extension,
+            connectors.natural_length)
 
     def jump(self, chosen: np.ndarray) -> np.ndarray:
         """Return k_e - k_c [N/m] of the `chosen` connectors, by number."""
@@ -164,5 +160,5 @@ class TangentLaws:
 
         slopes = rows(stiffness)
         links = model.links._replace(
-            variety=Variety(slopes, slopes, rows(rest)), tables=None)
+            variety=Variety(slopes, slopes, rows(rest)), laws=None)
         return model._replace(links=links)

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""All terms of the equations of motion, in the order in which their contributions are added."""
+"""
+All terms of the equations of motion, in the order in which they are added, and connector laws.
+"""
 
-from icofabric_sim.terms.interface import Term
+from icofabric_sim.terms.interface import Law, Term
 
 # Terms without a folder are in kernels/composition.py.
 TERMS = (
@@ -18,4 +20,10 @@ TERMS = (
     Term('contacts'),
     Term('magnet'),
     Term('gravity'),
+)
+
+# Laws of connectors that replace springs, in the order in which they are tried.
+LAWS = (
+    Law('tables'),
+    Law('exponential'),
 )

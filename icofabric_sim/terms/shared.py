@@ -12,6 +12,11 @@ import numpy as np
 # Lower bound of squared lengths [m^2]: shorter vectors have no direction.
 SMALLEST_SQUARE = 1e-300
 
+EDGE_COUNT = 6
+# Connectors that meet at each edge of a weave.
+LINKS_PER_EDGE = 2
+LINK_COUNT = EDGE_COUNT * LINKS_PER_EDGE
+
 # Force [N] and torque [N m], or accelerations, of a block.
 Six = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 
@@ -34,6 +39,14 @@ class Supports(Record):
     def absent(cls) -> 'Supports':
         """Return the record that stands for None."""
         return cls(np.zeros((3, 0)), np.zeros((1, 0)))
+
+
+class Variety(Record):
+    """Laws of the connectors at each body, if they are not one symmetric law; (12, s) each."""
+
+    extension: np.ndarray  # k_e [N/m]
+    compression: np.ndarray  # k_c [N/m]
+    natural_length: np.ndarray  # D [m]
 
 
 class State(Record):

@@ -7,7 +7,6 @@ from fabrics import make_scene, packed_state, pair_face_to_face, RANDOM, wrenche
 import icofabric_sim as ico
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.law_tables import ROW_SIZE, tabled_factor
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load_at, splat, store
 from icofabric_sim.parameters.validation import ParameterError
@@ -15,6 +14,7 @@ from icofabric_sim.scene.law_tables import make_law
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
+from icofabric_sim.terms.tables.law import ROW_SIZE, tabled_factor
 import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator

@@ -3,13 +3,13 @@
 """Slots and links: every connector is found from both ends, whatever the fabric."""
 
 from fabrics import make_scene, STATE
-from icofabric_sim.kernels.records import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene import weave_connect
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.model import layout as layout_module
 from icofabric_sim.simulation.model.layout import make_layout
 from icofabric_sim.simulation.model.packing import pack_scene
+from icofabric_sim.terms.shared import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE
 import numpy as np
 import pytest
 

@@ -16,7 +16,7 @@ do.
 from icofabric_sim.kernels.connectors import slope_of
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.law_tables import tabled_pull, tabled_slope
+from icofabric_sim.kernels.laws import replace_pull, replace_slope
 from icofabric_sim.kernels.records import Damping, Links, Loads, Model, State, Variety
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
 from icofabric_sim.kernels.rotations import rows_of
@@ -181,8 +181,8 @@ def tangent_springs(
             square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_MIN_POSITIVE))
             length = square * rsqrt(square)
             k, pull = law_at(links.variety, links, link, s, square, length)
-            pull = tabled_pull(links.tables, link, s, length, pull)
-            k = tabled_slope(links.tables, link, s, length, k)
+            pull = replace_pull(links.laws, links.variety, link, s, length, pull)
+            k = replace_slope(links.laws, links.variety, link, s, length, k)
             pull = square_time * pull
             k = fma(square_time, k, time * damping_of(damping, link, s))
             size = maximum(pull, splat(0.0) - pull)

@@ -15,12 +15,11 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.law_tables import row_of, ROW_SIZE
+from icofabric_sim.kernels.laws import replace_alone
 from icofabric_sim.kernels.moments import partner_slot
 from icofabric_sim.kernels.obstruction import axes_at, enters_from
 from icofabric_sim.kernels.records import (
     Connectors,
-    LawTables,
     Links,
     Maxwell,
     Model,
@@ -83,27 +82,6 @@ def law_of(
         most = max(variety.extension[link, s], variety.compression[link, s])
         k = variety.extension[link, s] if length > rest else variety.compression[link, s]
     return k * (length - rest), 0.5 * k * (length - rest) ** 2, most
-
-
-@compiled
-def tabled_law(
-    tables: LawTables | None, link: int, s: int, length: float, law: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """
-    Return tension [N], energy [J] and slope [N/m] by a connector's table; `law` without a table.
-    """
-    if tables is None:
-        return law
-    else:
-        number = int(tables.number[link, s])
-        if number < 0:
-            return law
-        rows, r = tables.rows, ROW_SIZE * row_of(tables, number, length)
-        t = length - rows[r + 1]
-        return (
-            rows[r + 2] + t * (rows[r + 3] + t * (rows[r + 4] + t * rows[r + 5])),
-            rows[r + 6] + t * (rows[r + 2] + t * (
-                rows[r + 3] / 2.0 + t * (rows[r + 4] / 3.0 + t * rows[r + 5] / 4.0))), law[2])
 
 
 @compiled
@@ -195,11 +173,12 @@ def band_of(
     straight, free = max(apart(a, b), _SMALLEST_LENGTH), max(apart(p, q), _SMALLEST_LENGTH)
     length = free + wound(wrapping, edges[0], way, place) + wound(
         wrapping, edges[1], far_way, far_place)
-    old_pull, old_energy, _ = tabled_law(
-        links.tables, link, own, straight,
+    old_pull, old_energy, _ = replace_alone(
+        links.laws, links.variety, link, own, straight,
         law_of(links.variety, links, link, own, straight))
-    pull, energy, slope = tabled_law(
-        links.tables, link, own, length, law_of(links.variety, links, link, own, length))
+    pull, energy, slope = replace_alone(
+        links.laws, links.variety, link, own, length,
+        law_of(links.variety, links, link, own, length))
     arm_pull, arm_energy, _ = arm_law(maxwell, rest, link, own, straight)
     old_pull, old_energy = old_pull + arm_pull, old_energy + arm_energy
     arm_pull, arm_energy, arm_slope = arm_law(maxwell, rest, link, own, length)

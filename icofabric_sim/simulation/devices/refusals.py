@@ -144,7 +144,7 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
         yield from _lacking_with_contact(scene)
-    if scene.connector_count and scene.connectors.tables.tables:
+    if scene.connector_count and scene.connectors.curves.tables:
         yield 'connector.law', 'by a table', 'take connector.stiffness'
     method = str(parameters['solver.method'])
     for name in parameters.names('drives'):

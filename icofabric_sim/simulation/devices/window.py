@@ -13,6 +13,7 @@ from typing import NamedTuple
 from icofabric_sim.kernels.figures import figures_room, group_size
 from icofabric_sim.kernels.records import (
     Blocks,
+    Laws,
     Loads,
     Model,
     State,
@@ -25,6 +26,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import Part
 from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EACH
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
+from icofabric_sim.terms.registry import LAWS
 import numpy as np
 
 # Doubles that a rank holds for each slot: state, its trials and the one that was saved,
@@ -133,12 +135,8 @@ def window_of(
         variety = links.variety
         if variety is not None:
             variety = Variety(*(slots.cut(values) for values in variety))
-        tables = links.tables
-        if tables is not None:
-            number = slots.cut(tables.number)
-            tables = tables._replace(
-                number=number, near=np.full(number.size >> 2, -1, np.int32))
-        links = links._replace(place=place, present=present, variety=variety, tables=tables)
+        links = links._replace(
+            place=place, present=present, variety=variety, laws=_laws_of(links.laws, slots))
     bending, twisting = model.bending, model.twisting
     supports, masses = model.supports, model.masses
     if bending is not None:
@@ -175,6 +173,20 @@ def window_of(
             magnet=magnet, gyration=gyration, shells=shells),
         _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy(),
         group_size(len(layout.blocks.slot)))
+
+
+def _laws_of(laws: Laws | None, slots: Slots) -> Laws | None:
+    """Return the laws of the connectors of a window."""
+    if laws is None:
+        return None
+    found = {
+        law.name: law.record(**{name: slots.cut(row) for name, row in rows._asdict().items()})
+        for law in LAWS if (rows := getattr(laws, law.name)) is not None and law.name != 'tables'}
+    if laws.tables is not None:
+        number = slots.cut(laws.tables.number)
+        found['tables'] = laws.tables._replace(
+            number=number, near=np.full(number.size >> 2, -1, np.int32))
+    return Laws(**found)
 
 
 def pair_bytes_of(slot_count: int, *, touching: bool, spends: bool) -> int:

@@ -6,11 +6,12 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.records import Bending, LINK_COUNT, Links, Moments, Twisting
+from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import woven_end_to_end
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
+from icofabric_sim.terms.shared import LINK_COUNT
 import numpy as np
 
 

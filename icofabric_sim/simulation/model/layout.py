@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.rotations import (
     cosines_from_quaternions,
@@ -20,15 +20,11 @@ from icofabric_sim.geometry.rotations import (
     unit_quaternions,
 )
 from icofabric_sim.kernels.figures import figures_room, group_size
-from icofabric_sim.kernels.law_tables import HEAD_SIZE, ROW_SIZE
 from icofabric_sim.kernels.records import (
     Blocks,
-    EDGE_COUNT,
     Kinks,
-    LawTables,
-    LINK_COUNT,
+    Laws,
     Links,
-    LINKS_PER_EDGE,
     Meter,
     State,
     Trail,
@@ -36,9 +32,17 @@ from icofabric_sim.kernels.records import (
     Work,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.scene.connector_laws import ConnectorLaws, ConnectorTables, NO_TABLES
+from icofabric_sim.scene.connector_laws import (
+    ConnectorCurves,
+    ConnectorLaws,
+    NAMED_LAWS,
+    NO_CURVES,
+)
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.weave_connect import Connections
+from icofabric_sim.terms.shared import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE
+from icofabric_sim.terms.tables.law import HEAD_SIZE, ROW_SIZE
+from icofabric_sim.terms.tables.record import Tables
 import numpy as np
 
 # Bodies or connectors of a batch: bounds the temporary arrays.
@@ -76,8 +80,13 @@ class _Places(NamedTuple):
 
 def has_jumps(links: Links | None) -> bool:
     """Return True if a tension has a slope that jumps (eq 2) and no law is tabulated."""
-    return links is not None and links.tables is None and links.variety is not None and not (
+    return not has_tables(links) and links is not None and links.variety is not None and not (
         np.array_equal(links.variety.extension, links.variety.compression))
+
+
+def has_tables(links: Links | None) -> bool:
+    """Return True if a law is tabulated, so that its slope has corners."""
+    return links is not None and links.laws is not None and links.laws.tables is not None
 
 
 def kinks_room(
@@ -328,7 +337,7 @@ def pieces(count: int) -> Iterator[slice]:
 
 def make_links(
     layout: Layout, grid: np.ndarray, connections: Connections, *, laws: ConnectorLaws,
-    half_width: float, attachment: np.ndarray | None = None, tables: ConnectorTables = NO_TABLES
+    half_width: float, attachment: np.ndarray | None = None, curves: ConnectorCurves = NO_CURVES
 ) -> tuple[Layout, Links]:
     """
     Return the layout with the reach of its links, and the tables of connectors by block.
@@ -343,8 +352,8 @@ def make_links(
     if 18 * layout.slot_count > np.iinfo(np.int32).max:
         raise ValueError('too many bodies to number their attachment points with 32 bits')
     side, reach = _sides(grid, connections), 0
-    variety = None if laws.is_single_linear_spring and not tables.tables else _no_laws(layout)
-    packed = _pack_tables(layout, tables)
+    variety = None if laws.is_single_linear_spring and not curves.curves else _no_laws(layout)
+    records, by_connector = _empty_laws(layout, curves)
     for piece, pair, codes in _from_either_end(connections):
         own, other = block[pair[:, 0]], block[pair[:, 1]]
         edge = codes[:, 0].astype(np.int64)
@@ -360,12 +369,12 @@ def make_links(
         if variety is not None:
             for rows, values in zip(variety, laws):
                 rows[link, layout.slot[pair[:, 0]]] = values[piece] if len(values) > 1 else values
-        if packed is not None:
-            packed.number[link, layout.slot[pair[:, 0]]] = tables.of[piece]
+        for rows, of_connector in by_connector:
+            rows[link, layout.slot[pair[:, 0]]] = of_connector[piece]
     links = Links(
         place, present, float(max(laws.extension.max(), laws.compression.max())),
         float(laws.natural_length.max()), half_width, attachment, variety,
-        packed)
+        Laws(**records) if records else None)
     blocks = layout.blocks._replace(reach=reach)
     return replace(layout, blocks=blocks), links
 
@@ -410,13 +419,37 @@ def _no_laws(layout: Layout) -> Variety:
     return Variety(*rows)
 
 
-def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
-    """Join all tables of laws, without assigning connectors to them."""
-    if not tables.tables:
-        return None
-    heads = np.zeros((len(tables.tables), HEAD_SIZE))
+def _empty_laws(
+    layout: Layout, curves: ConnectorCurves
+) -> tuple[dict[str, Any], list[tuple[np.ndarray, np.ndarray]]]:
+    """
+    Allocate the records of laws that replace springs.
+
+    The second result has pairs of rows (12, s) and the values of each connector (c,) for them.
+    """
+    records: dict[str, Any] = {}
+    by_connector = []
+    if curves.tables:
+        number = aligned_empty((LINK_COUNT, layout.slot_count))
+        number[:] = -1.0
+        records['tables'] = _pack_tables(curves, number)
+        by_connector.append((number, curves.table_of))
+    for name in {curve.law for curve in curves.curves} & {*NAMED_LAWS}:
+        values = NAMED_LAWS[name].module('curve').rows([
+            curve if curve.law == name else None for curve in curves.curves])
+        rows = {field: aligned_zeros((LINK_COUNT, layout.slot_count)) for field in values}
+        records[name] = NAMED_LAWS[name].record(**rows)
+        by_connector += [
+            (rows[field], np.append(of_curve, 0.0)[curves.of])
+            for field, of_curve in values.items()]
+    return records, by_connector
+
+
+def _pack_tables(curves: ConnectorCurves, number: np.ndarray) -> Tables:
+    """Join all tables of laws; `number` (12, s) is that of the table of each connector."""
+    heads = np.zeros((len(curves.tables), HEAD_SIZE))
     bins, row_count, bin_count = [], 0, 0
-    for head, table in zip(heads, tables.tables):
+    for head, table in zip(heads, curves.tables):
         length = table.rows[1:, 0]
         extent = length[-1] - length[0]
         # Bounds a bin apart at least, and never at the side of one.
@@ -437,12 +470,10 @@ def _pack_tables(layout: Layout, tables: ConnectorTables) -> LawTables | None:
         row_count, bin_count = row_count + len(table.rows), bin_count + len(own)
     # Lanes without a connector read one row more beyond the last table.
     rows = np.zeros((row_count + 1, ROW_SIZE))
-    rows[:-1, :7] = np.vstack([table.rows for table in tables.tables])
-    number = aligned_empty((LINK_COUNT, layout.slot_count))
-    number[:] = -1.0
-    return LawTables(
+    rows[:-1, :7] = np.vstack([table.rows for table in curves.tables])
+    return Tables(
         number, rows.ravel(), heads.ravel(), np.vstack(bins).ravel(),
-        len(heads) == 1 and not tables.of.any(), np.full(number.size >> 2, -1, np.int32),
+        len(heads) == 1 and not curves.of.any(), np.full(number.size >> 2, -1, np.int32),
         np.zeros(1))
 
 

@@ -15,7 +15,6 @@ from icofabric_sim.kernels.records import (
     Drives,
     External,
     Gyration,
-    LINK_COUNT,
     Loads,
     Masses,
     Model,
@@ -26,7 +25,7 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import has_own_attachments
-from icofabric_sim.scene.connector_laws import ConnectorLaws, ConnectorTables
+from icofabric_sim.scene.connector_laws import ConnectorCurves, ConnectorLaws
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.scene.maxwell import MaxwellArms
@@ -56,6 +55,7 @@ from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
 from icofabric_sim.terms.drag.record import Drag
 from icofabric_sim.terms.gravity.record import Gravity
+from icofabric_sim.terms.shared import LINK_COUNT
 import numpy as np
 
 # Runge-Kutta methods need 1.7 kB more for each body: larger fabrics do not use them.
@@ -118,7 +118,7 @@ class PackedScene:
     connector_list: ConnectorList | None
     laws: ConnectorLaws | None  # of the connectors
     moments: Moments | None
-    tables: ConnectorTables
+    curves: ConnectorCurves
     gravity: np.ndarray | None  # (3,) [m/s^2]
     field_force: np.ndarray | None  # (3,) [N] of a uniform electric field on every body
     # Largest rate [1/s] at which forces that depend on velocities change these.
@@ -228,7 +228,7 @@ def pack_scene(
         half_width, points = connector_list.half_width, connector_list.points
         layout, links = make_links(
             layout, grid, scene.weave.connections, laws=laws, half_width=half_width,
-            attachment=points, tables=scene.connectors.tables)
+            attachment=points, curves=scene.connectors.curves)
         damping = pack_damping(scene.connectors, layout, links)
         maxwell = pack_arms(scene.connectors, layout, links)
         if scene.connectors.limits is not None:
@@ -268,7 +268,7 @@ def pack_scene(
         external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
         model, layout, connector_list, None if connector_list is None else laws,
-        resisting.moments, scene.connectors.tables,
+        resisting.moments, scene.connectors.curves,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
         velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
         masses, scene.supports is not None, scene.connectors.arms,

@@ -173,11 +173,9 @@ class Snapshot(AsTable):
         length = self.connector_length
         stretch = length - connectors.natural_length
         slope = np.where(stretch > 0.0, connectors.extension, connectors.compression)
-        each = 0.5 * slope * stretch**2
-        tables = self.packed.tables
-        for number, table in enumerate(tables.tables):
-            chosen = tables.of == number
-            each[chosen] = table.evaluate(length[chosen])[1]
+        each = self.packed.curves.replace(
+            'energy', 0.5 * slope * stretch**2, length, connectors.extension,
+            connectors.natural_length)
         if self.broken_since is not None:
             each[~self.intact] = 0.0
         return np.asarray(each)
@@ -262,8 +260,7 @@ class Snapshot(AsTable):
         }
         connectors = self.packed.connectors
         if connectors is not None:
-            tables = self.packed.tables
-            if not tables.tables and len(connectors.extension) == 1 and (
+            if not self.packed.curves.curves and len(connectors.extension) == 1 and (
                     connectors.extension[0] == connectors.compression[0]):
                 stretch = self.connector_length - connectors.natural_length
                 if self.broken_since is not None:

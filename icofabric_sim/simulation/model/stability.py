@@ -109,7 +109,7 @@ def is_springy(model: Model) -> bool:
     """Return True if connectors have any stiffness."""
     links = model.links
     return links is not None and (
-        links.stiffness > 0.0 or links.tables is not None or model.bending is not None
+        links.stiffness > 0.0 or links.laws is not None or model.bending is not None
         or model.twisting is not None)
 
 
@@ -139,7 +139,7 @@ def _arms_eigenvalue(packed: PackedScene, state: State) -> float:
     lengths = state.rest[state.rest > 0.0]
     springs = model.links._replace(
         stiffness=model.maxwell.stiffness, natural_length=float(lengths.mean()) if (
-            lengths.size) else 0.0, variety=None, tables=None)
+            lengths.size) else 0.0, variety=None, laws=None)
     alone = replace(packed, model=model._replace(
         links=springs, bending=None, twisting=None, wrapping=None, dipole=None, coulomb=None,
         maxwell=None))

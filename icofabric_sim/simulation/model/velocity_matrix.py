@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.integrators.diagonal import assemble, tangent_springs
-from icofabric_sim.kernels.records import LINK_COUNT, Model, State, Variety
+from icofabric_sim.kernels.records import Model, State, Variety
 from icofabric_sim.simulation.contact.pair_forces import PairForces
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.terms.shared import LINK_COUNT
 import numpy as np
 
 _COLOURS, _STEPS = 13, np.array([1, 3, 4])
@@ -148,7 +149,7 @@ class VelocityMatrix:
         part, links = g * g, model.links
         if links is not None:
             links = links._replace(
-                variety=Variety(self._slopes, self._slopes, self._rest), tables=None)
+                variety=Variety(self._slopes, self._slopes, self._rest), laws=None)
 
         def weaker(moment: Any) -> Any:
             return None if moment is None else moment._replace(

@@ -411,12 +411,11 @@ def tensions_of(scene: Scene, snapshot: Snapshot) -> np.ndarray:
     connectors, length = scene.connectors, snapshot.connector_length
     if not len(length):
         return length
-    laws, tables, damping = connectors.laws, connectors.tables, connectors.damping
+    laws, damping = connectors.laws, connectors.damping
     stretch = length - laws.natural_length
-    tension = np.where(stretch > 0.0, laws.extension, laws.compression) * stretch
-    for number, table in enumerate(tables.tables):
-        chosen = tables.of == number
-        tension[chosen] = table.evaluate(length[chosen])[0]
+    tension = connectors.curves.replace(
+        'tension', np.where(stretch > 0.0, laws.extension, laws.compression) * stretch, length,
+        laws.extension, laws.natural_length)
     if np.any(damping):
         ends, bodies = snapshot.connector_ends, connectors.bodies
         arm = ends - snapshot.position[bodies]

@@ -23,7 +23,7 @@ from typing import Any
 
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.layout import has_jumps, has_tables
 from icofabric_sim.simulation.stepping.energy_swing import phase_error
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
@@ -442,7 +442,7 @@ class AccuracyProbe:
         model, links = self._trajectory.model, self._trajectory.model.links
         return (
             model.contacts is None and model.wrapping is None and not has_jumps(links)
-            and (links is None or links.tables is None))
+            and not has_tables(links))
 
     def steps_of_period(self, step: float, fastest: float) -> int:
         """Return the number of steps of `step` [s] in a period of the `fastest` motion [rad/s]."""

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.records import State, Trail
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.model.layout import copy_state, has_jumps
+from icofabric_sim.simulation.model.layout import copy_state, has_jumps, has_tables
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.pieces import Pieces
 
@@ -75,8 +75,7 @@ def _is_kinked(pieces: Pieces) -> bool:
     """Return True if tensions have kinks, or jump at a change of geodesic."""
     model = pieces.trajectory.model
     links = model.links
-    return has_jumps(links) or model.wrapping is not None or (
-        links is not None and links.tables is not None)
+    return has_jumps(links) or model.wrapping is not None or has_tables(links)
 
 
 class StepSamples:

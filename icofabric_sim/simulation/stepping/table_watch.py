@@ -22,7 +22,8 @@ class TableWatch:
         # Force kernels compare straight lengths, which geodesics exceed.
         self._always = packed.model.wrapping is not None
         links = packed.model.links
-        tables = None if links is None else links.tables
+        laws = None if links is None else links.laws
+        tables = None if laws is None else laws.tables
         self._beyond = None if tables is None else tables.beyond  # (1,) written by kernels
 
     @property
@@ -33,7 +34,7 @@ class TableWatch:
     @property
     def may_stop(self) -> bool:
         """True if a run stops beyond some table."""
-        return bool(self._packed.tables.stops.any())
+        return bool(self._packed.curves.stops.any())
 
     def is_suspect(self) -> bool:
         """Return True if a connector was beyond its table in a state since the last check."""
@@ -58,5 +59,5 @@ class TableWatch:
         length = snapshot.connector_length
         if broken_since is not None:
             length = np.where(snapshot.intact, length, np.nan)
-        text, stops = packed.tables.describe_beyond(length, np.column_stack([first, second]))
+        text, stops = packed.curves.describe_beyond(length, np.column_stack([first, second]))
         return text and f'{text}, seen at t = {time:.6g} s', stops

@@ -5,21 +5,14 @@
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.records import (
-    Bending,
-    LINK_COUNT,
-    Links,
-    Loads,
-    Model,
-    State,
-    Twisting,
-    Work,
-)
+from icofabric_sim.kernels.records import Bending, Links, Loads, Model, State, Twisting, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.kernels import Terms
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Fabric
 from icofabric_sim.simulation.model.layout import has_jumps, Layout
+from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.shared import LINK_COUNT
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -47,7 +40,9 @@ def terms_of(model: Model, *, loaded: bool) -> Terms:
         moments=model.bending is not None or model.twisting is not None,
         dipole=model.dipole is not None,
         held=model.supports is not None and model.supports.inverse_mass.shape[1] > 0,
-        loaded=loaded)
+        loaded=loaded,
+        laws=() if links is None or links.laws is None else tuple(
+            law.name for law in LAWS if getattr(links.laws, law.name) is not None))
 
 
 def driven_terms(terms: Terms, model: Model, acting: Any) -> Terms:
@@ -74,6 +69,7 @@ def bytes_of(
     if terms.linked:
         blocks += len(layout.blocks.slot) * 12 * (4 + 1)
         each += 0 if terms.one_law else 3 * 12 * 8
+        each += 12 * 8 * _law_row_count(model.links)
         each += sum(
             12 * 8 for moment in (model.bending, model.twisting)
             if moment is not None and moment.variety is not None)
@@ -134,6 +130,13 @@ def _integers(values: np.ndarray, kind: Any, device: Device) -> Any:
     return wp.array(np.ascontiguousarray(values).ravel(), dtype=kind, device=device.handle)
 
 
+def _law_row_count(links: Links | None) -> int:
+    """Count the rows of laws that replace springs."""
+    if links is None or links.laws is None:
+        return 0
+    return sum(len(law) for law in links.laws if law is not None)
+
+
 def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
     """Copy the constants of a scene to the device."""
     terms, fabric = terms_of(model, loaded=False), Fabric()
@@ -184,6 +187,9 @@ def _put_links(fabric: Any, links: Links, device: Device) -> None:
         fabric.extension = doubles(links.variety.extension, device)
         fabric.compression = doubles(links.variety.compression, device)
         fabric.natural = doubles(links.variety.natural_length, device)
+    if links.laws is not None:
+        fabric.laws = doubles(np.vstack([
+            row for law in links.laws if law is not None for row in law]), device)
 
 
 def put_crossings(fabric: Any, slot_count: int, device: Device) -> None:

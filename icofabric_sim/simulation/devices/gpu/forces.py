@@ -7,6 +7,7 @@ The formulas are those of kernels/connectors.py, moments.py, loads.py and anchor
 the forces of its connectors in the order of their numbers, without scattered writes.
 """
 
+from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
@@ -28,6 +29,7 @@ from icofabric_sim.simulation.devices.gpu.rotations import (
     to_world,
     turned_by,
 )
+from icofabric_sim.terms.registry import LAWS
 
 wp: Any = import_module('warp')
 
@@ -102,6 +104,34 @@ def kept_law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: w
         tension = tension + (fabric.forces[at] + x * (fabric.forces[12 * n + at] + x * (
             fabric.forces[24 * n + at] + x * fabric.forces[36 * n + at])))
     return k + tension / wp.sqrt(square)
+
+
+def by_laws(spring: Any, laws: tuple[str, ...]) -> Any:
+    """Return the function of tension over length [N/m] in which `laws` replace the `spring`."""
+    for first, device in law_rows(laws):
+        spring = _by_law(spring, device.replace_pull, first)
+    return spring
+
+
+def law_rows(laws: tuple[str, ...]) -> Iterator[tuple[int, Any]]:
+    """Yield for each law the number of its first row of `Fabric.laws`, and its functions."""
+    row = 0
+    for law in LAWS:
+        if law.name in laws:
+            yield row, law.module('device')
+            row += len(law.record._fields)
+
+
+def _by_law(spring: Any, replace_pull: Any, row: int) -> Any:
+    """Return `spring` with the tension of connectors that follow a law."""
+    @wp.func
+    def law(fabric: Fabric, link: int, s: int, square: wp.float64, step_part: wp.float64):
+        factor = spring(fabric, link, s, square, step_part)
+        length, at = wp.sqrt(square), link * fabric.stride + s
+        return replace_pull(
+            fabric.laws, at + 12 * row * fabric.stride, fabric.extension[at], fabric.natural[at],
+            length, factor * length) / length
+    return law
 
 
 @wp.func

@@ -129,7 +129,7 @@ class HealthCheck:
         terms = terms_of(self._model, loaded=False)
         kernel = figures_kernel(
             linked=terms.linked, midpoints=terms.midpoints, one_law=terms.one_law,
-            own_masses=self._model.masses is not None)
+            own_masses=self._model.masses is not None, laws=terms.laws)
         launch(
             kernel, dim=LANES * self._blocks,
             inputs=[self._fabric, state.poses[now], state.motion, room], device=handle)

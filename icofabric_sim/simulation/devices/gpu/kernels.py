@@ -16,6 +16,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     anchor_pull,
     arm_anywhere,
     arm_at_midpoint,
+    by_laws,
     factor_of,
     kept_law,
     mean_power,
@@ -68,6 +69,8 @@ class Terms(NamedTuple):
     # True if bodies move on paths, see paths.py; true if masses differ.
     driven: bool = False
     own_masses: bool = False
+    # Names of laws that replace springs.
+    laws: tuple[str, ...] = ()
 
 
 @wp.func
@@ -132,7 +135,7 @@ def step_kernel(terms: Terms) -> Any:
     pulls = no_pulls
     if terms.linked:
         law = one_law if terms.one_law else own_law
-        pulls = springs(kept_law if terms.kept else law, arm_to)
+        pulls = springs(by_laws(kept_law if terms.kept else law, terms.laws), arm_to)
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole, kept = terms.held, terms.loaded, terms.dipole, terms.kept
     touching, driven, own_masses = terms.touching, terms.driven, terms.own_masses

@@ -16,6 +16,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     arm_anywhere,
     arm_at_midpoint,
     has_link,
+    law_rows,
     partner_of,
     place_of,
     turn_of,
@@ -75,26 +76,47 @@ def largest_of_block(form: _SixBySix):
 @wp.func
 def one_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
     """
-    Return extension [m], tension [N] and root of the largest slope, which is 1 for equal laws.
+    Return twice the energy over the stiffness [m^2], tension [N] and 1, the root of the slope.
     """
     stretch = length - fabric.natural_length
-    return stretch, fabric.stiffness * stretch, _ONE
+    return stretch * stretch, fabric.stiffness * stretch, _ONE
 
 
 @wp.func
 def own_slope(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
-    """Return extension [m], tension [N] and root of the largest slope of an individual law."""
+    """Return twice the energy [J], tension [N] and root of the largest slope of a connector."""
     rest = fabric.natural[at]
     k = wp.where(square > rest * rest, fabric.extension[at], fabric.compression[at])
     stretch = length - rest
-    return stretch, k * stretch, wp.sqrt(wp.max(fabric.extension[at], fabric.compression[at]))
+    pull = k * stretch
+    return stretch * pull, pull, wp.sqrt(wp.max(fabric.extension[at], fabric.compression[at]))
+
+
+def _by_law(spring: Any, device: Any, row: int) -> Any:
+    """Return the function of energies, tensions and slopes with those of a law."""
+    replace_pull, replace_slope = device.replace_pull, device.replace_slope
+    replace_energy = device.replace_energy
+
+    @wp.func
+    def law(fabric: Fabric, at: int, square: wp.float64, length: wp.float64):
+        double, pull, root = spring(fabric, at, square, length)
+        k, rest, place = fabric.extension[at], fabric.natural[at], at + 12 * row * fabric.stride
+        pull = replace_pull(fabric.laws, place, k, rest, length, pull)
+        root = wp.sqrt(replace_slope(fabric.laws, place, k, rest, length, root * root))
+        double = _TWO * replace_energy(fabric.laws, place, k, rest, length, _HALF * double)
+        return double, pull, root
+    return law
 
 
 @cache
-def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: bool) -> Any:
+def figures_kernel(
+    *, linked: bool, midpoints: bool, one_law: bool, own_masses: bool, laws: tuple[str, ...] = ()
+) -> Any:
     """Return the kernel that computes the figures of each body, for scenes with these terms."""
     arm_to = arm_at_midpoint if midpoints else arm_anywhere
     slope_of = one_slope if one_law else own_slope
+    for row, device in law_rows(laws):
+        slope_of = _by_law(slope_of, device, row)
 
     @wp.kernel(
         module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
@@ -125,11 +147,8 @@ def figures_kernel(*, linked: bool, midpoints: bool, one_law: bool, own_masses: 
                         fabric, turn_of(pose, n, other), edge ^ 1)) - (place + arm)
                     square = wp.max(wp.dot(u, u), _MIN_DIVISOR)
                     length = wp.sqrt(square)
-                    stretch, pull, root = slope_of(fabric, link * n + s, square, length)
-                    if wp.static(one_law):
-                        energy = energy + stretch * stretch
-                    else:
-                        energy = energy + stretch * pull
+                    double, pull, root = slope_of(fabric, link * n + s, square, length)
+                    energy = energy + double
                     tension = tension + wp.max(pull, _ZERO_F64) / length
                     pulls = pulls + wp.abs(pull)
                     along = u * (root / length)

@@ -42,6 +42,8 @@ class Fabric:
     extension: wp.array(dtype=wp.float64)
     compression: wp.array(dtype=wp.float64)
     natural: wp.array(dtype=wp.float64)
+    # Rows of the records of laws that replace springs, (12 s,) each, one law after another.
+    laws: wp.array(dtype=wp.float64)
     # Arrays of steps that resolve jumps of slopes, see crossings.py; (36 s,), (48 s,), (12 s,),
     # (1,) as in Kinks of kernels/records.py, but `active` by bodies.
     start: wp.array(dtype=wp.float64)

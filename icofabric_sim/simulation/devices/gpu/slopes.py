@@ -17,6 +17,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
     anchor_pull,
     arm_anywhere,
     arm_at_midpoint,
+    by_laws,
     dampers,
     factor_of,
     moments,
@@ -71,7 +72,9 @@ def slot_of(fabric: Fabric, thread: int):
 def slope_kernel(terms: Terms, losses: Losses) -> Any:
     """Return the kernel of slopes for scenes with these terms."""
     arm_to = arm_at_midpoint if terms.midpoints else arm_anywhere
-    pulls = springs(one_law if terms.one_law else own_law, arm_to) if terms.linked else no_pulls
+    pulls = no_pulls
+    if terms.linked:
+        pulls = springs(by_laws(one_law if terms.one_law else own_law, terms.laws), arm_to)
     resistance = moments(arm_to) if terms.moments else no_moments
     held, loaded, dipole = terms.held, terms.loaded, terms.dipole
     damped, dragged = losses

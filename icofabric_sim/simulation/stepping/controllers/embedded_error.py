@@ -11,7 +11,7 @@ import math
 
 from icofabric_sim.kernels.integrators.embedded import ANY
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.layout import has_jumps, has_tables
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
@@ -199,8 +199,7 @@ class EmbeddedError:
         """True if tensions have kinks, or jump where wrapped connectors change their path."""
         model = self._pieces.trajectory.model
         links = model.links
-        return has_jumps(links) or model.wrapping is not None or (
-            links is not None and links.tables is not None)
+        return has_jumps(links) or model.wrapping is not None or has_tables(links)
 
     def _kinked_rate(self, rate: float) -> float:
         """

@@ -15,7 +15,6 @@ reach beyond the ends of the table, are marked: their lengths are located by bis
 
 from typing import Any
 
-from icofabric_sim.kernels.records import LawTables, LINK_COUNT, Variety
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
@@ -30,13 +29,15 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.shared import LINK_COUNT, Variety
+from icofabric_sim.terms.tables.record import Tables
 
-# Number of entries of an interval and of a table: see `LawTables`.
+# Number of entries of an interval and of a table: see `Tables`.
 ROW_SIZE, HEAD_SIZE = 8, 8
 
 
 @compiled
-def row_of(tables: LawTables, number: int, length: float) -> int:
+def row_of(tables: Tables, number: int, length: float) -> int:
     """Return the row of the interval of a table for a `length` [m]."""
     head = HEAD_SIZE * number
     low, high = int(tables.heads[head + 4]), int(tables.heads[head + 5])
@@ -52,7 +53,7 @@ def row_of(tables: LawTables, number: int, length: float) -> int:
 
 
 @compiled
-def search_rows(tables: LawTables, link: int, s: int, length: Vector) -> Vector:
+def search_rows(tables: Tables, link: int, s: int, length: Vector) -> Vector:
     """Return the rows of all lanes' intervals by bisection."""
     result = splat(0.0)
     for i in range(LANES):
@@ -63,8 +64,8 @@ def search_rows(tables: LawTables, link: int, s: int, length: Vector) -> Vector:
 
 
 @compiled
-def remember_near(tables: LawTables, link: int, s: int, length: Vector) -> int:
-    """Store and return the start of two intervals that contain all lanes, as `LawTables.near`."""
+def remember_near(tables: Tables, link: int, s: int, length: Vector) -> int:
+    """Store and return the start of two intervals that contain all lanes, as `Tables.near`."""
     first, last = int(tables.heads[4]), int(tables.heads[5])
     lowest, highest = last, first
     for i in range(LANES):
@@ -79,7 +80,7 @@ def remember_near(tables: LawTables, link: int, s: int, length: Vector) -> int:
 
 
 @inlined
-def find_rows(tables: LawTables, link: int, s: int, length: Vector, there: Any) -> Vector:
+def find_rows(tables: Tables, link: int, s: int, length: Vector, there: Any) -> Vector:
     """
     Return the rows of the intervals of connectors for a `length` [m].
 
@@ -95,7 +96,7 @@ def find_rows(tables: LawTables, link: int, s: int, length: Vector, there: Any) 
 
 @inlined
 def binned_rows(
-    tables: LawTables, link: int, s: int, length: Vector, place: Vector, there: Any
+    tables: Tables, link: int, s: int, length: Vector, place: Vector, there: Any
 ) -> Vector:
     """Return the rows of the intervals from the `place` of each length among the bins."""
     bound, row = load_pair(tables.bins, place, 2, 0)
@@ -111,7 +112,7 @@ def clipped(place: Vector, last: Vector) -> Vector:
 
 
 @inlined
-def tension_in(tables: LawTables, row: Vector, length: Vector) -> Vector:
+def tension_in(tables: Tables, row: Vector, length: Vector) -> Vector:
     """Return the tension [N] by intervals in any rows."""
     anchor, f = load_pair(tables.rows, row, ROW_SIZE, 1)
     d, c = load_pair(tables.rows, row, ROW_SIZE, 3)
@@ -134,8 +135,20 @@ def tension_near(rows: Any, near: int, length: Vector) -> Vector:
 
 
 @inlined
+def replace_factor(
+    tables: Tables | None, variety: Variety | None, link: int, s: int, square: Vector, there: Any,
+    factor: Vector
+) -> Vector:
+    """Return tension over length [N/m] by the table; `factor` if no connector has a table."""
+    if tables is None:
+        return factor
+    else:
+        return tabled_factor(tables, variety, link, s, square, there)
+
+
+@inlined
 def tabled_factor(
-    tables: LawTables, variety: Variety | None, link: int, s: int, square: Vector, there: Any
+    tables: Tables, variety: Variety | None, link: int, s: int, square: Vector, there: Any
 ) -> Vector:
     """Return tension over length [N/m] of a connector by its table, or as a spring."""
     inverse = rsqrt(square)
@@ -159,18 +172,18 @@ def tabled_factor(
 
 @compiled
 def mixed_factor(
-    tables: LawTables, variety: Variety, link: int, s: int, length: Vector, inverse: Vector
+    tables: Tables, variety: Variety, link: int, s: int, length: Vector, inverse: Vector
 ) -> Vector:
     """Return tension over length [N/m] if not all connectors follow one table."""
     rest = load(variety.natural_length, link, s)
     k = where(
         length > rest, load(variety.extension, link, s), load(variety.compression, link, s))
-    return tabled_pull(tables, link, s, length, k * (length - rest)) * inverse
+    return replace_pull(tables, link, s, length, k * (length - rest)) * inverse
 
 
 @compiled
-def tabled_pull(
-    tables: LawTables | None, link: int, s: int, length: Vector, pull: Vector
+def replace_pull(
+    tables: Tables | None, link: int, s: int, length: Vector, pull: Vector
 ) -> Vector:
     """Return the tension [N] of a connector by its table; `pull` without a table."""
     if tables is None:
@@ -182,8 +195,8 @@ def tabled_pull(
 
 
 @compiled
-def tabled_slope(
-    tables: LawTables | None, link: int, s: int, length: Vector, slope: Vector
+def replace_slope(
+    tables: Tables | None, link: int, s: int, length: Vector, slope: Vector
 ) -> Vector:
     """
     Return the slope of the tension [N/m] of a connector by its table; `slope` without a table.
@@ -201,8 +214,8 @@ def tabled_slope(
 
 
 @compiled
-def tabled_energy(
-    tables: LawTables | None, link: int, s: int, length: Vector, energy: Vector
+def replace_energy(
+    tables: Tables | None, link: int, s: int, length: Vector, energy: Vector
 ) -> Vector:
     """
     Return the energy [J] of a connector by its table; `energy` without a table.
@@ -224,3 +237,24 @@ def tabled_energy(
         own = stored + t * (f + t * (d / splat(2.0) + t * (
             c / splat(3.0) + t * b / splat(4.0))))
         return where(there, own, energy)
+
+
+@compiled
+def replace_alone(
+    tables: Tables | None, link: int, s: int, length: float, law: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """
+    Return tension [N], energy [J] and slope [N/m] by a connector's table; `law` without a table.
+    """
+    if tables is None:
+        return law
+    else:
+        number = int(tables.number[link, s])
+        if number < 0:
+            return law
+        rows, r = tables.rows, ROW_SIZE * row_of(tables, number, length)
+        t = length - rows[r + 1]
+        return (
+            rows[r + 2] + t * (rows[r + 3] + t * (rows[r + 4] + t * rows[r + 5])),
+            rows[r + 6] + t * (rows[r + 2] + t * (
+                rows[r + 3] / 2.0 + t * (rows[r + 4] / 3.0 + t * rows[r + 5] / 4.0))), law[2])
