@@ -13,7 +13,7 @@ With I = Lambda 1 the product omega x I omega vanishes, and Lambda d(omega)/dt =
 every frame (eqs 11, 13, 45, corrected: both terms together only with the body-frame derivative).
 As first-order systems the two forms have 13 and 18 unknowns for each body (the document counts
 R'' once and says 10 N and 15 N). A connector between r1 and r2 (eq 49) pulls I1 with
-k (|r1 - r2| - D) (r2 - r1) / |r1 - r2| and I2 with the opposite.
+k (|r1 - r2| - D) (r2 - r1) / |r1 - r2| and I2 with the opposite, or by connector.law exponential.
 
 Nothing here is shared with the compiled simulation but the scene.
 """
@@ -64,7 +64,11 @@ def resultants(scene, position, axes):
         length = np.sqrt((r2 - r1) @ (r2 - r1))
         extension, compression, natural = law
         k = extension if length > natural else compression
-        pull = k * (length - natural) * (r2 - r1) / length
+        tension = k * (length - natural)
+        if scene.parameters['connector.law'] == 'exponential':
+            alpha = scene.parameters['connector.alpha']
+            tension = k / alpha * (np.exp(alpha * (length - natural)) - 1.0)
+        pull = tension * (r2 - r1) / length
         act(first, r1, pull)
         act(second, r2, -pull)
     for load in scene.loads.values():

@@ -156,7 +156,7 @@ def test_energy_of_a_swing_through_all_pieces_stays(band):
 def forces_by_tables(scene, lengths, passes=1):
     """Tensions [N] by the kernels of the first connector of a scene, in all lanes."""
     links = pack_scene(scene).model.links
-    tables = links.tables
+    tables = links.laws.tables
     place, = np.argwhere(tables.number >= 0.0)[:1]
     link, s = int(place[0]), int(place[1]) // LANES * LANES
     tables.number[link, s:s + LANES] = 0.0
@@ -184,8 +184,8 @@ CROWDED = [(0.5, -1.0), (1.0, 0.0), *((1.0 + k * 1e-7, 0.01 * k) for k in range(
     [(0.5 + 0.01 * k, k / 50.0 - 1.0 + (k / 50.0 - 1.0)**3) for k in range(101)]])
 def test_kernels_find_the_piece_of_each_length(tmp_path, points):
     scene = make_scene((3, 3, 3), {'connector.law': write(tmp_path / 'law.csv', points)})
-    table, = scene.connectors.tables.tables
-    assert pack_scene(scene).model.links.tables.is_alike
+    table, = scene.connectors.curves.curves
+    assert pack_scene(scene).model.links.laws.tables.is_alike
     bounds = table.rows[1:, 0]
     generator = np.random.default_rng(5)
     lengths = np.concatenate([
@@ -211,7 +211,7 @@ def test_pieces_remembered_from_elsewhere_change_no_bit(band, groups):
             'connector_groups.g.law': band}
     scene = make_scene((3, 3, 3), changes)
     packed = pack_scene(scene)
-    tables = packed.model.links.tables
+    tables = packed.model.links.laws.tables
     assert tables.is_alike is not groups
     tables.near[:] = ROW_SIZE * 3
     places = [disturbed(scene, 0.05, seed) for seed in range(6)]

@@ -32,7 +32,7 @@ HOOKED = {
 CASES = {
     'springs': {'connector.stiffness_compression': 170.0, 'connector.natural_length': 0.033},
     'bending': BENT, 'twisting': TWISTED, 'dipole': DIPOLE, 'mutual': MUTUAL, 'anchors': HOOKED,
-    'law': {}}
+    'law': {}, 'exponential': {'connector.law': 'exponential', 'connector.alpha': 90.0}}
 QUIET = {'contact.mode': 'never'}
 L = 0.032360679774997896
 LAW = [(0.5, -1.0), (0.9, -0.7), (1.0, 0.0), (1.1, 0.6), (1.25, 3.0), (1.4, 7.0), (1.6, 7.2)]
@@ -75,8 +75,11 @@ def energy(scene, position, axes):
         u, n = ends[1] - ends[0], rest[1] - rest[0]
         length = length_of(u)
         extension, compression, natural, bending, twisting, _ = (row[number] for row in laws)
-        if c.tables.tables:
-            table = c.tables.tables[c.tables.of[number]]
+        if parameters['connector.law'] == 'exponential':
+            x = parameters['connector.alpha'] * (length - natural)
+            total += extension / parameters['connector.alpha'] ** 2 * (np.exp(x) - 1.0 - x)
+        elif c.curves.curves:
+            table = c.curves.curves[c.curves.of[number]]
             row = table.rows[np.searchsorted(table.rows[1:, 0], length.real)]
             t = length - row[1]
             total += row[6] + t * (row[2] + t * (
