@@ -30,7 +30,7 @@ def test_every_module_has_a_room():
     assert {room_of(name) for name in MODULES if name not in ROOF} == {*ROOMS}
     # Rooms, and the documented imports.
     assert len([path for path in PACKAGE.iterdir()
-                if path.suffix == '.py' or any(path.glob('*.py'))]) <= 21
+                if path.suffix == '.py' or any(path.glob('*.py'))]) <= 22
 
 
 def test_imports_point_down():

@@ -220,8 +220,9 @@ def test_only_what_is_none_and_the_kinds_of_arrays_make_another_type():
     assert type(meter) is type(Meter(np.ones((16, 80)), np.ones((2, 80))))
     assert type(meter) is not type(Meter(np.ones((16, 8), np.float32), np.ones((2, 8))))
     assert type(Outer(1, 1.0, True, GRID, None)) is not type(Outer(1, 1.0, True, GRID, GRID))
-    # Only annotations are fields, in their order; defaults are those of the class.
-    assert Model._fields[:3] == ('inverse_mass', 'inverse_inertia', 'gravity')
-    assert Model._defaults['contacts'] is None and 'gravity' not in Model._defaults
+    # Annotations are fields, in their order, then records of terms; defaults are of the class.
+    assert Model._fields[:3] == ('inverse_mass', 'inverse_inertia', 'blocks')
+    assert Model._fields[-1] == 'gravity' and Model._defaults['gravity'] is None
+    assert Model._defaults['contacts'] is None and 'blocks' not in Model._defaults
     assert Supports._fields == ('inverse_mass', 'inverse_inertia')
     assert Loads._fields[-1] == 'anchors'
