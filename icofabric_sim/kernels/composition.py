@@ -6,7 +6,7 @@ from typing import Any
 
 from icofabric_sim.kernels.connectors import add_connectors
 from icofabric_sim.kernels.contact.forces import add_contact
-from icofabric_sim.kernels.contact.losses import add_taken
+from icofabric_sim.kernels.contact.losses import add_taken, losses_of
 from icofabric_sim.kernels.maxwell import add_maxwell
 from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Model, State
@@ -30,7 +30,7 @@ _OTHERS: dict[tuple[str, str], tuple[Any, ...]] = {
 _KNOWN = {
     **{name: f'model.{name}' for name in Model._fields},
     **{name: f'state.{name}' for name in State._fields},
-    'alive': 'model.blocks.alive[block]'}
+    'alive': 'model.blocks.alive[block]', 'losses': 'losses_of(model.contacts)'}
 
 
 def compose_terms(hook: str, arguments: str, carried: str, *, energy: str = '') -> Any:
@@ -43,4 +43,4 @@ def compose_terms(hook: str, arguments: str, carried: str, *, energy: str = '') 
         hook, [
             (term.name, function) for term in TERMS if energy in ('', term.energy)
             for function in term.functions(hook) or _OTHERS.get((term.name, hook), ())],
-        arguments, carried, _KNOWN)
+        arguments, carried, _KNOWN, helpers={'losses_of': losses_of})

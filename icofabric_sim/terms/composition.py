@@ -17,7 +17,7 @@ from icofabric_sim.kernels.runtime.compiled import inlined
 
 def compose(
     name: str, functions: Iterable[tuple[str, Any]], arguments: str, carried: str,
-    known: Mapping[str, str], *, unless: str = ''
+    known: Mapping[str, str], *, unless: str = '', helpers: Mapping[str, Any] | None = None
 ) -> Any:
     """
     Return a kernel that calls `functions` in their order.
@@ -36,13 +36,15 @@ def compose(
         Expressions for parameters that are no arguments of the kernel.
     unless
         Name of an argument that is None if no term is present.
+    helpers
+        Kernels that expressions call, by their names there.
 
     Raises
     ------
     TypeError
         If a parameter of a function is neither an argument nor in `known`.
     """
-    namespace: dict[str, Any] = {'__name__': __name__}
+    namespace: dict[str, Any] = {'__name__': __name__, **(helpers or {})}
     lines = []
     for term, function in functions:
         call = f'{term}_{name}'

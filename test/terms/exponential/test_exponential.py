@@ -159,7 +159,8 @@ def test_one_connector_alone_and_groups():
     scene = make_scene((3, 3, 2), {
         **LAW, 'connector.law': '', 'connector.stiffness_compression': 150.0,
         'groups.low': 'z_min', 'connector_groups.g.between': 'low all',
-        'connector_groups.g.law': 'exponential', 'connector_groups.g.alpha': -40.0, 'connector_groups.g.stiffness': 300.0})
+        'connector_groups.g.law': 'exponential', 'connector_groups.g.alpha': -40.0,
+        'connector_groups.g.stiffness': 300.0})
     packed = pack_scene(scene)
     curves, links = packed.curves, packed.model.links
     chosen = curves.of >= 0
