@@ -48,7 +48,7 @@ def replace_energy(
         return energy
     x = alpha * (length - rest)
     if wp.abs(x) < _HALF:
-        total, part = _HALF, _HALF
+        total, part = wp.float64(0.5), wp.float64(0.5)
         for n in range(3, 19):
             part = part * x / wp.float64(n)
             total = total + part
