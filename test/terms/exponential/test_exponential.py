@@ -83,17 +83,15 @@ def test_fabric_moves_as_scipy_says(method, allowed):
     assert moved > 1e-3 and abs(found.energy['balance_error']) < 10.0 * allowed * moved
 
 
-def test_energy_of_a_wild_swing_is_balanced_and_the_step_follows_the_slope():
+def test_energy_of_a_wild_swing_is_balanced():
     scene = make_scene((3, 3, 2), {
         **SWING, 'initial_random.velocity_sigma': 3.0, 'solver.method': 'dop8',
         'solver.tolerance': 1e-8})
     simulation = ico.compile_scene(scene)
-    before = simulation.status.stability_limit
     simulation.advance_to(0.05)
     found = simulation.snapshot()
     slope = K * np.exp(ALPHA * (found.connector_length - L))
     assert slope.max() > 2.0 * K
-    assert simulation.status.stability_limit < 0.95 * before
     assert abs(found.energy['balance_error']) < 1e-7 * found.energy['total']
 
 
