@@ -27,7 +27,7 @@ _OTHERS: dict[tuple[str, str], tuple[Any, ...]] = {
     ('maxwell', 'add_velocity_force'): (add_maxwell, creep_around),
     ('contacts', 'add_velocity_force'): (add_taken,)}
 # Quantities that parameters of terms name, besides fields of `Model` and `State`.
-_KNOWN = {
+_EXPRESSIONS = {
     **{name: f'model.{name}' for name in Model._fields},
     **{name: f'state.{name}' for name in State._fields},
     'alive': 'model.blocks.alive[block]', 'losses': 'losses_of(model.contacts)'}
@@ -43,4 +43,4 @@ def compose_terms(hook: str, arguments: str, carried: str, *, energy: str = '') 
         hook, [
             (term.name, function) for term in TERMS if energy in ('', term.energy)
             for function in term.functions(hook) or _OTHERS.get((term.name, hook), ())],
-        arguments, carried, _KNOWN, helpers={'losses_of': losses_of})
+        arguments, carried, _EXPRESSIONS, helpers={'losses_of': losses_of})
