@@ -99,7 +99,8 @@ def test_scenes_reach_all_of_the_physics():
     # Each of these is another way to say, or to fill, what is drawn.
     assert never <= {
         'shell.mass', 'weave.box', 'connector_groups.NAME.law', 'loads.NAME.hold',
-        'connector.law_beyond', 'connector_groups.NAME.law_beyond',
+        'connector.law_beyond', 'connector_groups.NAME.law_beyond', 'connector.alpha',
+        'connector_groups.NAME.alpha',
         'connector_groups.NAME.stiffness_extension', 'solver.threads',
         'connector_groups.NAME.stiffness_compression',
         'connector_groups.NAME.break_length_extension',
