@@ -199,9 +199,12 @@ def law_factor(
     minus_rest: Vector
 ) -> Vector:
     """Return tension over length [N/m] at a squared length `square`; `there` masks the lanes."""
-    return replace_factor(
-        laws, variety, link, s, square, there, step_factor(
-            kinks, part, variety, block, link, s, square, stiffness, minus_rest))
+    factor = step_factor(kinks, part, variety, block, link, s, square, stiffness, minus_rest)
+    if variety is None:
+        # All are springs.
+        return factor
+    else:
+        return replace_factor(laws, variety, link, s, square, there, factor)
 
 
 @inlined
