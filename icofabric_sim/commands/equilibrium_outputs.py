@@ -3,11 +3,12 @@
 """Output files of `icofabric statics`, `modes` and `elasticity`: tables and pictures."""
 
 import argparse
-import csv
+from collections.abc import Iterable
 import math
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, require_place
 
@@ -89,16 +90,12 @@ class EquilibriumOutputs(NamedTuple):
                 (snapshot.position, snapshot.orientation, 'equilibrium')],
                 _arrows(reactions, float(np.abs(tension).max(initial=0.0))), contacts)
 
-    def table(self, file: str, head: tuple[str, ...], rows: object) -> None:
+    def table(
+        self, file: str, head: tuple[str, ...], rows: Iterable[Iterable[object]]
+    ) -> None:
         """Write a CSV file of that name."""
         assert self.folder is not None
-        self.folder.mkdir(parents=True, exist_ok=True)
-        path = self.folder / file
-        with open(path, 'w', newline='', encoding='utf-8') as stream:
-            table = csv.writer(stream)
-            table.writerow(head)
-            table.writerows(rows)  # type: ignore[arg-type]
-        print(f'written to {path}')
+        print(f'written to {write_csv(self.folder / file, head, rows)}')
 
     def draw(
         self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],

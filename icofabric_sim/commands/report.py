@@ -86,6 +86,14 @@ def print_report(rows: Iterable[Row], *, as_json: bool, lines: Iterable[str] = (
     print(json.dumps(report, indent=2, ensure_ascii=False), flush=True)
 
 
+def write_csv(path: Path, head: Iterable[str], rows: Iterable[Iterable[object]]) -> Path:
+    """Write a CSV file in a folder that is created if missing; return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open('w', newline='', encoding='utf-8') as file:
+        csv.writer(file).writerows([head, *rows])
+    return path
+
+
 @contextmanager
 def rows_as_they_come(
     head: Iterable[str], line: Callable[[Any], str], *, table: Path | None, as_json: bool,

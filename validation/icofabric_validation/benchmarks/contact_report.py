@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables and CSV file of `contact`."""
 
-import csv
 from pathlib import Path
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_validation.benchmarks.contact import (
     APART,
     COLLIDE,
@@ -50,12 +50,9 @@ def lines(result: Contact) -> list[str]:
 
 def write(result: Contact, folder: Path) -> list[Path]:
     """Write the results into `folder`; return their paths."""
-    path = folder / 'contact.csv'
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow(['pairs', 'touching', 'what', 'ns_per_pair', 'low', 'high', 'rounds'])
-        for row in result.rows:
-            rows.writerow([
-                row.family, f'{result.touching[row.family]:.4g}', row.what,
-                *(f'{value:.4g}' for value in row.per_pair()), result.rounds])
-    return [path]
+    return [write_csv(
+        folder / 'contact.csv',
+        ('pairs', 'touching', 'what', 'ns_per_pair', 'low', 'high', 'rounds'), (
+            [row.family, f'{result.touching[row.family]:.4g}', row.what,
+             *(f'{value:.4g}' for value in row.per_pair()), result.rounds]
+            for row in result.rows))]

@@ -161,22 +161,17 @@ def mujoco_row(model: Any, solver: str, step: float, state: InitialState, count:
     model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_EULER
     model.opt.solver = getattr(mujoco.mjtSolver, f'mjSOL_{solver.upper()}')
     model.geom_solref[:] = 2.0 * step, 1.0
-    data, bodies, taken = mujoco.MjData(model), len(state.position), math.inf
-    place, rate = data.qpos.reshape(bodies, 7), data.qvel.reshape(bodies, 6)
+    data, taken = mujoco.MjData(model), math.inf
     for _ in range(RUNS):
         mujoco.mj_resetData(model, data)
-        place[:, :3] = state.position
-        place[:, 3], place[:, 4:] = state.orientation[:, 3], state.orientation[:, :3]
-        rate[:, :3] = state.linear_velocity
-        # Angular velocities of free joints are in the frame of the body.
-        rate[:, 3:] = Rotation.from_quat(state.orientation).inv().apply(
-            state.angular_velocity.copy())
+        mujoco_peer.set_bodies(data, *state)
         mujoco.mj_forward(model, data)
         started = time.process_time()
         mujoco.mj_step(model, data, count)
         taken = min(taken, time.process_time() - started)
         if taken > MAX_TIME_S:
             break
+    place = data.qpos.reshape(-1, 7)
     return Row(f'MuJoCo Euler, {solver.upper()}', count, step, taken / count, 0,
                place[:, :3].copy(), place[:, [4, 5, 6, 3]])
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables and CSV file of `gpu`."""
 
-import csv
 from pathlib import Path
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_validation.benchmarks.gpu import Gpu
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.report import table
@@ -46,19 +46,13 @@ def lines(result: Gpu) -> list[str]:
 
 def write(result: Gpu, folder: Path) -> list[Path]:
     """Write the results into `folder`; return their paths."""
-    path = folder / 'gpu.csv'
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow([
-            'bodies', 'device', 'is_gpu', 'processor_body_steps_per_s', 'run_body_steps_per_s',
-            'kernel_body_steps_per_s', 'gain', 'low', 'high', 'bytes_per_body_step', 'error_a',
-            'rounds'])
-        for row in result.rows:
-            rates = [
-                Spread.of(values).median for values in (row.processor, row.run, row.kernel)]
-            rows.writerow([
-                row.body_count, result.device, int(result.is_gpu),
-                *(f'{rate:.4g}' for rate in rates),
-                *(f'{value:.4g}' for value in row.gain()), f'{row.bytes_each:.4g}',
-                f'{row.error:.2g}', result.rounds])
-    return [path]
+    return [write_csv(folder / 'gpu.csv', (
+        'bodies', 'device', 'is_gpu', 'processor_body_steps_per_s', 'run_body_steps_per_s',
+        'kernel_body_steps_per_s', 'gain', 'low', 'high', 'bytes_per_body_step', 'error_a',
+        'rounds'), (
+            [row.body_count, result.device, int(result.is_gpu),
+             *(f'{Spread.of(rates).median:.4g}' for rates in (
+                 row.processor, row.run, row.kernel)),
+             *(f'{value:.4g}' for value in row.gain()), f'{row.bytes_each:.4g}',
+             f'{row.error:.2g}', result.rounds]
+            for row in result.rows))]

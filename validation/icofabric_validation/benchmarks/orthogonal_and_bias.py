@@ -10,12 +10,12 @@ connectors, with the modulus of the periodic fabric in the same direction for co
 """
 
 import argparse
-import csv
 from pathlib import Path
 import time
 from typing import Any
 
 import icofabric_sim as ico
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.statics.stress_strain import CURVE_COLUMNS, CurvePoint
 from icofabric_validation.benchmarks.machine import machine_lines
 import numpy as np
@@ -75,18 +75,10 @@ def main() -> None:
                 print(f'    {point.strain:8.4f} {point.stress:10.4g} Pa  {point.verdict}, '
                       f'{point.obstructed} obstructed, {point.contact_pairs} touch, '
                       f'{point.broken} broken', flush=True)
-    write(folder / 'curves.csv', curves)
-    draw(folder / 'curves.png', curves)
-
-
-def write(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
-    """Write all states to one table."""
-    with open(path, 'w', newline='', encoding='utf-8') as stream:
-        table = csv.writer(stream)
-        table.writerow(('fabric', 'kind', *CURVE_COLUMNS))
-        for names, points in curves.items():
-            table.writerows((*names, *point.row()) for point in points)
+    path = write_csv(folder / 'curves.csv', ('fabric', 'kind', *CURVE_COLUMNS), (
+        (*names, *point.row()) for names, points in curves.items() for point in points))
     print(f'written to {path}')
+    draw(folder / 'curves.png', curves)
 
 
 def draw(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:

@@ -22,6 +22,7 @@ import time
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_validation.benchmarks.machine import describe_machine, import_mujoco
+from icofabric_validation.benchmarks.peers import mujoco_peer
 from icofabric_validation.benchmarks.pile import A, pile
 import numpy as np
 
@@ -62,14 +63,7 @@ def run_mujoco(
     model.opt.solver = getattr(mujoco.mjtSolver, f'mjSOL_{solver.upper()}')
     model.geom_solref[:] = 2.0 * step, 1.0
     data = mujoco.MjData(model)
-    initial, count = scene.initial, scene.body_count
-    place, rate = data.qpos.reshape(count, 7), data.qvel.reshape(count, 6)
-    place[:, :3] = initial.position
-    place[:, 3], place[:, 4:] = initial.orientation[:, 3], initial.orientation[:, :3]
-    rate[:, :3] = initial.linear_velocity
-    # Angular velocities of free joints are in the frames of the bodies, which are woven along the
-    # world.
-    rate[:, 3:] = initial.angular_velocity
+    mujoco_peer.set_bodies(data, *scene.initial)
     deepest, began = 0.0, time.process_time()
     for number in range(round(until / step)):
         if number == round(begin / step):
@@ -78,7 +72,7 @@ def run_mujoco(
         if data.ncon:
             deepest = max(deepest, -float(data.contact.dist.min()))
     return {'overlap': deepest / A, 'taken': time.process_time() - began,
-            'height': float(place[:, 2].mean())}
+            'height': float(data.qpos[2::7].mean())}
 
 
 def run_own(scene: ico.Scene, begin: float, until: float) -> dict[str, float]:

@@ -3,10 +3,10 @@
 """Tables, CSV files and picture of the benchmarks."""
 
 from collections.abc import Sequence
-import csv
 import math
 from pathlib import Path
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.pictures.precision_picture import draw_work_precision, HEADER, read_points
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.solver import StepSolver
@@ -73,30 +73,24 @@ def step_speed_lines(result: StepSpeed) -> list[str]:
 def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
     """Write points, times at equal error and the picture into `folder`; return their paths."""
     name = 'work_precision' + result.scene.name.removeprefix('S1').replace(' ', '_')
-    points = folder / f'{name}.csv'
-    with open(points, 'w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(HEADER)
-        for curve in result.curves:
-            kind = 'steps' if isinstance(curve.solver, StepSolver) else 'tolerance'
-            for point in curve.points:
-                table.writerow([
-                    curve.solver.label, curve.solver.tool, kind, f'{point.setting:g}',
-                    f'{point.error:.6e}', *(f'{v:.6e}' for v in Spread.of(point.times)),
-                    len(point.times)])
-    targets = folder / f'{name}_targets.csv'
-    with open(targets, 'w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(['solver', 'error', 'time_s', 'time_low_s', 'time_high_s', 'extrapolated',
-                        'over_our_fastest', 'ratio_low', 'ratio_high'])
-        for curve in result.curves:
-            for target in TARGETS:
-                spread, beyond = result.times(curve, target)
-                ratio = result.ratios(curve, target)
-                if math.isfinite(spread.median):
-                    table.writerow([
-                        curve.solver.label, f'{target:g}', *(f'{v:.6e}' for v in spread),
-                        int(beyond), *('' if ratio is None else [f'{v:.4g}' for v in ratio])])
+    points = write_csv(folder / f'{name}.csv', HEADER, (
+        [curve.solver.label, curve.solver.tool,
+         'steps' if isinstance(curve.solver, StepSolver) else 'tolerance', f'{point.setting:g}',
+         f'{point.error:.6e}', *(f'{v:.6e}' for v in Spread.of(point.times)), len(point.times)]
+        for curve in result.curves for point in curve.points))
+    rows = []
+    for curve in result.curves:
+        for target in TARGETS:
+            spread, beyond = result.times(curve, target)
+            ratio = result.ratios(curve, target)
+            if math.isfinite(spread.median):
+                rows.append([
+                    curve.solver.label, f'{target:g}', *(f'{v:.6e}' for v in spread),
+                    int(beyond), *('' if ratio is None else [f'{v:.4g}' for v in ratio])])
+    targets = write_csv(
+        folder / f'{name}_targets.csv',
+        ('solver', 'error', 'time_s', 'time_low_s', 'time_high_s', 'extrapolated',
+         'over_our_fastest', 'ratio_low', 'ratio_high'), rows)
     if not any(curve.points for curve in result.curves):
         return [points, targets]
     picture = folder / f'{name}.png'
@@ -109,19 +103,15 @@ def write_work_precision(result: WorkPrecision, folder: Path) -> list[Path]:
 
 def write_step_speed(result: StepSpeed, folder: Path) -> list[Path]:
     """Write the times into `folder`; return the path."""
-    path = folder / 'step_speed.csv'
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(['solver', 'tool', 'evaluations', 'ns_per_connector_step', 'low', 'high',
-                        'over_our_cheapest', 'ratio_low', 'ratio_high', 'error', 'rounds'])
-        for row in result.rows:
-            ratio = result.ratios(row)
-            table.writerow([
-                row.solver.label, row.solver.tool, row.solver.evaluations,
-                *(f'{value:.4g}' for value in row.per_connector(result.scene)),
-                *('' if ratio is None else [f'{value:.4g}' for value in ratio]),
-                f'{row.error:.3e}', result.rounds])
-    return [path]
+    return [write_csv(
+        folder / 'step_speed.csv',
+        ('solver', 'tool', 'evaluations', 'ns_per_connector_step', 'low', 'high',
+         'over_our_cheapest', 'ratio_low', 'ratio_high', 'error', 'rounds'), (
+            [row.solver.label, row.solver.tool, row.solver.evaluations,
+             *(f'{value:.4g}' for value in row.per_connector(result.scene)),
+             *(f'{value:.4g}' for value in result.ratios(row) or ()),
+             f'{row.error:.3e}', result.rounds]
+            for row in result.rows))]
 
 
 def _convergence_rows(result: WorkPrecision) -> list[list[str]]:

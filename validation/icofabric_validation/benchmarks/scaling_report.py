@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables, CSV file and picture of `scaling`."""
 
-import csv
 from pathlib import Path
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.libraries import require_library
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.report import table
@@ -50,19 +50,15 @@ def lines(result: Scaling) -> list[str]:
 
 def write(result: Scaling, folder: Path) -> list[Path]:
     """Write results and picture into `folder`; return their paths."""
-    path = folder / 'scaling.csv'
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow([
-            'bodies', 'connectors', 'ns_per_body_step_one_thread', 'low', 'high', 'threads',
-            'ns_per_body_step_threads', 'low', 'high', 'gain', 'low', 'high', 'build_s',
-            'compile_s', 'compile_first_s', 'peak_bytes', 'peak_bytes_recording', 'rounds'])
-        for row in result.rows:
-            rows.writerow([
-                row.body_count, row.connector_count, *_numbers(row.per_body(row.one)),
-                row.threads, *_numbers(row.per_body(row.all)), *_numbers(row.gain()),
-                *(f'{row.wait(name):.4g}' for name in ('build', 'compile', 'compile_first')),
-                f'{row.memory:.0f}', f'{row.recording:.0f}', result.rounds])
+    path = write_csv(folder / 'scaling.csv', (
+        'bodies', 'connectors', 'ns_per_body_step_one_thread', 'low', 'high', 'threads',
+        'ns_per_body_step_threads', 'low', 'high', 'gain', 'low', 'high', 'build_s',
+        'compile_s', 'compile_first_s', 'peak_bytes', 'peak_bytes_recording', 'rounds'), (
+            [row.body_count, row.connector_count, *_numbers(row.per_body(row.one)),
+             row.threads, *_numbers(row.per_body(row.all)), *_numbers(row.gain()),
+             *(f'{row.wait(name):.4g}' for name in ('build', 'compile', 'compile_first')),
+             f'{row.memory:.0f}', f'{row.recording:.0f}', result.rounds]
+            for row in result.rows))
     picture = folder / 'scaling.png'
     draw(result, picture)
     return [path, picture]

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables and CSV file of `terms`."""
 
-import csv
 from pathlib import Path
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_validation.benchmarks.machine import machine_lines
 from icofabric_validation.benchmarks.report import table
 from icofabric_validation.benchmarks.step_speed import STEP
@@ -52,24 +52,18 @@ def lines(result: Terms) -> list[str]:
 
 def write(result: Terms, folder: Path) -> list[Path]:
     """Write the results into `folder`; return their paths."""
-    path = folder / 'terms.csv'
-    with open(path, 'w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow(['term', 'bodies', 'ns_per_body_step', 'low', 'high', 'over_bare', 'low',
-                       'high', 'bytes_held', 'rounds'])
-        for row in result.rows:
-            ratio = result.ratio(row)
-            assert ratio is not None
-            rows.writerow([
-                row.label, row.body_count, *(f'{value:.4g}' for value in row.per_body()),
-                *(f'{value:.4g}' for value in ratio), '' if row.held is None else row.held,
-                result.rounds])
-    counts = folder / 'instructions.csv'
-    with open(counts, 'w', newline='', encoding='utf-8') as file:
-        rows = csv.writer(file)
-        rows.writerow(['kernel', 'bare_scene', 'springs_only', 'one_kick_a_step'])
-        rows.writerows(result.instructions)
-    return [path, counts]
+    return [
+        write_csv(
+            folder / 'terms.csv',
+            ('term', 'bodies', 'ns_per_body_step', 'low', 'high', 'over_bare', 'low', 'high',
+             'bytes_held', 'rounds'), (
+                [row.label, row.body_count, *(f'{value:.4g}' for value in row.per_body()),
+                 *(f'{value:.4g}' for value in result.ratio(row) or ()),
+                 '' if row.held is None else row.held, result.rounds]
+                for row in result.rows)),
+        write_csv(
+            folder / 'instructions.csv',
+            ('kernel', 'bare_scene', 'springs_only', 'one_kick_a_step'), result.instructions)]
 
 
 def _wrapped(words: list[str]) -> list[str]:

@@ -19,7 +19,6 @@ import argparse
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-import csv
 import logging
 import os
 from pathlib import Path
@@ -32,6 +31,7 @@ from types import FrameType
 from typing import NamedTuple
 import warnings
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_validation.benchmarks.machine import describe_machine
 from icofabric_validation.robustness.fuzz_kinds import Fault, KINDS, REFUSED
 
@@ -151,10 +151,7 @@ def main(argv: list[str] | None = None) -> int:
     total = sum(row.cases for row in rows)
     print(f'{"all":12} {total:9,} cases: {sum(row.faults for row in rows)} faults')
     if arguments.csv:
-        with arguments.csv.open('w', newline='', encoding='utf-8') as file:
-            table = csv.writer(file)
-            table.writerow(Row._fields)
-            table.writerows(rows)
+        write_csv(arguments.csv, Row._fields, rows)
     return 1 if any(row.faults for row in rows) else 0
 
 

@@ -32,6 +32,7 @@ from icofabric_validation.robustness.soak_graph import (  # noqa: E402
     free_domain,
     Graph,
     Watch,
+    watched_node,
 )
 from icofabric_validation.robustness.soak_judge import Table  # noqa: E402
 from icofabric_validation.source_tree import ROOT  # noqa: E402
@@ -108,10 +109,7 @@ def main() -> int:
     table = Table(wall_limits=not arguments.no_wall_limits)
     folder, domain = Path(tempfile.mkdtemp(prefix='icofabric_slider_')), free_domain()
     scene = {**load_parameter_file(find_scene(SCENE)), 'connector.damping': 1e-4}
-    with FabricProcess(folder, scene, domain, real_time_factor=0.0) as process, Graph(
-            domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    with watched_node(folder, scene, domain, real_time_factor=0.0) as (process, graph, watch):
         thread = find_run(process)
         for slider in SLIDERS:
             table.begin(slider.replace('__', '.'), f'{arguments.rounds} rounds')
@@ -136,7 +134,6 @@ def main() -> int:
             changes = sum(on[3] for _, on in rounds) / (arguments.rounds * arguments.seconds)
             table.add('changes a second', f'{changes:.1f}')
             table.add('longest answer', f'{max(on[4] for _, on in rounds):.3f} s')
-        watch.end()
         process.stop()
     table.write(arguments.csv)
     return 0 if table.is_good else 1

@@ -17,8 +17,8 @@ import os
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 import argparse  # noqa: E402 - after the environment that rclpy reads
-from collections.abc import Callable  # noqa: E402
-import csv  # noqa: E402
+from collections.abc import Callable, Iterator  # noqa: E402
+from contextlib import contextmanager  # noqa: E402
 from functools import partial  # noqa: E402
 from pathlib import Path  # noqa: E402
 import random  # noqa: E402
@@ -31,6 +31,7 @@ import tempfile  # noqa: E402
 import time  # noqa: E402
 from typing import NamedTuple  # noqa: E402
 
+from icofabric_sim.commands.report import write_csv  # noqa: E402
 from icofabric_sim.messages import ERROR  # noqa: E402
 from icofabric_validation.benchmarks.machine import describe_machine  # noqa: E402
 from icofabric_validation.robustness.soak_drive import Driver, SCENE  # noqa: E402
@@ -42,6 +43,7 @@ from icofabric_validation.robustness.soak_graph import (  # noqa: E402
     NODE,
     NodeError,
     Watch,
+    watched_node,
 )
 from icofabric_validation.robustness.soak_judge import (  # noqa: E402
     check_bag,
@@ -81,11 +83,9 @@ def soak(setting: Setting) -> None:
     arguments, table = setting.arguments, setting.table
     table.begin('soak', f'{arguments.minutes:g} minutes at random, seed {arguments.seed}')
     bag = setting.folder / 'bag'
-    with FabricProcess(
+    with watched_node(
         setting.folder, SCENE, setting.domain, record__path=bag
-    ) as process, Graph(setting.domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    ) as (process, graph, watch):
         heard = [0]
         for topic in (POSES, MARKERS):
             graph.listen(topic, lambda data: heard.__setitem__(0, heard[0] + 1))
@@ -96,7 +96,6 @@ def soak(setting: Setting) -> None:
         driver.drive(lambda: time.monotonic() > end)
         dropped = driver.finish()
         status, took = process.stop()
-        watch.end()
     _judge_actions(table, driver, watch)
     _judge_end(table, process, status, took)
     _judge_memory(table, watch, setting.arguments.csv.with_suffix('.memory.csv'))
@@ -115,18 +114,15 @@ def verify60(setting: Setting) -> None:
     arguments, table = setting.arguments, setting.table
     table.begin('verify60', f'{arguments.seconds:g} s of simulated time, seed {arguments.seed}')
     bag = setting.folder / 'bag'
-    with FabricProcess(
+    with watched_node(
         setting.folder, SCENE, setting.domain, record__path=bag, solver__threads=2
-    ) as process, Graph(setting.domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    ) as (process, graph, watch):
         driver = Driver(graph, watch, random.Random(arguments.seed))
         end = round(arguments.seconds * 1e9)
         driver.drive(lambda: watch.now > end, frozenset(
             {'push', 'push_ahead', 'reweave', 'retune', 'pause_and_step', 'save'}))
         driver.settle()
         status, took = process.stop()
-        watch.end()
     _judge_actions(table, driver, watch)
     _judge_end(table, process, status, took)
     for threads in (1, 2):
@@ -205,11 +201,8 @@ def _large_reweave(setting: Setting) -> None:
         'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
         'solver': {'method': 'leapfrog', 'step': 0.005}, 'publish_rate': 10.0,
         'marker_rate': 1.0, 'real_time_factor': 0.2}
-    with FabricProcess(
-        setting.folder / 'large', scene, setting.domain
-    ) as process, Graph(setting.domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    with watched_node(setting.folder / 'large', scene, setting.domain) as (
+            process, graph, watch):
         gets: list[float] = []
         sets: list[float] = []
         builds, gaps = [], []
@@ -233,7 +226,6 @@ def _large_reweave(setting: Setting) -> None:
         graph.set(weave__size=size)
         time.sleep(0.3 * min(builds))
         status, took = process.stop()
-        watch.end()
     table.add('re-weave of the large fabric', ', '.join(map(_text, builds)))
     table.add('  get_parameters meanwhile, median, worst', _median_and_worst(gets))
     table.add('  set_parameters meanwhile, median, worst', _median_and_worst(sets))
@@ -280,32 +272,16 @@ def slow_subscriber(setting: Setting) -> None:
         'initial_random': {'velocity_sigma': 0.05, 'spin_sigma': 2.0, 'seed': 1},
         'solver': {'method': 'leapfrog', 'step': 1e-3, 'threads': 1},
         'real_time_factor': setting.arguments.factor}
-    topics = [word for topic in (POSES, MARKERS) for word in topic]
-    with FabricProcess(
-        setting.folder, scene, setting.domain
-    ) as process, Graph(setting.domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    with watched_node(setting.folder, scene, setting.domain) as (process, _, watch):
         alone = _factor(watch, watched)
-        listener = subprocess.Popen(
-            [sys.executable, '-m', LISTENER, *topics],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            env=environment(setting.domain))
-        try:
-            assert listener.stdin is not None and listener.stdout is not None
-            print('listen', file=listener.stdin, flush=True)
-            listener.stdout.readline()
+        with _subscriber(setting.domain) as listener:
             heard = _factor(watch, watched)
             listener.send_signal(signal.SIGSTOP)
             before = int(watch.figures['messages not taken in time'])
             stopped = _factor(watch, watched)
             again = _factor(watch, watched)
             displaced = int(watch.figures['messages not taken in time']) - before
-        finally:
-            listener.kill()
-            listener.wait()
         status, took = process.stop()
-        watch.end()
     table.add('real-time factor without a subscriber', f'{alone:.3f}')
     table.add('  with a running subscriber', f'{heard:.3f}')
     least = _MIN_FACTOR_RATIO * heard
@@ -324,34 +300,36 @@ def dying_subscribers(setting: Setting) -> None:
         'weave': {'size': [13, 13, 12]}, 'contact': {'mode': 'never'},
         'initial_random': {'velocity_sigma': 0.001},
         'solver': {'method': 'leapfrog', 'step': 4e-4}, 'real_time_factor': 0.5}
-    topics = [word for topic in (POSES, MARKERS) for word in topic]
-    with FabricProcess(
-        setting.folder, scene, setting.domain
-    ) as process, Graph(setting.domain) as graph:
-        process.wait_until_ready()
-        watch = Watch(graph, process)
+    with watched_node(setting.folder, scene, setting.domain) as (process, _, watch):
         _factor(watch, 1.0)
         first = len(watch.ticks)
         for _ in range(arguments.kills):
-            with subprocess.Popen(
-                [sys.executable, '-m', LISTENER, *topics],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-                env=environment(setting.domain),
-            ) as listener:
-                assert listener.stdin is not None and listener.stdout is not None
-                print('listen', file=listener.stdin, flush=True)
-                listener.stdout.readline()
+            with _subscriber(setting.domain):
                 time.sleep(1.0)
-                listener.kill()
         time.sleep(3.0)
         walls = [wall for wall, _ in watch.ticks[first:]]
         gaps = sorted(late - early for early, late in zip(walls, walls[1:]))
         status, took = process.stop()
-        watch.end()
     table.add('longest time between two ticks for the healthy one', _text(gaps[-1]),
               f'{MAX_GAP_S:g} s', gaps[-1] <= MAX_GAP_S, wall=True)
     table.add('  of 1,000 the longest', _text(gaps[-1 - len(gaps) // 1000]))
     _judge_end(table, process, status, took)
+
+
+@contextmanager
+def _subscriber(domain: int) -> Iterator['subprocess.Popen[str]']:
+    """Run a subscriber of poses and markers in another process, and kill it at the end."""
+    with subprocess.Popen(
+        [sys.executable, '-m', LISTENER, *POSES, *MARKERS],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment(domain),
+    ) as listener:
+        try:
+            assert listener.stdin is not None and listener.stdout is not None
+            print('listen', file=listener.stdin, flush=True)
+            listener.stdout.readline()
+            yield listener
+        finally:
+            listener.kill()
 
 
 def _factor(watch: Watch, duration: float) -> float:
@@ -403,12 +381,8 @@ def _judge_memory(table: Table, watch: Watch, path: Path) -> None:
                        (values[quarter:2 * quarter] or values, values[-quarter:]))
         table.add(f'{name}, median early and late', f'{early:g}, {late:g}', '+4',
                   late <= early + 4)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(['wall [s]', 'memory [MB]', 'threads', 'files'])
-        writer.writerows([f'{use.wall - times[0]:.1f}', f'{use.memory:.1f}', *use[2:]]
-                         for use in resource_uses)
+    write_csv(path, ('wall [s]', 'memory [MB]', 'threads', 'files'), (
+        [f'{use.wall - times[0]:.1f}', f'{use.memory:.1f}', *use[2:]] for use in resource_uses))
 
 
 def _judge_clock(table: Table, watch: Watch) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A `fabric_node` in a separate process, and a client of its graph, for soak.py."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 import json
 import os
@@ -286,6 +286,18 @@ class Watch:
             resources = self.process.resources()
             if resources is not None:
                 self.resource_uses.append(resources)
+
+
+@contextmanager
+def watched_node(
+    folder: Path, scene: dict[str, Any], domain: int, **parameters: Any
+) -> Iterator[tuple[FabricProcess, Graph, Watch]]:
+    """Start a node, see `FabricProcess`, and record its messages while the block runs."""
+    with FabricProcess(folder, scene, domain, **parameters) as process, Graph(domain) as graph:
+        process.wait_until_ready()
+        watch = Watch(graph, process)
+        yield process, graph, watch
+        watch.end()
 
 
 def free_domain() -> int:

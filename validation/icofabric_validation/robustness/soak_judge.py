@@ -3,12 +3,12 @@
 """Checks of soak.py without ROS: clock, memory, bags; and the table of results."""
 
 from collections.abc import Collection, Iterable, Sequence
-import csv
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from icofabric_sim.bag import BagError
 from icofabric_sim.bag.recorded_run import RecordedEvent, RecordedRun
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.messages.schedule import Schedule
 from icofabric_sim.running.replay.verify import verify_run
 import numpy as np
@@ -184,10 +184,5 @@ class Table:
 
     def write(self, path: Path) -> None:
         """Write the results as CSV."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open('w', newline='', encoding='utf-8') as file:
-            writer = csv.writer(file)
-            writer.writerow(Row._fields)
-            for row in self.rows:
-                word = {None: '', True: 'yes', False: 'no'}[row.good]
-                writer.writerow([*row[:-1], word])
+        words = {None: '', True: 'yes', False: 'no'}
+        write_csv(path, Row._fields, ([*row[:-1], words[row.good]] for row in self.rows))

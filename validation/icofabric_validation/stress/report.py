@@ -4,10 +4,10 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-import csv
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
+from icofabric_sim.commands.report import write_csv
 from icofabric_sim.parameters.table import BY_NAME, FAMILIES
 from icofabric_validation.stress.kinds import KINDS, TERMS
 from icofabric_validation.stress.scenes import draw_scene
@@ -15,7 +15,6 @@ from icofabric_validation.stress.verdict import FAULTS, Finding, Verdict
 
 # Largest number of seeds in a line of the table.
 _MAX_SEEDS = 8
-COLUMNS: Final = tuple(name for name in Finding._fields)
 # Parameters that affect the output of a run, but not its motion.
 _NOT_PHYSICAL = (
     'pull.', 'real_time_factor', 'publish', 'marker_rate', 'clock_rate', 'frame_id',
@@ -101,12 +100,8 @@ def _is_default(name: str, value: Any) -> bool:
 
 def write_table(path: Path, findings: Iterable[Finding]) -> None:
     """Write all findings as CSV."""
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for finding in findings:
-            writer.writerow([
-                value.value if isinstance(value, Verdict) else value for value in finding])
+    write_csv(path, Finding._fields, (
+        {**finding._asdict(), 'verdict': finding.verdict.value}.values() for finding in findings))
 
 
 def as_dictionary(finding: Finding) -> dict[str, Any]:

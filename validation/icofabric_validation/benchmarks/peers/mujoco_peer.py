@@ -40,14 +40,7 @@ class MuJoCo(StepSolver):
         self._model.opt.timestep = step
         self._model.opt.integrator = self._integrator
         self._mujoco.mj_resetData(self._model, data)
-        count = scene.body_count
-        places = data.qpos.reshape(count, 7)
-        places[:, :3] = scene.position
-        places[:, 3], places[:, 4:] = scene.orientation[:, 3], scene.orientation[:, :3]
-        # Angular velocities of free joints are in the frame of the body.
-        rates = data.qvel.reshape(count, 6)
-        rates[:, :3] = scene.velocity
-        rates[:, 3:] = np.einsum('bij,bj->bi', scene.axes, scene.spin)
+        set_bodies(data, scene.position, scene.orientation, scene.velocity, scene.spin)
         self._mujoco.mj_forward(self._model, data)
 
     def advance(self, count: int) -> None:
@@ -57,6 +50,18 @@ class MuJoCo(StepSolver):
     def motion(self) -> Motion:
         places = self._data.qpos.reshape(self._scene.body_count, 7)
         return Motion(places[:, :3].copy(), axes_from_quaternions(places[:, [4, 5, 6, 3]]))
+
+
+def set_bodies(
+    data: Any, position: np.ndarray, orientation: np.ndarray, velocity: np.ndarray,
+    spin: np.ndarray
+) -> None:
+    """Set the state of free bodies: quaternions x y z w, velocities in the world frame."""
+    places, rates = data.qpos.reshape(-1, 7), data.qvel.reshape(-1, 6)
+    places[:, :3], places[:, 3:] = position, orientation[:, [3, 0, 1, 2]]
+    # Angular velocities of free joints are in the frame of the body.
+    rates[:, :3] = velocity
+    rates[:, 3:] = np.einsum('bij,bj->bi', axes_from_quaternions(orientation), spin)
 
 
 def model_text(scene: PlainScene, *, floor: float | None = None) -> str:
