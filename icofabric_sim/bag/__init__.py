@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from icofabric_sim.bag.handover import RecorderStatistics
     from icofabric_sim.bag.reader import BagReader, BagTopic
     from icofabric_sim.bag.recorder import BagRecorder
-    from icofabric_sim.bag.recovery import recover_bag, recover_mcap, RecoveryReport
+    from icofabric_sim.bag.recovery import recover_bag, RecoveryReport
     from icofabric_sim.bag.storage import STOPPED
 
 _HOMES = {
@@ -28,7 +28,6 @@ _HOMES = {
     'STOPPED': 'storage',
     'next_free_path': 'folder',
     'recover_bag': 'recovery',
-    'recover_mcap': 'recovery',
 }
 
 __all__ = [
@@ -38,7 +37,6 @@ __all__ = [
     'BagTopic',
     'next_free_path',
     'recover_bag',
-    'recover_mcap',
     'RecorderStatistics',
     'RecoveryReport',
     'STOPPED',

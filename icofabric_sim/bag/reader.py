@@ -9,14 +9,14 @@ import contextlib
 import heapq
 import json
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.metadata import FILE_NAME, MetadataFile, read_metadata
 from icofabric_sim.bag.parts import StoredFile
 from icofabric_sim.bag.storage import decode_custom, FILE_INDEX, merge_custom, REPEATED, STORAGES
 from icofabric_sim.messages import StringBytes
+from icofabric_sim.process.closing import Closing
 from rosbags.interfaces import Qos, QosDurability
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
@@ -40,10 +40,11 @@ class BagTopic(NamedTuple):
     type_hash: str  # '' if unknown: bare files have no hash
 
 
-class BagReader:
+class BagReader(Closing):
     """
     Reader of a bag folder, or of a bare .mcap or .db3 file, open until `close`.
 
+    `start_time` and `end_time` are the times of the first and last message [ns]; 0: none.
     Messages are read one by one, and files are opened when their turn comes: a bag may exceed the
     memory and have more files than a process may open. Latched messages that a later file of a
     split bag repeats are skipped, unless only that file is read.
@@ -64,7 +65,7 @@ class BagReader:
             self._files, self._mode, self._custom = (
                 stored.files, stored.compression_mode, stored.custom)
             self.message_count = stored.message_count
-            self._span = stored.first, stored.last
+            self.start_time, self.end_time = stored.first, stored.last
             for described in stored.topics:
                 self._add(*described)
         else:
@@ -76,20 +77,11 @@ class BagReader:
                 self.close()
                 raise BagError(f'cannot read {self.path} as a bag: {error}') from error
             self.message_count = tally.message_count
-            self._span = (tally.first, tally.last) if tally.message_count else (0, 0)
+            self.start_time, self.end_time = (
+                (tally.first, tally.last) if tally.message_count else (0, 0))
             for topic in topics:
                 self._add(topic.name, topic.type_name, tally.counts.get(topic.name, 0),
                           topic.digest, topic.qos)
-
-    @property
-    def start_time(self) -> int:
-        """Return the time of the first message [ns], 0 in an empty bag."""
-        return self._span[0]
-
-    @property
-    def end_time(self) -> int:
-        """Return the time of the last message [ns], 0 in an empty bag."""
-        return self._span[1]
 
     @property
     def custom(self) -> dict[str, str]:
@@ -143,15 +135,6 @@ class BagReader:
         self._closed = True
         while self._open_parts:
             self._open_parts.popitem()[1].close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _add(
         self, name: str, type_name: str, message_count: int, digest: str, qos: list[Qos],

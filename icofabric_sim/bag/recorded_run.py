@@ -5,8 +5,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import json
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from icofabric_sim.bag import BagError, BagReader, BagTopic
 from icofabric_sim.messages import (
@@ -26,6 +25,7 @@ from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.parameters.named_files import with_recorded_files
 from icofabric_sim.parameters.sections import ParameterSet
 from icofabric_sim.parameters.validation import make_parameters, Parameters
+from icofabric_sim.process.closing import Closing
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.inputs.input_types import Target
 import numpy as np
@@ -80,7 +80,7 @@ class RecordedEvent(NamedTuple):
         return seconds(self.nanoseconds)
 
 
-class RecordedRun:
+class RecordedRun(Closing):
     """Bag of one fabric, open until `close`."""
 
     def __init__(self, path: str | Path, node: str = '') -> None:
@@ -91,6 +91,8 @@ class RecordedRun:
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
+        # Times of the first and last message [ns].
+        self.start, self.end = self._reader.start_time, self._reader.end_time
         self.topics: dict[str, BagTopic] = self._reader.topics
         # All nodes that recorded poses.
         self.nodes = sorted(
@@ -110,16 +112,6 @@ class RecordedRun:
             self._reader.custom_on(f'{self.node}/recording') if len(self.nodes) > 1 else {}
         ) or self._reader.custom
         self._scenes: dict[int, Scene] = {}
-
-    @property
-    def start(self) -> int:
-        """Return the time of the first message [ns]."""
-        return self._reader.start_time
-
-    @property
-    def end(self) -> int:
-        """Return the time of the last message [ns]."""
-        return self._reader.end_time
 
     def pose_times(self) -> np.ndarray:
         """Return the times [ns] of all recorded poses in ascending order."""
@@ -274,17 +266,6 @@ class RecordedRun:
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _unknown_scene(self, error: ValueError) -> BagError:
         return BagError(f'{self.path} contains a scene that this version cannot build: {error}')

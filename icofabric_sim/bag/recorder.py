@@ -11,8 +11,7 @@ import operator
 from pathlib import Path
 import threading
 import time
-from types import TracebackType
-from typing import Literal, Self, SupportsIndex
+from typing import Literal, SupportsIndex
 
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.folder import absolute_path, BagError
@@ -28,6 +27,7 @@ from icofabric_sim.bag.storage import (
     TopicEntry,
 )
 from icofabric_sim.messages import StringBytes
+from icofabric_sim.process.closing import Closing
 from rosbags.interfaces import QosDurability
 
 # [s] of wall time. A kill may lose 1 s of a recording: this interval and the time to write.
@@ -36,7 +36,7 @@ QUEUE_BYTES = 128 * 2**20
 CUSTOM_TOPIC = '/icofabric/recording'
 
 
-class BagRecorder:
+class BagRecorder(Closing):
     """
     Recorder of messages to a new rosbag2 bag, written by a separate thread in order.
 
@@ -205,15 +205,6 @@ class BagRecorder:
                 return False
             atexit.unregister(self.close)
         return True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _announce(self, custom: dict[str, str]) -> None:
         self.add_topic(self._custom_topic, StringBytes.TYPE, latched=True)

@@ -92,11 +92,6 @@ def recover_bag(
     return report
 
 
-def recover_mcap(source: str | Path, destination: str | Path) -> RecoveryReport:
-    """Recover a killed bag: alias of `recover_bag` with its defaults, for any storage."""
-    return recover_bag(source, destination)
-
-
 class _RecoveredBag:
     """New bag, whose folder is created with the first message."""
 

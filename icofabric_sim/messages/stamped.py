@@ -49,7 +49,7 @@ class _StampedNumbers:
         return message
 
     @property
-    def _numbers(self) -> NDArray[np.float64]:
+    def values(self) -> NDArray[np.float64]:
         return self._message[len(self._head):].view('<f8').reshape(self._shape)
 
     def stamped(self, nanoseconds: SupportsIndex) -> bytes:
@@ -71,10 +71,6 @@ class PoseArrayBytes(_StampedNumbers):
         body_count = checks.count('body_count', body_count, 0, 2**32 - 1)
         super().__init__(
             frame_id, body_count, 7, count_written=True, first=(0, 0, 0, 0, 0, 0, 1))
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        return self._numbers
 
     def filled(self, nanoseconds: SupportsIndex, fill: Fill) -> bytes:
         """
@@ -99,8 +95,8 @@ class WrenchStampedBytes(_StampedNumbers):
 
     def __init__(self, frame_id: str) -> None:
         super().__init__(frame_id, 2, 3, count_written=False)
-        self.force: NDArray[np.float64] = self._numbers[0]
-        self.torque: NDArray[np.float64] = self._numbers[1]
+        self.force: NDArray[np.float64] = self.values[0]
+        self.torque: NDArray[np.float64] = self.values[1]
 
 
 class TwistStampedBytes(_StampedNumbers):
@@ -112,8 +108,8 @@ class TwistStampedBytes(_StampedNumbers):
 
     def __init__(self, frame_id: str) -> None:
         super().__init__(frame_id, 2, 3, count_written=False)
-        self.linear: NDArray[np.float64] = self._numbers[0]
-        self.angular: NDArray[np.float64] = self._numbers[1]
+        self.linear: NDArray[np.float64] = self.values[0]
+        self.angular: NDArray[np.float64] = self.values[1]
 
 
 class PointStampedBytes(_StampedNumbers):
@@ -123,7 +119,7 @@ class PointStampedBytes(_StampedNumbers):
 
     def __init__(self, frame_id: str) -> None:
         super().__init__(frame_id, 1, 3, count_written=False)
-        self.point: NDArray[np.float64] = self._numbers[0]
+        self.point: NDArray[np.float64] = self.values[0]
 
 
 class ClockBytes:

@@ -37,7 +37,8 @@ import numpy as np
 
 __all__ = [
     'BODIES', 'BODY_SPIN', 'BROKEN', 'CHECKPOINT', 'CLOCK', 'CONNECTORS', 'CONTACTS',
-    'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'ICOSAHEDRA', 'MARKERS', 'Outputs', 'PERIODIC',
+    'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'full_name', 'ICOSAHEDRA', 'MARKERS', 'Outputs',
+    'PERIODIC',
     'POSES', 'REACTIONS', 'Recorded', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF',
     'Topic', 'TOPICS', 'VIEWS', 'WEAVE']
 
@@ -154,6 +155,12 @@ VIEWS = {
         name=topic.name.replace('~/', '~/view/'), recorded=Recorded.NEVER, rate='')
     for topic in (POSES, CONNECTORS, MARKERS, ENERGY)}
 TOPICS = (*_ENTRIES, *VIEWS.values())
+
+
+def full_name(name: str, node: str) -> str:
+    """Return the full name of a private (~/) or absolute topic of a node."""
+    return node + name[1:] if name.startswith('~') else name
+
 
 # Label in `~/energy` [J], and name in a snapshot.
 ENERGIES = {

@@ -19,6 +19,7 @@ from icofabric_sim.messages.schedule import nanoseconds_not_before
 from icofabric_sim.messages.topics import (
     CHECKPOINT,
     EVENTS,
+    full_name,
     Recorded,
     Topic,
     TOPICS,
@@ -120,6 +121,8 @@ class BagSink:
     `on_error`; the run continues. Recording can be switched on again.
     """
 
+    is_bag = True
+
     def __init__(
         self,
         path: str | Path,
@@ -164,11 +167,6 @@ class BagSink:
                 paused=bool(parameters['start_paused']))
 
     @property
-    def is_bag(self) -> bool:
-        """Return whether the sink stores messages."""
-        return True
-
-    @property
     def path(self) -> Path | None:
         """Return the folder of the present or last bag, None if there was none."""
         return None if self.recorder is None else self.recorder.path
@@ -196,7 +194,7 @@ class BagSink:
 
     def resolve(self, name: str) -> str:
         """Return the full name of a private (~/) or absolute topic name."""
-        return self.name + name[1:] if name.startswith('~') else name
+        return full_name(name, self.name)
 
     def wants(self, topic: Topic) -> bool:
         """Return whether the topic is recorded."""

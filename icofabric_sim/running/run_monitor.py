@@ -37,6 +37,8 @@ class Momentum(NamedTuple):
 class RunMonitor:
     """Sink of the runner that computes extremes instead of storing messages."""
 
+    is_bag = True  # repeats for late subscribers are not needed
+
     def __init__(self, simulation: Simulation, *, with_growth: bool = False) -> None:
         """Sample the initial state; `with_growth` starts a second run, see divergence.py."""
         self._simulation = simulation
@@ -46,11 +48,6 @@ class RunMonitor:
         self.energy_scale = 0.0
         self.count = 0
         self.look(self.first)
-
-    @property
-    def is_bag(self) -> bool:
-        """Return True: repeats for late subscribers are not needed."""
-        return True
 
     def wants(self, topic: Topic) -> bool:
         """Return whether to be called, i.e. at the times of poses."""

@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 from icofabric_sim import messages
-from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recover_mcap, recovery
+from icofabric_sim.bag import BagError, BagReader, BagRecorder, recover_bag, recovery
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.storage import definition, quality_of_service, TopicEntry
 from icofabric_sim.messages import Float64MultiArrayBytes, StringBytes, WrenchStampedBytes
@@ -278,7 +278,7 @@ def test_a_message_that_is_cut_is_left_out(tmp_path: Path) -> None:
     writer.finish()
     whole = file.read_bytes()
     file.write_bytes(whole[:whole.index(data[-1]) + 50])
-    report = recover_mcap(file, tmp_path / 'bag')
+    report = recover_bag(file, tmp_path / 'bag')
     assert 'incomplete last record' in report.damage
     with BagReader(tmp_path / 'bag') as reader:
         assert list(reader.messages()) == [('/text', 0, data[0]), ('/text', 1, data[1])]
@@ -297,7 +297,7 @@ def test_cut_short_anywhere_the_start_is_saved(tmp_path: Path) -> None:
             with pytest.raises(BagError):
                 BagReader(cut)
             try:
-                report = recover_mcap(cut, destination)
+                report = recover_bag(cut, destination)
             except BagError as error:
                 assert 'nothing can be recovered' in str(error)
                 assert not destination.exists()

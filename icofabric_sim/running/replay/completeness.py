@@ -26,7 +26,7 @@ from icofabric_sim.messages import (
 )
 from icofabric_sim.messages.markers import list_numbers
 from icofabric_sim.messages.schedule import Schedule, seconds
-from icofabric_sim.messages.topics import Recorded, Topic
+from icofabric_sim.messages.topics import full_name, Recorded, Topic
 from icofabric_sim.running.broadcast import schedules
 from icofabric_sim.running.recording import DROPPED, GIVEN, PAUSED
 from icofabric_sim.running.replay.resimulation import Departure
@@ -153,7 +153,8 @@ class Completeness:
             # The last state shown may be incomplete; then its time is known.
             self._settle()
         gaps = []
-        for name in sorted({*given, *(self._full(topic.name) for topic in self._missing)}):
+        for name in sorted({*given, *(
+                full_name(topic.name, self._run.node) for topic in self._missing)}):
             own = self._own(name)
             topic = self._sent.get(own)
             more = self._counted[own] - given.get(name, self._counted[own])
@@ -224,8 +225,9 @@ class Completeness:
             return
         self._settle()
         if self._is_over:
-            raise Departure(self._now, 'a message that the run did not send', self._full(
-                topics.BROKEN.name))
+            raise Departure(
+                self._now, 'a message that the run did not send',
+                full_name(topics.BROKEN.name, self._run.node))
         before, self._now, self._may_clear = self._now, time, False
         self._has_come = False
         if not self._is_running:
@@ -280,7 +282,7 @@ class Completeness:
                 return
             raise Departure(
                 time, 'a message that was not sent: no connector has broken since the last one',
-                self._full(topic.name))
+                full_name(topic.name, self._run.node))
         if topic is topics.CONNECTORS:
             marker = self._run.decoded(decode_marker_points, data)
             if marker.action == MarkerAction.DELETEALL:
@@ -298,7 +300,7 @@ class Completeness:
             return
         raise Departure(
             time, 'a duplicate, or a message that the run did not send',
-            self._full(topic.name))
+            full_name(topic.name, self._run.node))
 
     def _is_finite(self) -> bool:
         """Return whether the state in which the simulation failed is finite."""
@@ -314,9 +316,6 @@ class Completeness:
         simulation = self._simulation()
         return list_numbers(
             self._run.scene_at(time) if simulation is None else simulation.scene)
-
-    def _full(self, name: str) -> str:
-        return self._run.node + name[1:] if name.startswith('~') else name
 
     def _own(self, name: str) -> str:
         node = self._run.node

@@ -80,23 +80,24 @@ class Resimulation:
         self.failure = ''
         self._threads, self._on_time = threads, on_time
         self._on_input, self._on_jump, self._on_message = on_input, on_jump, on_message
-        self._simulation: Simulation | None = None
+        self.present: Simulation | None = None  # None: not needed so far
         # Parameters from which the scene is built when something happens.
         self._first: Parameters | None = None
-        self._begin = run.start
-        self._skip_to_checkpoint = self._begins_later = False
+        self.start = run.start  # [ns]
+        # Whether the second simulation starts at a checkpoint, not at the start of the bag.
+        self._skip_to_checkpoint = self.begins_later = False
         if start is not None:
             times = [time for time in run.times_of(topics.CHECKPOINT.name) if time <= start]
             if times:
-                self._begin = times[-1]
-                self._skip_to_checkpoint = self._begins_later = True
+                self.start = times[-1]
+                self._skip_to_checkpoint = self.begins_later = True
         self._chunk = 1_000_000
         self._failure_told = True
 
     @property
     def simulation(self) -> Simulation:
         """Return the simulation, built on first use."""
-        if self._simulation is None:
+        if self.present is None:
             if FILE_INDEX in self.run.custom:
                 raise NotRepeatable(
                     f'{self.run.path} is file {self.run.custom[FILE_INDEX]} of a split bag, '
@@ -106,26 +107,9 @@ class Resimulation:
                 raise NotRepeatable(
                     f'{self.run.path} does not begin with its scene ({self.run.node}/weave); only '
                     'runs that this simulator recorded can be simulated again')
-            self._simulation = self._build(self._first)
+            self.present = self._build(self._first)
             self._on_jump(False)
-        return self._simulation
-
-    @property
-    def present(self) -> Simulation | None:
-        """Return the simulation, or None if none was needed so far."""
-        return self._simulation
-
-    @property
-    def begins_later(self) -> bool:
-        """
-        Return whether the second simulation starts at a checkpoint, not at the start of the bag.
-        """
-        return self._begins_later
-
-    @property
-    def start(self) -> int:
-        """Return the start time [ns]."""
-        return self._begin
+        return self.present
 
     def outputs(self, stop: int | None = None) -> Iterator[tuple[Topic, int, bytes]]:
         """
@@ -138,7 +122,7 @@ class Resimulation:
             topics.BODIES)}
         # The published bodies stand before the checkpoint of a bag that starts during a run.
         early: list[tuple[Topic, int, bytes]] = []
-        for name, time, data in self.run.messages(start=self._begin, stop=stop):
+        for name, time, data in self.run.messages(start=self.start, stop=stop):
             if self._skip_to_checkpoint:
                 if name != topics.CHECKPOINT.name:
                     continue
@@ -149,9 +133,9 @@ class Resimulation:
                 self._take_weave(time, self.run.decoded(decode_string, data))
             elif name == topics.EVENTS.name:
                 self._take_event(self.run.event(time, data))
-            elif topic is topics.BODIES and self._simulation is None:
+            elif topic is topics.BODIES and self.present is None:
                 early.append((topic, time, data))
-            elif topic is topics.CHECKPOINT and self._simulation is None:
+            elif topic is topics.CHECKPOINT and self.present is None:
                 self._begin_at(self.run.decoded(decode_uint8_multi_array, data))
             elif topic is not None:
                 for message in (*early, (topic, time, data)):
@@ -216,7 +200,7 @@ class Resimulation:
             raise NotRepeatable(
                 f'{self.run.path} starts with a checkpoint that cannot be restored: {error}'
             ) from error
-        self._simulation, self.parameters = simulation, self._first
+        self.present, self.parameters = simulation, self._first
         self.counts['begun at a checkpoint'] += 1
         self._on_jump(False)
 
@@ -236,7 +220,7 @@ class Resimulation:
                 self.simulation, changed, time, self.parameters, parameters)
         except (ValueError, SimulationError) as error:
             raise Departure(time, f'the recorded change fails: {error}') from error
-        self._simulation, self.failure = changed, ''
+        self.present, self.failure = changed, ''
         self.counts['re-weaves'] += 1
         self._on_jump(not restarts)
 

@@ -6,8 +6,7 @@ Data source of a player: the state of one recorded fabric at any time, and later
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from icofabric_sim.bag import BagError, BagReader
 from icofabric_sim.messages import PoseArrayBytes
@@ -15,6 +14,7 @@ from icofabric_sim.messages import topics as outputs
 from icofabric_sim.messages.input_topics import input_type
 from icofabric_sim.messages.schedule import seconds
 from icofabric_sim.messages.topics import Recorded, Topic
+from icofabric_sim.process.closing import Closing
 
 _POSES = outputs.POSES.name[1:]
 # Events are never repeated at another time.
@@ -34,7 +34,7 @@ class Frame(NamedTuple):
     messages: list[tuple[Topic, bytes]]
 
 
-class ReplaySource:
+class ReplaySource(Closing):
     """
     rosbag2 bag, open until `close`; not thread-safe.
 
@@ -50,6 +50,8 @@ class ReplaySource:
         """
         self._reader = BagReader(path)
         self.path = self._reader.path
+        # Times of the first and last message [ns].
+        self.start, self.end = self._reader.start_time, self._reader.end_time
         self._unknown: set[str] = set()  # topics that the player cannot publish
         try:
             self.fabrics = self._find_fabrics()
@@ -59,16 +61,6 @@ class ReplaySource:
             self.close()
             raise
         self._lasting = {name for name, topic in self.topics.items() if self.lasts(topic)}
-
-    @property
-    def start(self) -> int:
-        """Return the time of the first message [ns]."""
-        return self._reader.start_time
-
-    @property
-    def end(self) -> int:
-        """Return the time of the last message [ns]."""
-        return self._reader.end_time
 
     @property
     def left_out(self) -> list[str]:
@@ -149,15 +141,6 @@ class ReplaySource:
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _find_fabrics(self) -> list[str]:
         return sorted(

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from icofabric_sim.bag.recorded_run import RecordedRun
 from icofabric_sim.checks import counted
 from icofabric_sim.messages.schedule import seconds
-from icofabric_sim.messages.topics import Topic
+from icofabric_sim.messages.topics import full_name
 from icofabric_sim.running.replay.comparison import CloseComparison, ExactComparison
 from icofabric_sim.running.replay.completeness import Completeness, Gap
 from icofabric_sim.running.replay.resimulation import (
@@ -163,7 +163,8 @@ def verify_run(
             text = comparison.difference(topic, time, data)
             if text:
                 found = Difference(
-                    time, again.simulation.status.step_count, resolved(run, topic), text)
+                    time, again.simulation.status.step_count, full_name(topic.name, run.node),
+                    text)
                 break
             counts = left_out if text is None else compared
             counts[topic.name] += 1
@@ -184,11 +185,6 @@ def verify_run(
         run.path, run.node, _recorded_by(run), elsewhere, again.start, end, body_count, compared,
         left_out, again.counts, found, tuple(gaps), Counter(record.dropped),
         _note(comparison, again))
-
-
-def resolved(run: RecordedRun, topic: Topic) -> str:
-    """Return the full name of a topic in the bag."""
-    return run.node + topic.name[1:] if topic.name.startswith('~') else topic.name
 
 
 def foreign_parts(run: RecordedRun) -> tuple[str, ...]:

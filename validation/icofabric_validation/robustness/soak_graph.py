@@ -13,10 +13,11 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from icofabric_sim.messages import decode_clock, decode_diagnostic_array, decode_string
 from icofabric_sim.parameters.text import dump_parameters, flatten_parameters
+from icofabric_sim.process.closing import Closing
 from icofabric_sim.ros.live_sink import message_class
 from icofabric_validation.source_tree import ROOT
 import rclpy
@@ -57,7 +58,7 @@ class ResourceUse(NamedTuple):
     files: int  # open
 
 
-class FabricProcess:
+class FabricProcess(Closing):
     """A node whose output goes to a file."""
 
     def __init__(
@@ -123,16 +124,13 @@ class FabricProcess:
             status = -signal.SIGKILL
         return status, time.monotonic() - began
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
+    def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
 
 
-class Graph:
+class Graph(Closing):
     """A client in the graph of the node, with raw messages, parameters and services."""
 
     def __init__(self, domain: int) -> None:
@@ -218,12 +216,6 @@ class Graph:
         while not self._ending:
             with suppress(ExternalShutdownException):
                 self._executor.spin_once(timeout_sec=0.05)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self.close()
 
 
 class Watch:
