@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import logging
 from typing import TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.terminal import bad_input, Progress
 
 if TYPE_CHECKING:
@@ -19,18 +20,16 @@ def report_cross_check(name: str, parameters: 'Parameters') -> int:
     """Compare the rotation formulations; return 0 if they agree up to round-off, otherwise 1."""
     from icofabric_sim.checks import counted
     from icofabric_sim.running.cross_check import cross_check
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.simulation import compile_scene, SimulationError
 
     with bad_input():
-        scene = Scene.from_parameters(parameters)
+        scene = ico.Scene.from_parameters(parameters)
         with _quiet():
-            compile_scene(scene)  # rejects a step above the stability limit
+            ico.compile_scene(scene)  # rejects a step above the stability limit
     duration = parameters['duration']
     with Progress(duration, 's') as progress, _quiet():
         try:
             result = cross_check(scene, duration, progress=progress.update)
-        except SimulationError as error:
+        except ico.SimulationError as error:
             progress.note(f'icofabric run: the simulation failed: {error}')
             return 1
     print(f'{name}: quaternions (eqs 21-27) against direction cosines (eqs 16-20), '

@@ -7,17 +7,24 @@ Source: "A Mathematical Model of Icosahedral Materials". Counts come from `scene
 and connections from `scene/weave_tables.py`; no value is typed in.
 """
 
-from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from textwrap import wrap
 from typing import NamedTuple
 
+from icofabric_sim.geometry.icosahedron import NAMED_EDGES
+from icofabric_sim.scene.weave_index import (
+    checked_size,
+    column_count,
+    is_turned,
+    level_count,
+    row_count,
+    slab_count,
+)
+from icofabric_sim.scene.weave_tables import connector_count, INDEX_TABLES, TABLE_5, table_10
 from icofabric_sim.terminal import bad_input, InputError
 
 Size = tuple[int, int, int]
-# Default of `weave.size`: all three are odd, so that every case of the formulas appears.
-DEFAULT_SIZE = (5, 5, 5)
 _PARITIES = ('both odd or both even', 'one odd, one even')
 
 
@@ -81,16 +88,8 @@ def indent_text(text: str) -> list[str]:
     return wrap(text, 98, initial_indent='  ', subsequent_indent='  ')
 
 
-def add_size_argument(parser: ArgumentParser) -> None:
-    """Declare the size of the slab whose bodies the tables count."""
-    parser.add_argument(
-        '--size', type=int, nargs=3, metavar=('NX', 'NY', 'NZ'), default=DEFAULT_SIZE,
-        help='slab that Tables 1 to 4 and 10 count, in grid positions (default: 5 5 5)')
-
-
 def find_tables(numbers: Sequence[int], size: Sequence[int]) -> tuple[Size, list[Table]]:
     """Return the validated size of a slab and the requested tables for it."""
-    from icofabric_sim.scene.weave_index import checked_size
     for number in numbers:
         if number not in TABLES:
             raise InputError(f'N must be the number of a table, 1 to {max(TABLES)}, got {number}')
@@ -101,7 +100,6 @@ def find_tables(numbers: Sequence[int], size: Sequence[int]) -> tuple[Size, list
 
 def _line_table(number: int, size: Size) -> Table:
     """Return Table 1 or 2: icosahedra in a column j, or in a row i, of level k."""
-    from icofabric_sim.scene.weave_index import column_count, row_count
     count, name, letter = (
         (column_count, 'column', 'j') if number == 1 else (row_count, 'row', 'i'))
     return Table(
@@ -113,7 +111,6 @@ def _line_table(number: int, size: Size) -> Table:
 
 
 def _level_table(number: int, size: Size) -> Table:
-    from icofabric_sim.scene.weave_index import level_count
     return Table(
         number, f'icosahedra in level k of a slab of {_of(size)}',
         ('variant', 'k even', 'k odd'),
@@ -124,7 +121,6 @@ def _level_table(number: int, size: Size) -> Table:
 
 
 def _slab_table(number: int, size: Size) -> Table:
-    from icofabric_sim.scene.weave_index import slab_count
     return Table(
         number, f'icosahedra in a slab of {_of(size)}', ('variant', 'icosahedra'),
         tuple((label, slab_count(variant, size))
@@ -132,8 +128,6 @@ def _slab_table(number: int, size: Size) -> Table:
 
 
 def _edge_table(number: int, size: Size) -> Table:
-    from icofabric_sim.geometry.icosahedron import NAMED_EDGES
-    from icofabric_sim.scene.weave_tables import TABLE_5
     return Table(
         number, 'centres of the neighbours of an icosahedron, from its centre, body axes',
         ('local edge', 'remote edge', 'one centre', 'the other'),
@@ -145,9 +139,6 @@ def _edge_table(number: int, size: Size) -> Table:
 
 def _index_table(number: int, size: Size) -> Table:
     """Return one of Tables 6 to 9: connections of variants 0 to 3."""
-    from icofabric_sim.geometry.icosahedron import NAMED_EDGES
-    from icofabric_sim.scene.weave_index import is_turned
-    from icofabric_sim.scene.weave_tables import INDEX_TABLES
     variant = number - 6
     line = 'i' if is_turned(variant) else 'j'
     return Table(
@@ -159,7 +150,6 @@ def _index_table(number: int, size: Size) -> Table:
 
 
 def _connector_table(number: int, size: Size) -> Table:
-    from icofabric_sim.scene.weave_tables import connector_count, table_10
     return Table(
         number, f'connections in a slab of {_of(size)}',
         ('variant', 'connections', 'unit squares of the grid'),

@@ -3,13 +3,12 @@
 """Elastic moduli by direction as text, rows and numbers, for `icofabric elasticity`."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
+from icofabric_sim.statics.directional import Directional
+from icofabric_sim.statics.periodic import Elasticity
 from icofabric_sim.terminal import bad_input
-
-if TYPE_CHECKING:
-    from icofabric_sim.statics.directional import Directional
-    from icofabric_sim.statics.periodic import Elasticity
+import numpy as np
 
 # Axes, face diagonals and space diagonals of a cube, one of each opposite pair.
 _DIRECTIONS = {
@@ -29,11 +28,9 @@ COLUMNS = (
 
 
 def by_direction(
-    constants: 'Elasticity', more: Sequence[Sequence[float]]
-) -> list[tuple[str, 'Directional']]:
+    constants: Elasticity, more: Sequence[Sequence[float]]
+) -> list[tuple[str, Directional]]:
     """Return the moduli of thirteen named directions, and of the directions in `more`."""
-    import numpy as np
-
     named: dict[str, Sequence[float]] = dict(_DIRECTIONS)
     named.update({' '.join(f'{part:g}' for part in one): one for one in more})
     with bad_input():
@@ -42,7 +39,7 @@ def by_direction(
             for name, one in named.items()]
 
 
-def text(found: Sequence[tuple[str, 'Directional']]) -> list[str]:
+def text(found: Sequence[tuple[str, Directional]]) -> list[str]:
     """Return lines for the terminal: three named directions and all directions of the user."""
     lines = []
     for name, one in found:
@@ -69,7 +66,7 @@ def _range(values: tuple[float, float], where: Any, unit: str) -> str:
     return f'{least} ({first}) to {largest} ({second})'
 
 
-def rows(found: Sequence[tuple[str, 'Directional']]) -> Iterator[list[object]]:
+def rows(found: Sequence[tuple[str, Directional]]) -> Iterator[list[object]]:
     """Yield rows of `COLUMNS`; undefined Poisson's ratios are empty."""
     for name, one in found:
         row: list[object] = [name, *one.direction.tolist(), one.young_modulus]
@@ -80,7 +77,7 @@ def rows(found: Sequence[tuple[str, 'Directional']]) -> Iterator[list[object]]:
         yield [*row, one.undefined]
 
 
-def numbers(found: Sequence[tuple[str, 'Directional']]) -> dict[str, Any]:
+def numbers(found: Sequence[tuple[str, Directional]]) -> dict[str, Any]:
     """Return the moduli by direction, for JSON."""
     return {name: {
         'direction': one.direction, 'young_modulus_pa': one.young_modulus,

@@ -8,14 +8,13 @@ import math
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.commands.report import write_csv
 from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
     from icofabric_sim.pictures.moment import Push
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.model.snapshot import Snapshot
     from icofabric_sim.simulation.reports.load_cells import ContactForces, Reactions
     import numpy as np
 
@@ -50,7 +49,7 @@ class EquilibriumOutputs(NamedTuple):
     picture: Path | None
 
     def write(
-        self, name: str, scene: 'Scene', snapshot: 'Snapshot', tension: 'np.ndarray',
+        self, name: str, scene: 'ico.Scene', snapshot: 'ico.Snapshot', tension: 'np.ndarray',
         reaction: 'np.ndarray', reactions: 'Reactions | None' = None,
         contacts: 'ContactForces | None' = None, unbalanced_wrench: 'np.ndarray | None' = None
     ) -> None:
@@ -98,7 +97,7 @@ class EquilibriumOutputs(NamedTuple):
         print(f'written to {write_csv(self.folder / file, head, rows)}')
 
     def draw(
-        self, name: str, scene: 'Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],
+        self, name: str, scene: 'ico.Scene', states: list[tuple['np.ndarray', 'np.ndarray', str]],
         pushes: tuple['Push', ...] = (), contacts: 'ContactForces | None' = None
     ) -> None:
         """Draw configurations side by side, with force arrows in the last one."""

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.picture_arguments import (
     add_picture_arguments,
@@ -140,9 +141,6 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
         spread_moments,
         write_film,
     )
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.errors import SimulationError
-    from icofabric_sim.simulation.simulation import compile_scene
 
     name, parameters = read_parameters(arguments)
     duration = parameters['duration'] if arguments.duration is None else arguments.duration
@@ -153,13 +151,13 @@ def _film_scene(arguments: argparse.Namespace, path: Path, size: tuple[int, int]
             'duration required: give --duration S, the simulated time in seconds (above 0)')
     start, end = time_span(arguments, 0.0, duration)
     with bad_input():
-        scene = Scene.from_parameters(parameters)
-        simulation = compile_scene(scene)
+        scene = ico.Scene.from_parameters(parameters)
+        simulation = ico.compile_scene(scene)
     times = film_times(start, end, arguments.rate, arguments.speed)
     with Progress(end, 's simulated') as progress, notes(progress, _NAME):
         try:
             moments = simulated_moments(simulation, times, progress.update)
-        except SimulationError as error:
+        except ico.SimulationError as error:
             raise CommandFailed(str(error)) from error
     with chosen_bodies_errors():
         renderer: Renderer = make_renderer(

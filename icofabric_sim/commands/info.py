@@ -5,15 +5,12 @@
 import argparse
 from contextlib import nullcontext
 import math
-from typing import TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError
-
-if TYPE_CHECKING:
-    from icofabric_sim.simulation.simulation import Simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,17 +39,15 @@ def main(arguments: argparse.Namespace) -> int:
 def _describe(arguments: argparse.Namespace) -> int:
     from icofabric_sim.commands.scene_estimates import estimate_rows
     from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
-    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import describe_scene
-    from icofabric_sim.simulation.simulation import compile_scene
 
     name, parameters = read_parameters(arguments)
     with bad_input():
-        scene = Scene.from_parameters(parameters)
+        scene = ico.Scene.from_parameters(parameters)
         rows = [('scene', name), *describe_scene(scene), *estimate_rows(scene)]
         try:
             with nullcontext() if arguments.compile else compile_notice.forbidden():
-                rows += _motion(compile_scene(scene))
+                rows += _motion(ico.compile_scene(scene))
         except KernelsMissing:
             rows.append(('step', (
                 'method, step and accuracy need the kernels of this scene, '
@@ -64,7 +59,7 @@ def _describe(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
+def _motion(simulation: 'ico.Simulation') -> list[tuple[str, str]]:
     """Return rows about frequency, method, step and accuracy of the compiled scene."""
     from icofabric_sim.commands.run_summary import method_rows
     rate = simulation.status.largest_frequency
@@ -76,7 +71,7 @@ def _motion(simulation: 'Simulation') -> list[tuple[str, str]]:
     return rows
 
 
-def _accuracy(simulation: 'Simulation') -> str:
+def _accuracy(simulation: 'ico.Simulation') -> str:
     tolerance = simulation.scene.parameters['solver.tolerance']
     rate = simulation.status.error_rate
     if math.isnan(rate):

@@ -4,20 +4,20 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from icofabric_sim.commands.equilibrium_outputs import EquilibriumOutputs
+from icofabric_sim.scene.scene import Scene
+from icofabric_sim.statics.cycles import Cycle, CYCLE_COLUMNS, CycleRun
+from icofabric_sim.statics.held_motion import DIRECTED, STRAINED
+from icofabric_sim.statics.moment_curve import (
+    MOMENT_CURVE_COLUMNS,
+    moment_curve_points,
+    MomentCurvePoint,
+)
+from icofabric_sim.statics.stress_strain import CURVE_COLUMNS, curve_points, CurvePoint
 from icofabric_sim.terminal import bad_input, Progress
 
-if TYPE_CHECKING:
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.statics.cycles import Cycle
-    from icofabric_sim.statics.moment_curve import MomentCurvePoint
-    from icofabric_sim.statics.stress_strain import CurvePoint
-
-STRAINED, TURNED = ('pull', 'push', 'shear', 'hydrostatic', 'inflation'), ('bend', 'twist')
-# Load cases that use `along`.
-DIRECTED = ('pull', 'push', 'shear')
 BREAK_COLUMNS = (
     'kind', 'strain_or_angle_rad', 'connector', 'side', 'length_m', 'released_energy_j')
 
@@ -33,12 +33,12 @@ class LoadCases:
     about: int | None  # rotation axis of a bend
     count: int  # number of cycles; 0: load only
     along: Sequence[float] | None = None  # of pull, push and shear; None: default of each
-    curves: dict[str, list['CurvePoint']] = field(default_factory=dict)
-    moment_curves: dict[str, list['MomentCurvePoint']] = field(default_factory=dict)
-    cycles: dict[str, list['Cycle']] = field(default_factory=dict)
+    curves: dict[str, list[CurvePoint]] = field(default_factory=dict)
+    moment_curves: dict[str, list[MomentCurvePoint]] = field(default_factory=dict)
+    cycles: dict[str, list[Cycle]] = field(default_factory=dict)
     early: bool = False
 
-    def search(self, scene: 'Scene') -> None:
+    def search(self, scene: Scene) -> None:
         """Find the states of all load cases; an interrupted search keeps the states found."""
         for kind in self.kinds:
             points: list[Any] = []
@@ -50,11 +50,8 @@ class LoadCases:
                 whole = self._load(scene, kind, points)
             self.early |= len(points) < whole or points[-1].verdict.startswith('not')
 
-    def _load(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
+    def _load(self, scene: Scene, kind: str, points: list[Any]) -> int:
         """Add the states of a load case to `points`, and return their intended number."""
-        from icofabric_sim.statics.moment_curve import moment_curve_points
-        from icofabric_sim.statics.stress_strain import curve_points
-
         amounts = self._amounts(kind)
         with Progress(len(amounts), 'states') as progress, bad_input():
             if kind in STRAINED:
@@ -67,10 +64,8 @@ class LoadCases:
                     progress=progress.update))
         return len(amounts)
 
-    def _cycle(self, scene: 'Scene', kind: str, points: list[Any]) -> int:
+    def _cycle(self, scene: Scene, kind: str, points: list[Any]) -> int:
         """Load and unload `count` times."""
-        from icofabric_sim.statics.cycles import CycleRun
-
         with bad_input():
             run = CycleRun(
                 scene, kind, self._amounts(kind), count=self.count, axis=self.axis,
@@ -111,15 +106,12 @@ class LoadCases:
     def write(self, outputs: EquilibriumOutputs) -> None:
         """Write tables of all results."""
         if curves := _any(self.curves):
-            from icofabric_sim.statics.stress_strain import CURVE_COLUMNS
             outputs.table('curves.csv', ('kind', *CURVE_COLUMNS), (
                 [kind, *point.row()] for kind, points in curves.items() for point in points))
         if turns := _any(self.moment_curves):
-            from icofabric_sim.statics.moment_curve import MOMENT_CURVE_COLUMNS
             outputs.table('moment_curves.csv', ('kind', *MOMENT_CURVE_COLUMNS), (
                 [kind, *turned.row()] for kind, states in turns.items() for turned in states))
         if cycles := _any(self.cycles):
-            from icofabric_sim.statics.cycles import CYCLE_COLUMNS
             outputs.table('cycles.csv', ('kind', 'cycle', *CYCLE_COLUMNS), (
                 [kind, number, *cycle[:-1]] for kind, found in cycles.items()
                 for number, cycle in enumerate(found, start=1)))
@@ -143,7 +135,7 @@ def _any(found: Mapping[str, list[Any]]) -> dict[str, list[Any]]:
     return {kind: points for kind, points in found.items() if points}
 
 
-def _state(point: 'CurvePoint | MomentCurvePoint') -> dict[str, Any]:
+def _state(point: CurvePoint | MomentCurvePoint) -> dict[str, Any]:
     """Return a state without its snapshot."""
     return {**_without(point._asdict(), 'snapshot'),
             'breaks': [each._asdict() for each in point.breaks]}
@@ -153,7 +145,7 @@ def _without(fields: dict[str, Any], name: str) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key != name}
 
 
-def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[str]:
+def curve_text(curves: Mapping[str, Sequence[CurvePoint]], axis: int) -> list[str]:
     """Return lines for the terminal; transverse strains are from the middle of the slab."""
     lines = []
     for kind, points in curves.items():
@@ -170,7 +162,7 @@ def curve_text(curves: Mapping[str, Sequence['CurvePoint']], axis: int) -> list[
     return lines
 
 
-def moment_curve_text(turns: Mapping[str, Sequence['MomentCurvePoint']]) -> list[str]:
+def moment_curve_text(turns: Mapping[str, Sequence[MomentCurvePoint]]) -> list[str]:
     """Return lines for the terminal."""
     lines = []
     for kind, points in turns.items():
@@ -184,7 +176,7 @@ def moment_curve_text(turns: Mapping[str, Sequence['MomentCurvePoint']]) -> list
     return lines
 
 
-def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
+def cycle_text(cycles: Mapping[str, Sequence[Cycle]]) -> list[str]:
     """Return lines for the terminal."""
     return [
         f'  {kind:11} cycle {number}: {cycle.loading_work:.6g} J loading, '
@@ -196,7 +188,7 @@ def cycle_text(cycles: Mapping[str, Sequence['Cycle']]) -> list[str]:
 
 
 def break_rows(
-    cases: Iterable[tuple[str, Sequence['CurvePoint | MomentCurvePoint']]]
+    cases: Iterable[tuple[str, Sequence[CurvePoint | MomentCurvePoint]]]
 ) -> list[list[object]]:
     """Return rows of `BREAK_COLUMNS`: the broken connectors of each case, in order."""
     return [
@@ -208,7 +200,7 @@ def _over(stress: float, strain: float) -> str:
     return f'{stress / strain:.6g}' if strain else ''
 
 
-def _more(point: 'CurvePoint | MomentCurvePoint') -> str:
+def _more(point: CurvePoint | MomentCurvePoint) -> str:
     """Return remarks on a state besides its verdict."""
     parts = [
         f'  {count} {words}' for count, words in (

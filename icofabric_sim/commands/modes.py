@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.commands.equilibrium_outputs import (
     add_output_arguments,
     EquilibriumOutputs,
@@ -23,8 +24,6 @@ from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import bad_input, CommandFailed, InputError, Progress, require_place
 
 if TYPE_CHECKING:
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.statics.modes import Spectrum
     import numpy as np
 
 _SHOWN = 12
@@ -88,19 +87,17 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
     outputs = outputs_of(arguments)
     bands = picture_path(arguments, 'bands')
     animation = _animation_path(arguments)
-    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
-    from icofabric_sim.statics.equilibrium import solve_equilibrium
     from icofabric_sim.statics.modes import HIGHEST, LOWEST, solve_modes
     from icofabric_sim.statics.resultants import LEAST_RESULTANTS
 
     began = time.monotonic()
     with bad_input():
-        scene = Scene.from_parameters(parameters)
+        scene = ico.Scene.from_parameters(parameters)
         print(f'{name}: {size_text(scene)}')
         at = None
         if arguments.equilibrium:
-            found = solve_equilibrium(scene, time=arguments.time)
+            found = ico.solve_equilibrium(scene, time=arguments.time)
             print(f'verdict     {found.verdict} (residual {found.residual:.2g})')
             if not found.converged or found.verdict == LEAST_RESULTANTS:
                 raise CommandFailed(
@@ -129,7 +126,7 @@ def _find(arguments: argparse.Namespace) -> dict[str, Any]:
             'first_bounded_motion': spectrum.first_bounded_motion}
 
 
-def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
+def _numbers(spectrum: 'ico.Spectrum') -> dict[str, Any]:
     return {
         'degrees_of_freedom': spectrum.degrees_of_freedom,
         'frequencies_rad_per_s': spectrum.frequencies,
@@ -141,7 +138,7 @@ def _numbers(spectrum: 'Spectrum') -> dict[str, Any]:
         'zero_frequency_limit_rad_per_s': spectrum.zero_frequency_limit}
 
 
-def summary(spectrum: 'Spectrum', seconds: float) -> list[str]:
+def summary(spectrum: 'ico.Spectrum', seconds: float) -> list[str]:
     """Return lines for the terminal."""
     lines = [f'DOF         {spectrum.degrees_of_freedom:,} degrees of freedom']
     if spectrum.first_touches:
@@ -169,7 +166,7 @@ _KINK = (
 _BRANCHES = {'pull': 'k_e in all at their kink', 'push': 'k_c in all at their kink'}
 
 
-def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
+def _spectrum_text(spectrum: 'ico.Spectrum') -> list[str]:
     import numpy as np
 
     lines = []
@@ -217,7 +214,7 @@ def _spectrum_text(spectrum: 'Spectrum') -> list[str]:
     return lines
 
 
-def _rounding_text(spectrum: 'Spectrum') -> list[str]:
+def _rounding_text(spectrum: 'ico.Spectrum') -> list[str]:
     """Report what round-off hides if stiffnesses differ by orders of magnitude."""
     lines, rates, errors = [], spectrum.frequencies, spectrum.relative_errors
     if hidden := spectrum.unresolved_mode_count:
@@ -233,7 +230,7 @@ def _rounding_text(spectrum: 'Spectrum') -> list[str]:
     return lines
 
 
-def _bounds_text(spectrum: 'Spectrum') -> list[str]:
+def _bounds_text(spectrum: 'ico.Spectrum') -> list[str]:
     bounds = spectrum.bounds
     if bounds is None:
         return ['between     unknown: zero-energy motions were not counted']
@@ -248,7 +245,7 @@ def _bounds_text(spectrum: 'Spectrum') -> list[str]:
     return lines
 
 
-def _write(outputs: EquilibriumOutputs, spectrum: 'Spectrum') -> None:
+def _write(outputs: EquilibriumOutputs, spectrum: 'ico.Spectrum') -> None:
     if outputs.folder is None:
         return
     branches = {f'_{name}': one for name, one in spectrum.branches.items()} or {'': spectrum}
@@ -269,7 +266,7 @@ def _write(outputs: EquilibriumOutputs, spectrum: 'Spectrum') -> None:
 
 
 def _pictures(
-    scene: 'Scene', spectrum: 'Spectrum'
+    scene: 'ico.Scene', spectrum: 'ico.Spectrum'
 ) -> list[tuple['np.ndarray', 'np.ndarray', str]]:
     from icofabric_sim.pictures.mode_animation import displaced, scaled_shape
 
@@ -303,7 +300,8 @@ def _animation_path(arguments: argparse.Namespace) -> Path | None:
 
 
 def _animate(
-    path: Path, name: str, scene: 'Scene', spectrum: 'Spectrum', arguments: argparse.Namespace
+    path: Path, name: str, scene: 'ico.Scene', spectrum: 'ico.Spectrum',
+    arguments: argparse.Namespace
 ) -> None:
     """Animate the requested mode or zero-energy motion."""
     from icofabric_sim.pictures.mode_animation import HALF, PERIOD, write_bag, write_gif

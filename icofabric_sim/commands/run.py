@@ -10,6 +10,7 @@ import signal
 import time
 from typing import TYPE_CHECKING
 
+import icofabric_sim as ico
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.process.interrupts import exit_request
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from icofabric_sim.running.recording import BagSink
     from icofabric_sim.running.run_records import Errors
     from icofabric_sim.running.runner import Runner
-    from icofabric_sim.simulation.devices.ranks import Ranks
-    from icofabric_sim.simulation.reports.divergence import Growth
-    from icofabric_sim.simulation.simulation import Simulation
 
 _NAME = 'icofabric run'
 
@@ -82,21 +80,19 @@ def main(arguments: argparse.Namespace) -> int:
     return lead_or_serve(_NAME, ranks, lead)
 
 
-def _simulate(arguments: argparse.Namespace, ranks: 'Ranks | None') -> int:
+def _simulate(arguments: argparse.Namespace, ranks: 'ico.Ranks | None') -> int:
     name, parameters = read_parameters(arguments)
     parameters = _complete(arguments, parameters)
     if arguments.cross_check:
         from icofabric_sim.commands.cross_check_report import report_cross_check
         return report_cross_check(name, parameters)
-    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
-    from icofabric_sim.simulation.simulation import compile_scene
 
     path = _bag_path(arguments, name, parameters)
     with bad_input():
-        scene = Scene.from_parameters(parameters)
+        scene = ico.Scene.from_parameters(parameters)
         say(f'{name}: {size_text(scene)}')
-        simulation = compile_scene(scene, ranks=ranks)
+        simulation = ico.compile_scene(scene, ranks=ranks)
     is_shared = ranks is not None and ranks.size > 1
     if is_shared and not arguments.no_growth:
         say('error growth is not measured with --ranks; run in one process to measure it')
@@ -113,7 +109,7 @@ class _Run:
     """One run from its start to its summary."""
 
     def __init__(
-            self, name: str, simulation: 'Simulation', progress: Progress,
+            self, name: str, simulation: 'ico.Simulation', progress: Progress,
             bag_path: Path | None, *, with_growth: bool, as_json: bool = False) -> None:
         from icofabric_sim.running.run_monitor import RunMonitor
         self.name, self.progress, self.as_json = name, progress, as_json
@@ -123,7 +119,7 @@ class _Run:
         self.interrupted = False
         self.runner: Runner | None = None
         self.errors: Errors | None = None
-        self.growth: Growth | None = None
+        self.growth: ico.Growth | None = None
 
     def run(self) -> int:
         from icofabric_sim.commands.run_summary import interrupted_summary, run_summary

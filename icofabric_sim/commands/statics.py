@@ -4,8 +4,9 @@
 
 import argparse
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
+import icofabric_sim as ico
 from icofabric_sim.commands.equilibrium_outputs import (
     add_output_arguments,
     kink_text,
@@ -15,10 +16,6 @@ from icofabric_sim.commands.equilibrium_outputs import (
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError, Progress
-
-if TYPE_CHECKING:
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.statics.equilibrium import Equilibrium
 
 _STEP_COLUMNS = (
     'load', 'verdict', 'residual', 'moved_m', 'largest_tension_n', 'reaction_x_n',
@@ -72,13 +69,12 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
     outputs = outputs_of(arguments)
     if arguments.load_steps is not None and not arguments.load_steps >= 1:
         raise InputError(f'--load-steps must be at least 1, got {arguments.load_steps}')
-    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.scene.summary import size_text
 
     with bad_input():
         if arguments.objective is not None:
             parameters = parameters.with_changes({'equilibrium.objective': arguments.objective})
-        scene = Scene.from_parameters(parameters)
+        scene = ico.Scene.from_parameters(parameters)
     arguments.objective = scene.parameters['equilibrium.objective']
     if arguments.objective != 'energy' and arguments.load_steps is not None:
         raise InputError(
@@ -97,7 +93,7 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
             f'{arguments.load_steps} load steps; more steps (--load-steps) are more '
             'accurate')
     began = time.monotonic()
-    reached: list[tuple[float, 'Equilibrium']] = []
+    reached: list[tuple[float, 'ico.Equilibrium']] = []
     try:
         _search(arguments, scene, reached)
     finally:
@@ -130,11 +126,11 @@ def _find(arguments: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 
 
 def _search(
-    arguments: argparse.Namespace, scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]
+    arguments: argparse.Namespace, scene: 'ico.Scene',
+    reached: list[tuple[float, 'ico.Equilibrium']]
 ) -> None:
     """Append equilibria under growing loads to `reached`; the last one is under the full load."""
     from icofabric_sim.statics.equilibrium import Progress as Search
-    from icofabric_sim.statics.equilibrium import solve_equilibrium, step_loads
     import numpy as np
 
     count = arguments.load_steps or 1
@@ -150,14 +146,14 @@ def _search(
         given = {'time': arguments.time, 'tolerance': arguments.tolerance,
                  'largest_step_count': arguments.steps, 'progress': show}
         if arguments.load_steps is None:
-            reached.append((1.0, solve_equilibrium(scene, **given)))
+            reached.append((1.0, ico.solve_equilibrium(scene, **given)))
             return
-        for step in step_loads(
+        for step in ico.step_loads(
                 scene, [number / count for number in range(1, count + 1)], **given):
             reached.append(step)
 
 
-def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[object]:
+def _step_row(scene: 'ico.Scene', factor: float, found: 'ico.Equilibrium') -> list[object]:
     import numpy as np
 
     moved = float(np.linalg.norm(found.snapshot.position - scene.position, axis=1).max())
@@ -166,7 +162,7 @@ def _step_row(scene: 'Scene', factor: float, found: 'Equilibrium') -> list[objec
     return [factor, found.verdict, found.residual, moved, pull, *held]
 
 
-def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> list[str]:
+def _steps_text(scene: 'ico.Scene', reached: list[tuple[float, 'ico.Equilibrium']]) -> list[str]:
     """Return lines for the terminal."""
     lines = ['  load    displ [m]  largest tension [N]']
     for factor, found in reached:
@@ -178,7 +174,7 @@ def _steps_text(scene: 'Scene', reached: list[tuple[float, 'Equilibrium']]) -> l
     return lines
 
 
-def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
+def summary(scene: 'ico.Scene', result: 'ico.Equilibrium', seconds: float) -> list[str]:
     """Return lines for the terminal."""
     from icofabric_sim.checks import counted
     from icofabric_sim.statics.contacts import MAX_INTENDED_OVERLAP_RATIO
@@ -258,7 +254,7 @@ def summary(scene: 'Scene', result: 'Equilibrium', seconds: float) -> list[str]:
     return lines
 
 
-def _reactions_text(result: 'Equilibrium') -> list[str]:
+def _reactions_text(result: 'ico.Equilibrium') -> list[str]:
     """Return the reactions of supports, drives, anchors and planes with their forces."""
     found = result.reactions
     if found is None or not found.force.any():
@@ -274,7 +270,7 @@ def _reactions_text(result: 'Equilibrium') -> list[str]:
     return lines
 
 
-def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]]:
+def _reaction_numbers(result: 'ico.Equilibrium') -> dict[str, dict[str, list[float]]]:
     found = result.reactions
     if found is None:
         return {}
@@ -284,7 +280,7 @@ def _reaction_numbers(result: 'Equilibrium') -> dict[str, dict[str, list[float]]
             found.names, found.point.tolist(), found.force.tolist(), found.torque.tolist())}
 
 
-def _has_friction(scene: 'Scene') -> bool:
+def _has_friction(scene: 'ico.Scene') -> bool:
     """Return whether shells can touch with friction."""
     from icofabric_sim.statics.friction import FrictionPath
 

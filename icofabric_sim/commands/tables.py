@@ -5,12 +5,15 @@
 import argparse
 import json
 
-from icofabric_sim.commands.document_tables import (
-    add_size_argument,
-    find_tables,
-    TABLES,
-)
 from icofabric_sim.commands.picture_arguments import figure_path
+
+
+def add_size_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the size of the slab whose bodies the tables count."""
+    # The default of `weave.size`: all three are odd, so that every case of the formulas appears.
+    parser.add_argument(
+        '--size', type=int, nargs=3, metavar=('NX', 'NY', 'NZ'), default=(5, 5, 5),
+        help='slab that Tables 1 to 4 and 10 count, in grid positions (default: 5 5 5)')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Print tables, draw the figure, or both."""
+    from icofabric_sim.commands.document_tables import find_tables, TABLES
     figure = None if arguments.figure is None else figure_path('--figure', arguments.figure)
     size, tables = find_tables(
         arguments.numbers or ([] if figure else list(TABLES)), arguments.size)

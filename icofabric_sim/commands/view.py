@@ -10,13 +10,13 @@ import time
 from typing import TYPE_CHECKING
 import webbrowser
 
+import icofabric_sim as ico
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
     from icofabric_sim.parameters.validation import Parameters
-    from icofabric_sim.simulation.simulation import Simulation
     from icofabric_sim.viewer.actions import Actions
     from icofabric_sim.viewer.page import Page
     from icofabric_sim.viewer.sight import Sight
@@ -56,19 +56,17 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _show_scene(arguments: argparse.Namespace) -> int:
-    from icofabric_sim.scene.scene import Scene
-    from icofabric_sim.simulation.simulation import compile_scene
     from icofabric_sim.viewer.sight import Sight
     _, parameters = read_parameters(arguments)
     with bad_input():
-        scene = Scene.from_parameters(parameters)
-        simulation = compile_scene(scene)
+        scene = ico.Scene.from_parameters(parameters)
+        simulation = ico.compile_scene(scene)
         simulation.warm_up()
     return _show_run(arguments, Sight(), simulation, parameters)
 
 
 def _show_run(
-    arguments: argparse.Namespace, sight: 'Sight', simulation: 'Simulation',
+    arguments: argparse.Namespace, sight: 'Sight', simulation: 'ico.Simulation',
     parameters: 'Parameters', before: 'Page | None' = None
 ) -> int:
     """Run and show a simulation, at the address of the earlier page `before`, if any."""

@@ -19,12 +19,10 @@ import multiprocessing
 import os
 import signal
 import time
-from typing import Any, NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple
 
+import icofabric_sim as ico
 from icofabric_sim.terminal import bad_input, CommandFailed, duration_text, InputError, Progress
-
-if TYPE_CHECKING:
-    from icofabric_sim.simulation.simulation import Simulation
 
 # Scene for changes of parameters: point springs, without damping, drives or regions.
 _CHANGED = 'bias_column'
@@ -191,28 +189,26 @@ def _run(kind: Variant) -> None:
     from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.validation import make_parameters
-    from icofabric_sim.scene.scene import Scene
     from icofabric_sim.simulation.precompile import kinds_of_steps
-    from icofabric_sim.simulation.simulation import compile_scene
     from icofabric_sim.simulation.stepping.method_needs import required_method
 
     given = {**load_parameter_file(find_scene(kind.scene)), **dict(kind.changes)}
-    scene = Scene.from_parameters(make_parameters(given))
+    scene = ico.Scene.from_parameters(make_parameters(given))
     needed = required_method(scene) if kind.touching else None
     method = present = '' if needed is None else needed.name
     if not method:
-        simulation = compile_scene(scene)
+        simulation = ico.compile_scene(scene)
         method, present = simulation.status.touching_method, simulation.status.method_name
         if not kind.touching:
             _ready(simulation)
     if scene.parameters['contact.mode'] == 'auto' and kind.touching is not False:
         _, *later = kinds_of_steps(method, present=present, may_touch=True)
         for changes in later:
-            _ready(compile_scene(Scene.from_parameters(make_parameters(
+            _ready(ico.compile_scene(ico.Scene.from_parameters(make_parameters(
                 {**scene.parameters.given(), **changes}))))
 
 
-def _ready(simulation: 'Simulation') -> 'Simulation':
+def _ready(simulation: 'ico.Simulation') -> 'ico.Simulation':
     """Compile steps, outputs, and the end of a step at an input."""
     from icofabric_sim.messages.topics import Outputs
     from icofabric_sim.simulation.simulation import use_all_kernels

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar, NamedTuple
 
 from icofabric_sim.messages.cdr import CdrBuilder, split_nanoseconds
-from icofabric_sim.messages.marker import MarkerAction
+from icofabric_sim.messages.marker import append_fields_after_points, MarkerAction
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.broad_phase import Touching
@@ -172,29 +172,17 @@ def _plane_frames(scene: Scene) -> Iterator[tuple[np.ndarray, np.ndarray, np.nda
 
 def _append(layout: CdrBuilder, item: _List, frame_id: str, nanoseconds: int) -> None:
     """Append a visualization_msgs/Marker."""
-    seconds, rest = split_nanoseconds(nanoseconds)
-    layout.numbers('i', seconds)
-    layout.numbers('I', rest)
+    layout.numbers('I', *split_nanoseconds(nanoseconds))
     layout.string(frame_id)
     layout.string(item.namespace)
     action = MarkerAction.ADD if len(item.points) else MarkerAction.DELETE
     layout.numbers('i', item.number, item.kind, action)
     layout.numbers('d', 0, 0, 0, 0, 0, 0, 1, *item.scale)
     layout.numbers('f', *item.color)
-    layout.numbers('i', 0)  # lifetime 0: until replaced
-    layout.numbers('I', 0)
+    layout.numbers('I', 0, 0)  # lifetime 0: until replaced
     layout.numbers('B', 0)  # frame_locked
     layout.numbers('I', len(item.points))
     if len(item.points):
         layout.align(8)
         layout.data.extend(np.ascontiguousarray(item.points, '<f8').tobytes())
-    layout.numbers('I', 0)  # colors: none for single points
-    layout.string('')  # texture_resource
-    layout.header('')  # texture: stamp, frame
-    layout.string('')  # texture format
-    layout.numbers('I', 0, 0)  # texture data, uv_coordinates
-    layout.string('')  # text
-    layout.string('')  # mesh_resource
-    layout.string('')  # mesh_file name
-    layout.numbers('I', 0)  # mesh_file data
-    layout.numbers('B', 0)  # mesh_use_embedded_materials
+    append_fields_after_points(layout)

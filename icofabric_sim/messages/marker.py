@@ -32,7 +32,24 @@ class MarkerAction(enum.IntEnum):
     DELETEALL = 3
 
 
+# Fields of a marker after its points, without colours, texture, text and mesh: empty texts, and
+# zeros for numbers and for the lengths of sequences.
+_FIELDS_AFTER_POINTS = {
+    'colors': 0, 'texture_resource': '', 'texture stamp, seconds': 0,
+    'texture stamp, nanoseconds': 0, 'texture frame': '', 'texture format': '', 'texture data': 0,
+    'uv_coordinates': 0, 'text': '', 'mesh_resource': '', 'mesh_file name': '',
+    'mesh_file data': 0}
 _POINTS_PER_ITEM = {MarkerType.LINE_LIST: 2, MarkerType.TRIANGLE_LIST: 3}
+
+
+def append_fields_after_points(layout: CdrBuilder) -> None:
+    """Append the last fields of a marker, which are all empty."""
+    for value in _FIELDS_AFTER_POINTS.values():
+        if value == '':
+            layout.string('')
+        else:
+            layout.numbers('I', 0)
+    layout.numbers('B', 0)  # mesh_use_embedded_materials
 
 
 class MarkerBytes:
@@ -65,8 +82,7 @@ class MarkerBytes:
         layout = CdrBuilder()
         layout.header(frame_id)
         layout.string(namespace, 'namespace')
-        layout.numbers('i', marker_id)
-        layout.numbers('i', self.marker_type)
+        layout.numbers('i', marker_id, self.marker_type)
         self._action_offset = layout.size
         layout.numbers('i', MarkerAction.ADD)
         layout.numbers('d', 0, 0, 0, 0, 0, 0, 1)  # pose: at the origin, not rotated
@@ -74,8 +90,7 @@ class MarkerBytes:
         layout.numbers('d', 0, 0, 0)
         self._color_offset = layout.size
         layout.numbers('f', 0, 0, 0, 0)
-        layout.numbers('i', 0)  # lifetime 0: until replaced
-        layout.numbers('I', 0)
+        layout.numbers('I', 0, 0)  # lifetime 0: until replaced
         layout.numbers('B', 0)  # frame_locked
         layout.align(4)
         self._count_offset = layout.size
@@ -87,17 +102,7 @@ class MarkerBytes:
         # Only items of up to four bytes follow, and the size of a point is a multiple of four: the
         # rest of the message is the same after any number of points.
         rest = CdrBuilder(offset=self._head_size)
-        rest.numbers('I', 0)  # colors: none for single points
-        rest.string('')  # texture_resource
-        rest.header('')  # texture: stamp, frame
-        rest.string('')  # texture format
-        rest.numbers('I', 0)  # texture data
-        rest.numbers('I', 0)  # uv_coordinates
-        rest.string('')  # text
-        rest.string('')  # mesh_resource
-        rest.string('')  # mesh_file name
-        rest.numbers('I', 0)  # mesh_file data
-        rest.numbers('B', 0)  # mesh_use_embedded_materials
+        append_fields_after_points(rest)
         self._rest = bytes(rest.data)
 
         self._count = 0
