@@ -47,7 +47,6 @@ def draw_bands(
     `relaxed` as in solve_bands.
     """
     require_library('matplotlib', 'a picture')
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     wave_vectors, along, stops = band_path(scene)
@@ -55,7 +54,6 @@ def draw_bands(
     if branch is None and make_cell(scene, relaxed=relaxed).at_kink:
         drawn = BRANCHES
     figure = Figure(figsize=(10.0, 5.4), dpi=100, facecolor='white')
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     lowest = 0.0
     for name in drawn:
@@ -73,11 +71,10 @@ def draw_bands(
     for stop in stops:
         left.axvline(along[stop], color='0.8', linewidth=0.8)
     left.set_xticks([along[stop] for stop in stops], SYMMETRY_PATH)
-    left.set_xlim(along[0], along[-1])
-    left.set_ylabel('frequency [rad/s]')
-    left.set_title('bands; below 0: rates of growth' if lowest < 0.0 else 'bands')
-    right.set_xlabel('states of a body [s/rad]')
-    right.set_title('density')
+    left.set(
+        xlim=(along[0], along[-1]), ylabel='frequency [rad/s]',
+        title='bands; below 0: rates of growth' if lowest < 0.0 else 'bands')
+    right.set(xlabel='states of a body [s/rad]', title='density')
     figure.suptitle(title)
     # The same picture gives the same file.
     figure.savefig(path, format='png', metadata={'Software': None})

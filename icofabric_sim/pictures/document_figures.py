@@ -194,8 +194,7 @@ def draw_edges(axes: Any, variant: int, title: str) -> None:
         drawing.line(np.array([1.01 * near, end]), PAIR_COLORS[edge // 2], 2.2)
         drawing.text(end + 0.13 * (far - near), str(number), PAIR_COLORS[edge // 2], 10.0)
     drawing.finish(title)
-    axes.set_xlim(-4.3, 4.3)
-    axes.set_ylim(-4.3, 4.3)
+    axes.set(xlim=(-4.3, 4.3), ylim=(-4.3, 4.3))
 
 
 def draw_neighbours(axes: Any, kind: str, title: str) -> None:
@@ -337,11 +336,8 @@ def frustum_section(ratio: float) -> np.ndarray:
 
 def new_figure(width: float, height: float) -> Any:
     """Return an empty figure of a size [inches]."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    figure = Figure(figsize=(width, height), dpi=90, facecolor='white')
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), dpi=90, facecolor='white')
 
 
 class DocumentFigure(NamedTuple):
@@ -391,16 +387,14 @@ def _on_one_plot(draw: Callable[..., None], *arguments: Any) -> Callable[[str], 
     return make
 
 
-def _make_fabric(title: str) -> Any:
-    return _on_one_plot(draw_fabric, woven(size=[4, 3, 4]), Camera(-68.0, 14.0))(title)
-
-
-def _make_slab(title: str) -> Any:
-    return _on_one_plot(draw_fabric, woven(size=[3, 3, 3]), Camera(-35.0, 20.0))(title)
+def _draw_woven(axes: Any, size: Sequence[int], camera: Camera, title: str) -> None:
+    draw_fabric(axes, woven(size=size), camera, title)
 
 
 FIGURES = {
-    '1': DocumentFigure('Figure 1', 'an icosahedral fabric', (), (), _make_fabric),
+    '1': DocumentFigure(
+        'Figure 1', 'an icosahedral fabric', (), (),
+        _on_one_plot(_draw_woven, [4, 3, 4], Camera(-68.0, 14.0))),
     '2': DocumentFigure(
         'Figure 2', 'three coordinate frames', (6, 16), ('C1', 'C16'), _on_one_plot(draw_frames)),
     '3a': DocumentFigure(
@@ -419,7 +413,8 @@ FIGURES = {
         'Figure 5', 'connector length over connector angle', range(51, 55), (),
         length_figure),
     '6': DocumentFigure(
-        'Figure 6', 'a slab of 3 x 3 x 3, variant 0', (56, 57, 58), (), _make_slab),
+        'Figure 6', 'a slab of 3 x 3 x 3, variant 0', (56, 57, 58), (),
+        _on_one_plot(_draw_woven, [3, 3, 3], Camera(-35.0, 20.0))),
     '7': DocumentFigure(
         'Figure 7', 'an icosahedron and its 12 neighbours, bias orientation', (50, 51), (),
         _on_one_plot(draw_neighbours, 'bias'))}

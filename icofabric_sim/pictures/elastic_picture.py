@@ -25,13 +25,11 @@ def draw_elasticity(
 ) -> None:
     """Draw elasticity to a PNG file; no display needed. `constants` is None if not periodic."""
     require_library('matplotlib', 'a picture')
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     columns = (constants is not None) + bool(curves) + bool(turns)
     figure = Figure(
         figsize=(6.0 * columns, 5.4), dpi=100, facecolor='white', layout='constrained')
-    FigureCanvasAgg(figure)
     if constants is not None:
         _draw_moduli(figure.add_subplot(1, columns, 1, projection='3d'), constants)
     if curves:
@@ -71,16 +69,14 @@ def _draw_moduli(left: Any, constants: Elasticity) -> None:
             color='#d9b26f' if sign > 0.0 else '#2c5f8a', linewidth=0.1, edgecolor='#00000022',
             alpha=0.35 if kinked and sign > 0.0 else None)
     most = most or 1.0
-    for set_limits in (left.set_xlim, left.set_ylim, left.set_zlim):
-        set_limits(-most, most)
+    limits = (-most, most)
+    left.set(
+        xlim=limits, ylim=limits, zlim=limits, xlabel='x', ylabel='y', zlabel='z',
+        title="Young's modulus [Pa], periodic fabric" + (
+            ':\npulled (light) and pushed (dark)' if kinked else ''))
     for axis in (left.xaxis, left.yaxis, left.zaxis):
         axis.set_major_locator(MaxNLocator(4))
     left.set_box_aspect((1, 1, 1))
-    left.set_title("Young's modulus [Pa], periodic fabric" + (
-        ':\npulled (light) and pushed (dark)' if kinked else ''))
-    left.set_xlabel('x')
-    left.set_ylabel('y')
-    left.set_zlabel('z')
 
 
 def _draw_curves(
@@ -91,8 +87,6 @@ def _draw_curves(
     for style, (kind, points) in zip(line_styles(len(curves)), curves.items()):
         x, y = zip((0.0, 0.0), *points)
         draw_line(axes, x, y, style, kind)
-    axes.set_xlabel(along)
-    axes.set_ylabel(up)
-    axes.set_title(title)
+    axes.set(xlabel=along, ylabel=up, title=title)
     axes.grid(alpha=0.3)
     axes.legend()

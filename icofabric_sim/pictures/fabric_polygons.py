@@ -57,6 +57,9 @@ class _Part(NamedTuple):
     distance: np.ndarray  # (m,) [m] from the eye
 
 
+_NOTHING = _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+
+
 def shown_bodies(scene: Scene, bodies: np.ndarray | None) -> np.ndarray:
     """Which bodies are drawn, (n,) bool."""
     if bodies is None:
@@ -158,7 +161,7 @@ def _discs(
     camera: Camera, area: Area, lighting: Lighting
 ) -> _Part:
     if not len(position):
-        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+        return _NOTHING
     angle = np.arange(_DISC_CORNERS) * (2.0 * math.pi / _DISC_CORNERS)
     rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     radius = 0.9 * circumscribed_radius(1.0) * half_edges * camera.focal(area) / distance
@@ -204,7 +207,7 @@ def _cables(
 ) -> _Part:
     """Round bars between points (c, 2, 3), in pieces."""
     if not len(ends):
-        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+        return _NOTHING
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     pieces = int(np.clip(math.ceil(float(np.median(length)) / half_edge), 2, _MOST_PIECES))
     if len(ends) > 20_000:
@@ -287,7 +290,7 @@ def _contacts(moment: Moment, shown: np.ndarray, camera: Camera, area: Area) -> 
         moment.scene.body_half_edges, moment.position, moment.orientation)
     chosen = shown[contacts.bodies].all(axis=1) & camera.is_before(contacts.point)
     if not chosen.any():
-        return _Part(np.zeros((0, 4, 2)), np.zeros((0, 3)), np.zeros(0))
+        return _NOTHING
     half_edge = moment.scene.shell.half_edge
     points = contacts.point[chosen]
     nearest = camera.distances(moment.position[contacts.bodies[chosen]]).min(axis=1)

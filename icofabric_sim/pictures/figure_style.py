@@ -62,11 +62,9 @@ def paper_style() -> Iterator[None]:
 def make_figure(size: tuple[float, float], rows: int = 1) -> tuple[Any, list[Any]]:
     """Return a figure of that size [inches] with stacked plots that share the x axis."""
     require_library('matplotlib', 'a picture')
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, dpi=_DOTS_PER_INCH, layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)
     return figure, list(axes[:, 0])
 

@@ -182,8 +182,7 @@ def _lines(
     figure, (axes,) = make_figure(size)
     for style, (name, rows) in zip(line_styles(len(values)), values.items()):
         draw_line(axes, series.times, _component(rows, axis), style, name)
-    axes.set_xlabel('time [s]')
-    axes.set_ylabel(label)
+    axes.set(xlabel='time [s]', ylabel=label)
     axes.legend(title='group')
     return figure
 
@@ -222,8 +221,7 @@ def _energy(run: RecordedRun, size: tuple[float, float], start: float, end: floa
     upper.legend(ncols=2)
     style, = line_styles(1)
     draw_line(lower, times, balance, style, 'balance error')
-    lower.set_ylabel('balance\nerror [J]')
-    lower.set_xlabel('time [s]')
+    lower.set(xlabel='time [s]', ylabel='balance\nerror [J]')
     return figure
 
 
@@ -252,8 +250,7 @@ def _tension(series: Series, axis: str, size: tuple[float, float]) -> Any:
         middle = 0.5 * (edges[1:] + edges[:-1])
         axes.plot(middle[counts > 0], counts[counts > 0], linestyle='', marker=style.marker,
                   markersize=3.0, color=style.color)
-    axes.set_xlabel('tension [N]')
-    axes.set_ylabel('connectors')
+    axes.set(xlabel='tension [N]', ylabel='connectors')
     axes.set_yscale('symlog', linthresh=1.0)
     axes.set_ylim(bottom=0.0)
     axes.legend()
@@ -284,8 +281,9 @@ def _spectrum(series: Series, axis: str, size: tuple[float, float]) -> Any:
     for style, (name, values) in zip(line_styles(len(moved)), moved.items()):
         frequency, amplitude = spectrum(series.times, values)
         draw_line(axes, frequency[1:], _component(amplitude, axis)[1:], style, name)
-    axes.set_xlabel('frequency [Hz]')
-    axes.set_ylabel(f'amplitude along {axis} [m]' if axis else 'amplitude [m]')
+    axes.set(
+        xlabel='frequency [Hz]',
+        ylabel=f'amplitude along {axis} [m]' if axis else 'amplitude [m]')
     if any(values.any() for values in moved.values()):
         axes.set_yscale('log')
     axes.legend(title='group')
@@ -326,7 +324,6 @@ def _stress(series: Series, axis: str, size: tuple[float, float]) -> Any:
     for place, marker, said in ((0, 'o', 'first'), (-1, 'X', 'last')):
         axes.plot([100.0 * strain[place]], [stress[place]], marker=marker, markersize=6.0,
                   color='black', linestyle='', label=f'{said}, t = {series.times[place]:.3g} s')
-    axes.set_xlabel('strain [%]')
-    axes.set_ylabel('stress [Pa]')
+    axes.set(xlabel='strain [%]', ylabel='stress [Pa]')
     axes.legend()
     return figure

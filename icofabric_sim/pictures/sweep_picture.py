@@ -28,7 +28,6 @@ def draw_sweep(
     ValueError where there is nothing to draw.
     """
     require_library('matplotlib', 'a picture')
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     if not table.kept:
@@ -51,7 +50,6 @@ def draw_sweep(
     with paper_style():
         figure = Figure(
             figsize=(_WIDTH * len(across), _HEIGHT * len(up)), dpi=130, layout='constrained')
-        FigureCanvasAgg(figure)
         plots = figure.subplots(len(up), len(across), sharex='col', sharey='row', squeeze=False)
         for row, measure in enumerate(up):
             for place, parameter in enumerate(across):
@@ -83,10 +81,7 @@ def _draw(axes: Any, table: SweepTable, parameter: str, measure: str) -> None:
                     f'{one} {_short(value)}' for one, value in zip(others, values)))
         if others and len(groups) > 1:
             axes.legend()
-    if _spans_decades(x):
-        axes.set_xscale('log')
-    if _spans_decades(y):
-        axes.set_yscale('log')
+    axes.set(xscale=_scale(x), yscale=_scale(y))
 
 
 def _title(table: SweepTable, name: str) -> str:
@@ -119,9 +114,11 @@ def _differs(values: np.ndarray, largest: float) -> bool:
     return bool(len(finite) > 1 and np.ptp(finite) > 1e-9 * largest)
 
 
-def _spans_decades(values: np.ndarray) -> bool:
+def _scale(values: np.ndarray) -> str:
+    """Return the scale of an axis: logarithmic where the values span decades."""
     finite = values[np.isfinite(values)]
-    return bool(len(finite) > 2 and finite.min() > 0.0 and finite.max() > 30.0 * finite.min())
+    spans_decades = len(finite) > 2 and finite.min() > 0.0 and finite.max() > 30.0 * finite.min()
+    return 'log' if spans_decades else 'linear'
 
 
 def _short(text: str) -> str:

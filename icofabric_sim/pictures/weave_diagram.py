@@ -44,11 +44,9 @@ _LABEL_ENDS, _LABEL_REACH = (0, 1, 1, 0, 0, 1), 1.36
 
 def length_figure(title: str) -> Any:
     """Return Figure 5 beside a diagram of the edges, a figure of matplotlib."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.0, 6.2), dpi=100, facecolor='white')
-    FigureCanvasAgg(figure)
     _draw_lengths(figure.add_subplot(1, 2, 1), title)
     _draw_edges(figure.add_axes((0.5, 0.02, 0.48, 0.87), projection='3d'))
     return figure
@@ -94,11 +92,9 @@ def _draw_lengths(axes: Any, title: str) -> None:
     axes.plot(0.0, 1.0, 'o', color=_CURVE_COLOR)
     axes.annotate(
         'L = w', (0.0, 1.0), xytext=(4, -16), textcoords='offset points', color=_CURVE_COLOR)
-    axes.set_xlim(-30.0, 50.0)
-    axes.set_ylim(0.0, _MAX_LENGTH)
-    axes.set_xlabel(r'connector angle $\theta$ [degrees]')
-    axes.set_ylabel('connector length L / w')
-    axes.set_title(title)
+    axes.set(
+        xlim=(-30.0, 50.0), ylim=(0.0, _MAX_LENGTH), title=title,
+        xlabel=r'connector angle $\theta$ [degrees]', ylabel='connector length L / w')
     axes.grid(alpha=0.3)
 
 
@@ -127,13 +123,14 @@ def _draw_edges(axes: Any) -> None:
             *np.stack([near, shown]).T, color=PAIR_COLORS[edge // 2], linewidth=2.0,
             linestyle=_PAIR_DASHES[edge // 2], zorder=_order(near) + 1)
     size = 1.15 * float(np.abs(stubs[:, 0] + _SHOWN_PART * (stubs[:, 1] - stubs[:, 0])).max())
-    for set_limits in (axes.set_xlim, axes.set_ylim, axes.set_zlim):
-        set_limits(-size, size)
+    limits = (-size, size)
+    axes.set(
+        xlim=limits, ylim=limits, zlim=limits,
+        title='Table 5: six edges, two connectors at each, body axes')
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
     axes.set_proj_type('ortho')
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
     axes.set_axis_off()
-    axes.set_title('Table 5: six edges, two connectors at each, body axes')
 
 
 def _front_faces(corners: np.ndarray) -> np.ndarray:

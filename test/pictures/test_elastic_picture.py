@@ -13,13 +13,15 @@ pytest.importorskip('matplotlib')
 
 
 def test_labels_do_not_overlap(tmp_path, monkeypatch):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.text import Text
     shown = []
 
     def save(figure, *arguments, **named):
-        figure.canvas.draw()
-        renderer = figure.canvas.get_renderer()
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        renderer = canvas.get_renderer()
         for item in figure.findobj(Text):
             box = item.get_window_extent(renderer)
             if item.get_text() and item.get_visible() and box.width and (

@@ -95,8 +95,7 @@ def draw(path: Path, curves: dict[tuple[str, str], list[CurvePoint]]) -> None:
                 [0.0, *(point.stress / 1e3 for point in points)], marker='.', label=name,
                 color='tab:blue' if kind == 'orthogonal' else 'tab:orange',
                 linestyle=':' if 'point' in name else '--' if 'breaks' in name else '-')
-        axes.set_title(motion)
-        axes.set_xlabel('strain')
+        axes.set(title=motion, xlabel='strain')
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel('stress [kPa]')
     figure.axes[0].legend(fontsize=8)

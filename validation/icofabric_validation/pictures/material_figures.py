@@ -42,23 +42,19 @@ def draw_part(path: Path, name: str, found: Results) -> bool:
     if name not in FIGURES:
         return False
     require_library('matplotlib', 'a picture')
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     columns, draw = FIGURES[name]
     with paper_style():
         figure = Figure(
             figsize=(_WIDTH * columns, _HEIGHT), dpi=_DOTS, layout='constrained')
-        FigureCanvasAgg(figure)
         draw(list(figure.subplots(1, columns, squeeze=False)[0]), found)
         save_figure(figure, path)
     return True
 
 
 def _label(plot: Any, x: str, y: str, title: str = '', *, legend: bool = True) -> None:
-    plot.set_xlabel(x)
-    plot.set_ylabel(y)
-    plot.set_title(title)
+    plot.set(xlabel=x, ylabel=y, title=title)
     if legend:
         plot.legend()
 
