@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Load cases of a slab as text and rows, for `icofabric elasticity`."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,24 +44,17 @@ class LoadCases:
             points: list[Any] = []
             found: dict[str, list[Any]] = self.curves if kind in STRAINED else self.moment_curves
             found[kind] = points
-            if self.count:
-                whole = self._cycle(scene, kind, points)
-            else:
-                whole = self._load(scene, kind, points)
+            whole = (self._cycle if self.count else self._load)(scene, kind, points)
             self.early |= len(points) < whole or points[-1].verdict.startswith('not')
 
     def _load(self, scene: Scene, kind: str, points: list[Any]) -> int:
         """Add the states of a load case to `points`, and return their intended number."""
         amounts = self._amounts(kind)
-        with Progress(len(amounts), 'states') as progress, bad_input():
-            if kind in STRAINED:
-                points.extend(curve_points(
-                    scene, kind, amounts, axis=self.axis, along=self._along(kind),
-                    progress=progress.update))
-            else:
-                points.extend(moment_curve_points(
-                    scene, kind, amounts, axis=self.axis, about=self._about(kind),
-                    progress=progress.update))
+        _collect(
+            curve_points(scene, kind, amounts, axis=self.axis, along=self._along(kind))
+            if kind in STRAINED else
+            moment_curve_points(scene, kind, amounts, axis=self.axis, about=self._about(kind)),
+            len(amounts), points)
         return len(amounts)
 
     def _cycle(self, scene: Scene, kind: str, points: list[Any]) -> int:
@@ -71,10 +64,7 @@ class LoadCases:
                 scene, kind, self._amounts(kind), count=self.count, axis=self.axis,
                 about=self._about(kind), along=self._along(kind))
         try:
-            with Progress(len(run.path), 'states') as progress, bad_input():
-                for point in run.points():
-                    points.append(point)
-                    progress.update(len(points))
+            _collect(run.points(), len(run.path), points)
         finally:
             self.cycles[kind] = run.cycles()
         return len(run.path)
@@ -128,6 +118,14 @@ class LoadCases:
                               for kind, found in self.moment_curves.items()},
             'cycles': {kind: [_without(cycle._asdict(), 'points') for cycle in found]
                        for kind, found in self.cycles.items()}}
+
+
+def _collect(states: Iterator[Any], count: int, points: list[Any]) -> None:
+    """Add the states, `count` at most, to `points` as they are found."""
+    with Progress(count, 'states') as progress, bad_input():
+        for point in states:
+            points.append(point)
+            progress.update(len(points))
 
 
 def _any(found: Mapping[str, list[Any]]) -> dict[str, list[Any]]:

@@ -51,7 +51,7 @@ from icofabric_sim.statics.loads import (
 from icofabric_sim.statics.own_force import OwnForce
 from icofabric_sim.statics.sides import ACTUAL, lever_of
 from icofabric_sim.statics.tangent import Stretched, TangentLaws
-from icofabric_sim.statics.wrapped import find_wrapped, Wrapped
+from icofabric_sim.statics.wrapped import find_wrapped, length_gradients, Wrapped
 from icofabric_sim.terms.coulomb.tangent import add_coulomb_product
 from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
@@ -512,8 +512,8 @@ class Configuration:
         rounded = self.stretched.rounded[wrapped.of]
         pull = np.where(rounded, 0.0, self.tension[wrapped.of])
         # First derivatives by the points where they leave the shells.
-        gradient = np.hstack(list(wrapped.end_wrenches(
-            self.position[self.fabric.scene.connectors.bodies[wrapped.of]])))
+        gradient = np.hstack(list(length_gradients(
+            wrapped.ends, self.position[self.fabric.scene.connectors.bodies[wrapped.of]])))
         blocks = pull[:, None, None] * wrapped.second
         blocks += self.slope[wrapped.of, None, None] * (
             gradient[:, :, None] * gradient[:, None, :])

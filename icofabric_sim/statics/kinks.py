@@ -3,6 +3,7 @@
 """Amplitude of a motion at which the first connector crosses its natural length."""
 
 from icofabric_sim.statics.fabric import Configuration
+from icofabric_sim.statics.wrapped import length_gradients
 import numpy as np
 
 # A change of length below this ratio to the motion is round-off.
@@ -25,14 +26,8 @@ def length_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:
 
 def end_wrenches(here: Configuration, chosen: np.ndarray | slice) -> np.ndarray:
     """Return derivatives of the `chosen` connectors' lengths by motions of bodies, (2, c, 6)."""
-    ends = here.free_ends[chosen]
     bodies = here.fabric.scene.connectors.bodies[chosen]
-    reach = ends[:, 1] - ends[:, 0]
-    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-    arms = ends - here.position[bodies]
-    return np.stack([
-        sign * np.hstack([direction, np.cross(arms[:, end], direction)])
-        for end, sign in ((0, -1.0), (1, 1.0))])
+    return length_gradients(here.free_ends[chosen], here.position[bodies])
 
 
 def anchor_changes(here: Configuration, motions: np.ndarray) -> np.ndarray:

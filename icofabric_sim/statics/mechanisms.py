@@ -13,6 +13,7 @@ from the rank of A.
 from typing import NamedTuple
 
 from icofabric_sim.statics.fabric import Configuration
+from icofabric_sim.statics.wrapped import length_gradients
 import numpy as np
 from scipy import sparse
 
@@ -51,17 +52,13 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     bodies = scene.connectors.bodies if len(ends) else np.zeros((0, 2), int)
     chosen = np.flatnonzero((here.slope != 0.0) & snapshot.intact)
     bodies, ends = bodies[chosen], ends[chosen]
-    reach = ends[:, 1] - ends[:, 0]
-    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-    # For each row the numbers of the bodies, and the derivatives of the length by their motions.
-    joined, changes = [bodies[:, 0], bodies[:, 1]], []
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        arm = ends[:, end] - here.position[bodies[:, end]]
-        changes.append(sign * np.hstack([direction, np.cross(arm, direction)]))
     anchors = fabric.anchors.directions(here.position, here.axes)
-    joined.append(np.array([body for body, _, _ in anchors], int))
-    changes.append(np.array([
-        -np.hstack([along, np.cross(arm, along)]) for _, arm, along in anchors]).reshape(-1, 6))
+    # For each row the numbers of the bodies, and the derivatives of the length by their motions.
+    joined = [*bodies.T, np.array([body for body, _, _ in anchors], int)]
+    changes = [
+        *length_gradients(ends, here.position[bodies]),
+        np.array([-np.hstack([along, np.cross(arm, along)])
+                  for _, arm, along in anchors]).reshape(-1, 6)]
     number = np.arange(len(chosen))
     rows = np.concatenate([number, number, len(chosen) + np.arange(len(anchors))])
     columns = 6 * np.concatenate(joined)[:, None] + np.arange(6)

@@ -411,12 +411,7 @@ class Elasticity(AsTable):
         ndarray
             Moduli (...) [Pa]; 0 if the load does work on a zero-energy strain.
         """
-        n = checks.directions('direction', direction)
-        pull = unit_tension(n)
-        excited = excites_zero_energy(pull, self.zero_energy_strains)
-        with np.errstate(divide='ignore'):
-            modulus = 1.0 / np.einsum('...i,ij,...j', pull, self._compliance, pull)
-        return np.where(excited, 0.0, modulus)
+        return self._modulus_under(unit_tension(checks.directions('direction', direction)))
 
     def poisson_ratio(self, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
         """
@@ -474,10 +469,13 @@ class Elasticity(AsTable):
             raise ValueError(
                 'along must be perpendicular to normal, because planes slide within themselves; '
                 f'the cosine between them is up to {slant:.3g}')
-        shear = unit_shear(n, m)
-        excited = excites_zero_energy(shear, self.zero_energy_strains)
+        return self._modulus_under(unit_shear(n, m))
+
+    def _modulus_under(self, load: np.ndarray) -> np.ndarray:
+        """Return moduli (...) [Pa] under loads (..., 6); 0 for work on a zero-energy strain."""
+        excited = excites_zero_energy(load, self.zero_energy_strains)
         with np.errstate(divide='ignore'):
-            modulus = 1.0 / np.einsum('...i,ij,...j', shear, self._compliance, shear)
+            modulus = 1.0 / np.einsum('...i,ij,...j', load, self._compliance, load)
         return np.where(excited, 0.0, modulus)
 
     def directional_moduli(self, direction: np.ndarray) -> Directional:

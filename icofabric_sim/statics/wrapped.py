@@ -26,14 +26,19 @@ class Wrapped(NamedTuple):
     # [rad] of the first body and of the second
     second: np.ndarray
 
-    def end_wrenches(self, position: np.ndarray) -> np.ndarray:
-        """Return first derivatives by motions of the bodies at `position` (w, 2, 3): (2, w, 6)."""
-        reach = self.ends[:, 1] - self.ends[:, 0]
-        direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
-        arms = self.ends - position
-        return np.stack([
-            sign * np.hstack([direction, np.cross(arms[:, end], direction)])
-            for end, sign in ((0, -1.0), (1, 1.0))])
+
+def length_gradients(ends: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """
+    Return first derivatives (2, w, 6) of distances by motions of the bodies at either end.
+
+    The `ends` (w, 2, 3) move with the bodies at `position` (w, 2, 3); all world [m].
+    """
+    reach = ends[:, 1] - ends[:, 0]
+    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
+    arms = ends - position
+    return np.stack([
+        sign * np.hstack([direction, np.cross(arms[:, end], direction)])
+        for end, sign in ((0, -1.0), (1, 1.0))])
 
 
 def find_wrapped(

@@ -13,12 +13,13 @@ import time
 
 from icofabric_sim import terminal
 from icofabric_sim.bag.summary import summarise_bag
+from icofabric_sim.commands import load_cases
 from icofabric_sim.commands.main import main
 from icofabric_sim.process import wait_notice
 from icofabric_sim.process.compile_notice import compile_notice, CompileNotice
 from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.running.run_monitor import RunMonitor
-from icofabric_sim.statics import equilibrium, stress_strain
+from icofabric_sim.statics import equilibrium
 import numba
 import pytest
 
@@ -144,7 +145,7 @@ def test_a_signal_breaks_off_the_compiler_and_keeps_the_bag(monkeypatch, capsys,
 
 @pytest.mark.parametrize('words, module, name, file', [
     (['elasticity', 'stiff_cantilever', '-p', 'weave.size:=[3, 2, 2]', '--kinds', 'pull',
-      '--points', '3'], stress_strain, 'curve_points', 'curves.csv'),
+      '--points', '3'], load_cases, 'curve_points', 'curves.csv'),
     (['statics', 'hanging_slab', '-p', 'weave.size:=[3, 3, 2]', '--load-steps', '3'], equilibrium,
      'step_loads', 'load_steps.csv')])
 def test_what_was_found_before_an_interrupt_is_printed_and_written(
