@@ -11,6 +11,7 @@ from typing import BinaryIO, NamedTuple
 import zlib
 
 from icofabric_sim.bag import zstd
+from icofabric_sim.bag.storage import StoredTopic
 
 _MAGIC = b'\x89MCAP0\r\n'
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
@@ -21,20 +22,10 @@ class Damage(Exception):
     """Error with the position up to which a file is readable."""
 
 
-class ScannedTopic(NamedTuple):
-    """Channel: topic, type, definition, and QoS profiles and hash if known."""
-
-    name: str
-    type_name: str
-    definition: str
-    qos: str
-    digest: str
-
-
 class ScannedMessage(NamedTuple):
     """Message, and the number of bytes read so far."""
 
-    topic: ScannedTopic
+    topic: StoredTopic
     nanoseconds: int
     data: bytes
     offset: int
@@ -45,7 +36,7 @@ class McapScan:
 
     def __init__(
         self, path: Path, *, on_damage: Callable[[str], None],
-        on_topic: Callable[[ScannedTopic], None],
+        on_topic: Callable[[StoredTopic], None],
     ) -> None:
         """
         Scan the file at `path`.
@@ -56,7 +47,7 @@ class McapScan:
         self.compressed = False  # whether any chunk read so far was compressed
         self._on_damage, self._on_topic = on_damage, on_topic
         self._schemas: dict[int, tuple[str, str]] = {}
-        self._topics: dict[int, ScannedTopic] = {}
+        self._topics: dict[int, StoredTopic] = {}
 
     def messages(self) -> Iterator[ScannedMessage]:
         """Yield the messages in the order of writing; raise Damage where reading ends early."""
@@ -140,7 +131,7 @@ class McapScan:
             while place < end:
                 key, place = _text(content, place)
                 described[key], place = _text(content, place)
-            self._topics[number] = ScannedTopic(
+            self._topics[number] = StoredTopic(
                 name, *self._schemas[schema], described.get('offered_qos_profiles', ''),
                 described.get('topic_type_hash', ''))
             self._on_topic(self._topics[number])

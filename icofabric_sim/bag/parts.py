@@ -16,8 +16,8 @@ from rosbags.interfaces import ConnectionExtRosbag2, Qos
 from rosbags.rosbag2 import Reader
 
 
-class StoredTopic(NamedTuple):
-    """Topic as stored in one file."""
+class PartTopic(NamedTuple):
+    """Topic of one file."""
 
     name: str
     type_name: str
@@ -54,8 +54,8 @@ class StoredFile:
                 database = Sqlite3Reader(path)
                 self._stored = database
                 self.topics = [
-                    StoredTopic(topic.name, topic.type_name, topic.digest, topic.qos)
-                    for topic in database.topics]
+                    PartTopic(topic.name, topic.type_name, topic.digest, topic.qos)
+                    for topic in database.topics.values()]
             else:
                 mcap = _McapReader(path, unwrap=compression_mode == 'message')
                 self._stored, self.topics = mcap, mcap.topics
@@ -89,7 +89,7 @@ class _McapReader:
         self._reader.open()
         self._unwrap = unwrap  # old versions compress each message
         self.topics = [
-            StoredTopic(item.topic, item.msgtype, item.digest,
+            PartTopic(item.topic, item.msgtype, item.digest,
                       item.ext.offered_qos_profiles
                       if isinstance(item.ext, ConnectionExtRosbag2) else [])
             for item in self._reader.connections]

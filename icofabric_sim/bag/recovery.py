@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 from icofabric_sim.bag.bag_file import BagFile
 from icofabric_sim.bag.folder import absolute_path, BagError
-from icofabric_sim.bag.mcap_scan import Damage, McapScan, ScannedMessage, ScannedTopic
+from icofabric_sim.bag.mcap_scan import Damage, McapScan, ScannedMessage
 from icofabric_sim.bag.reader import storage_files
 from icofabric_sim.bag.sqlite3_storage import Sqlite3Reader
 from icofabric_sim.bag.storage import (
     decode_custom,
     foreign_definition,
     merge_custom,
-    parse_qualities_of_service,
     STORAGES,
+    StoredTopic,
     TopicEntry,
 )
 
@@ -101,7 +101,7 @@ class _RecoveredBag:
         self.counts: dict[str, int] = {}
         self._file: BagFile | None = None
         self._types: dict[str, str] = {}
-        self._new: list[ScannedTopic] = []  # not yet in the file, which starts with a message
+        self._new: list[StoredTopic] = []  # not yet in the file, which starts with a message
         self._times: tuple[int, int] | None = None
         self._custom: dict[str, str] = {}
         self._custom_topic: str | None = None
@@ -111,7 +111,7 @@ class _RecoveredBag:
         """Start a new file with the next message, as in the source."""
         self._split_due = self._file is not None
 
-    def add_topic(self, topic: ScannedTopic) -> None:
+    def add_topic(self, topic: StoredTopic) -> None:
         """Declare a topic, possibly without messages; repeated calls have no effect."""
         if topic.name not in self._types:
             self._types[topic.name] = topic.type_name
@@ -146,7 +146,7 @@ class _RecoveredBag:
             self._file.add_topic(TopicEntry(
                 topic.name, topic.type_name,
                 described._replace(digest=topic.digest) if topic.digest else described,
-                parse_qualities_of_service(topic.qos)))
+                topic.qos))
         self._new.clear()
 
     def finish(self, damage: str) -> RecoveryReport:
@@ -190,10 +190,7 @@ def _read_sqlite3(path: Path, writer: _RecoveredBag, damages: list[str]) -> _Rea
             file = stack.enter_context(contextlib.closing(_open_sqlite3(path, writer.path, stack)))
             writer.compressed = file.compressed
             count = max(1, file.tally().message_count)
-            topics = {
-                topic.name: ScannedTopic(
-                    topic.name, topic.type_name, topic.definition, topic.profiles, topic.digest)
-                for topic in file.topics}
+            topics = {topic.name: topic for topic in file.topics.values()}
             for topic in topics.values():
                 writer.add_topic(topic)
             for number, (name, nanoseconds, data) in enumerate(

@@ -7,21 +7,19 @@ from collections.abc import Collection, Iterator
 import contextlib
 from pathlib import Path
 import sqlite3
-from typing import NamedTuple
 from urllib.parse import quote
 
 from icofabric_sim.bag import zstd
 from icofabric_sim.bag.folder import BagError
 from icofabric_sim.bag.storage import (
     from_yaml,
-    parse_qualities_of_service,
     qos_entries,
+    StoredTopic,
     Tally,
     to_yaml,
     TopicEntry,
     ZSTD_LEVEL,
 )
-from rosbags.interfaces import Qos
 
 # Smallest size at which rosbag2 splits: an empty file is almost that large.
 MIN_SPLIT_BYTES = 86016
@@ -135,22 +133,6 @@ class Sqlite3File:
             (_METADATA_VERSION, text))
 
 
-class StoredTopic(NamedTuple):
-    """Topic as stored in a file."""
-
-    number: int
-    name: str
-    type_name: str
-    digest: str  # '' in files of older versions
-    definition: str
-    profiles: str
-
-    @property
-    def qos(self) -> list[Qos]:
-        """Return the parsed QoS profiles."""
-        return parse_qualities_of_service(self.profiles)
-
-
 class Sqlite3Reader:
     """.db3 file being read, without changes on the disk and without locks."""
 
@@ -174,14 +156,12 @@ class Sqlite3Reader:
 
     def tally(self) -> Tally:
         """Count all messages."""
-        names = {topic.number: topic.name for topic in self.topics}
         tally = Tally()
         for number, count, first, last in self._database.execute(
                 'SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages '
                 'GROUP BY topic_id'):
-            if number in names:
-                name = names[number]
-                tally.merge(Tally({name: count}, first, last))
+            if number in self.topics:
+                tally.merge(Tally({self.topics[number].name: count}, first, last))
         return tally
 
     def messages(
@@ -189,7 +169,7 @@ class Sqlite3Reader:
         *, by_time: bool = True,
     ) -> Iterator[tuple[str, int, bytes]]:
         """Yield messages in order of time and writing, or only of writing."""
-        topics = {topic.number: topic.name for topic in self.topics
+        topics = {number: topic.name for number, topic in self.topics.items()
                   if names is None or topic.name in names}
         wanted = ', '.join(str(number) for number in topics)
         query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({wanted})'
@@ -215,7 +195,7 @@ class Sqlite3Reader:
     def close(self) -> None:
         self._database.close()
 
-    def _read_topics(self) -> list[StoredTopic]:
+    def _read_topics(self) -> dict[int, StoredTopic]:
         columns = self._columns('topics')
         chosen = ['id', 'name', 'type']
         chosen += [name if name in columns else "''"
@@ -225,9 +205,10 @@ class Sqlite3Reader:
             definitions = dict(self._database.execute(
                 'SELECT topic_type, encoded_message_definition FROM message_definitions'))
         rows = self._database.execute(f'SELECT {", ".join(chosen)} FROM topics ORDER BY id')
-        return [
-            StoredTopic(number, name, type_name, digest, definitions.get(type_name, ''), profiles)
-            for number, name, type_name, digest, profiles in rows]
+        return {
+            number: StoredTopic(
+                name, type_name, definitions.get(type_name, ''), profiles, digest)
+            for number, name, type_name, digest, profiles in rows}
 
     def _is_compressed(self) -> bool:
         """Return whether each message is a zstd frame; the folder may have no metadata."""

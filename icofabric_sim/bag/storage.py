@@ -53,6 +53,21 @@ class Definition(NamedTuple):
         return 'ros2idl' if self.text.startswith(_IDL_START) else 'ros2msg'
 
 
+class StoredTopic(NamedTuple):
+    """Topic as stored in a file."""
+
+    name: str
+    type_name: str
+    definition: str
+    profiles: str  # of quality of service
+    digest: str  # '' in files of older versions
+
+    @property
+    def qos(self) -> list[Qos]:
+        """Return the parsed profiles."""
+        return parse_qualities_of_service(self.profiles)
+
+
 class TopicEntry(NamedTuple):
     """Topic of a bag being written."""
 

@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 import math
 from typing import ClassVar
 
 from icofabric_sim import checks
-from icofabric_sim.messages.cdr import aligned_buffer, CdrBuilder
-from icofabric_sim.messages.draft import Draft, Fill
-import numpy as np
-from numpy.typing import NDArray
+from icofabric_sim.messages.cdr import CdrBuilder
+from icofabric_sim.messages.draft import Fill, NumbersBytes
 
 
 class StringBytes:
@@ -47,7 +44,7 @@ class UInt8MultiArrayBytes:
         return self._message
 
 
-class Float64MultiArrayBytes:
+class Float64MultiArrayBytes(NumbersBytes):
     """
     std_msgs/Float64MultiArray message of fixed shape in row order, with a label per dimension.
 
@@ -80,20 +77,7 @@ class Float64MultiArrayBytes:
         layout.numbers('I', count)
         if count:
             layout.align(8)
-        self._head = bytes(layout.data)
-        self._shape = tuple(shape)
-
-    @cached_property
-    def _message(self) -> NDArray[np.uint8]:
-        """Return the stored message, which is created on first use and copied for each output."""
-        start = len(self._head)
-        message = aligned_buffer(start + 8 * math.prod(self._shape))
-        message[:start] = np.frombuffer(self._head, np.uint8)
-        return message
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        return self._message[len(self._head):].view('<f8').reshape(self._shape)
+        super().__init__(bytes(layout.data), tuple(shape))
 
     def to_bytes(self) -> bytes:
         return self._message.tobytes()
@@ -104,9 +88,4 @@ class Float64MultiArrayBytes:
 
         The message is built in place; `values` is not changed.
         """
-        checks.function('fill', fill)
-        start = len(self._head)
-        draft = Draft(start + 8 * math.prod(self._shape))
-        draft.put(0, self._head)
-        draft.fill(start, self._shape, fill)
-        return draft.finish()
+        return self._written(self._head, fill)

@@ -4,24 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-import math
 import struct
 from typing import ClassVar, SupportsIndex
 
 from icofabric_sim import checks
-from icofabric_sim.messages.cdr import (
-    aligned_buffer,
-    CdrBuilder,
-    LITTLE_ENDIAN_HEADER,
-    split_nanoseconds,
-)
-from icofabric_sim.messages.draft import Draft, Fill
+from icofabric_sim.messages.cdr import CdrBuilder, LITTLE_ENDIAN_HEADER, split_nanoseconds
+from icofabric_sim.messages.draft import Fill, NumbersBytes
 import numpy as np
 from numpy.typing import NDArray
 
 
-class _StampedNumbers:
+class _StampedNumbers(NumbersBytes):
     """Header followed by float64 numbers, preceded by the row count if `count_written`."""
 
     def __init__(
@@ -35,22 +28,7 @@ class _StampedNumbers:
             layout.numbers('I', rows)
         if rows:
             layout.align(8)
-        self._head = bytes(layout.data)
-        self._shape = (rows, columns)
-        self._first = first
-
-    @cached_property
-    def _message(self) -> NDArray[np.uint8]:
-        """Return the stored message, which is created on first use and copied for each output."""
-        start = len(self._head)
-        message = aligned_buffer(start + 8 * math.prod(self._shape))
-        message[:start] = np.frombuffer(self._head, np.uint8)
-        message[start:].view('<f8').reshape(self._shape)[:] = self._first
-        return message
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        return self._message[len(self._head):].view('<f8').reshape(self._shape)
+        super().__init__(bytes(layout.data), (rows, columns), first)
 
     def stamped(self, nanoseconds: SupportsIndex) -> bytes:
         """Return the message with this stamp, integer nanoseconds of simulated time."""
@@ -79,13 +57,8 @@ class PoseArrayBytes(_StampedNumbers):
         The numbers are shaped like `values`. The message is built in place; `values` is not
         changed.
         """
-        checks.function('fill', fill)
-        start = len(self._head)
-        draft = Draft(start + 8 * math.prod(self._shape))
-        draft.put(0, self._head)
-        draft.put(4, struct.pack('<II', *split_nanoseconds(nanoseconds)))
-        draft.fill(start, self._shape, fill)
-        return draft.finish()
+        stamp = struct.pack('<II', *split_nanoseconds(nanoseconds))
+        return self._written(self._head[:4] + stamp + self._head[12:], fill)
 
 
 class WrenchStampedBytes(_StampedNumbers):

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 import logging
 import math
 import threading
@@ -102,20 +103,17 @@ class RunActions:
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
         """Perform the action of the service of that name."""
         runner = self._runner
-        if name == 'pause':
-            return _with_text(runner.set_paused(bool(on)), _timed('paused' if on else 'running'))
-        if name == 'record':
-            return _with_text(runner.set_recording(bool(on)), str)
-        calls: dict[str, tuple[Callable[[], Future[Any]], str]] = {
-            'step': (runner.take_steps, 'solver steps taken'),
-            'advance': (runner.advance, 'advanced'),
-            'reset': (runner.reset, 'reset to the initial state'),
-            'clear_loads': (runner.clear_loads, 'all wrenches cleared')}
+        calls: dict[str, tuple[Callable[[], Future[Any]], Any]] = {
+            'pause': (partial(runner.set_paused, bool(on)), _timed('paused' if on else 'running')),
+            'record': (partial(runner.set_recording, bool(on)), str),
+            'step': (runner.take_steps, _timed('solver steps taken')),
+            'advance': (runner.advance, _timed('advanced')),
+            'reset': (runner.reset, _timed('reset to the initial state')),
+            'clear_loads': (runner.clear_loads, _timed('all wrenches cleared'))}
         if name not in calls:
             raise ValueError(f'{name} is not a service of a run')
-        call, word = calls[name]
-        asked: Future[Any] = call()
-        return _with_text(asked, _timed(word))
+        call, words = calls[name]
+        return _with_text(call(), words)
 
     def change(self, name: str, value: Any) -> 'Future[str]':
         """Set a parameter; the reason of a rejection is in the ValueError or in the future."""
@@ -163,16 +161,17 @@ class ReplayActions:
     def command(self, name: str, on: bool | None = None) -> 'Future[str]':
         """Perform the action of the service of that name."""
         player = self._player
-        if name == 'pause':
-            return _with_text(player.set_paused(bool(on)), _timed('paused' if on else 'running'))
-        if name == 'reset':
-            return _with_text(player.reset(), _timed('reset to the start'))
-        if name == 'step':
-            return _with_text(player.step(), _timed('stepped by one frame'))
         if name == 'continue':
             return self._continue_run()
-        raise ValueError(
-            f'{name} needs a node: play the bag with replay_node and open viewer_node')
+        calls: dict[str, tuple[Callable[[], Future[Any]], Any]] = {
+            'pause': (partial(player.set_paused, bool(on)), _timed('paused' if on else 'running')),
+            'reset': (player.reset, _timed('reset to the start')),
+            'step': (player.step, _timed('stepped by one frame'))}
+        if name not in calls:
+            raise ValueError(
+                f'{name} needs a node: play the bag with replay_node and open viewer_node')
+        call, words = calls[name]
+        return _with_text(call(), words)
 
     def _continue_run(self) -> 'Future[str]':
         """
