@@ -152,25 +152,24 @@ def _parse(text: Any) -> Phrase:
 
 def frequency_count(phrase: Phrase) -> int:
     """Return the requested number of frequencies."""
-    if not phrase.arguments:
-        return _FREQUENCIES
-    text = phrase.arguments[0]
-    if not text.isdecimal() or not 1 <= int(text) <= 1000:
-        raise ValueError(f'keep: frequencies takes a count from 1 to 1000, got {shown(text)}')
-    return int(text)
+    return _count(phrase.word, phrase.arguments, _FREQUENCIES, 1000)
 
 
 def sample_count(phrase: Phrase) -> int:
     """Return the requested number of wave vectors along each axis of the Brillouin zone."""
     given = phrase.arguments[:-1] if phrase.arguments[-1:] == (_RELAXED,) else phrase.arguments
-    if not given:
-        return _BAND_SAMPLES
-    text = given[0]
     if len(given) > 1:
         raise ValueError(f'keep: gap takes a count and {_RELAXED}, got {" ".join(given)}')
-    if not text.isdecimal() or not 1 <= int(text) <= 100:
-        raise ValueError(f'keep: gap takes a count from 1 to 100, got {shown(text)}')
-    return int(text)
+    return _count(phrase.word, given, _BAND_SAMPLES, 100)
+
+
+def _count(word: str, given: Sequence[str], default: int, most: int) -> int:
+    """Return the first of the arguments as a count."""
+    if not given:
+        return default
+    if not given[0].isdecimal() or not 1 <= int(given[0]) <= most:
+        raise ValueError(f'keep: {word} takes a count from 1 to {most}, got {shown(given[0])}')
+    return int(given[0])
 
 
 def is_relaxed(phrases: Sequence[Phrase]) -> bool:

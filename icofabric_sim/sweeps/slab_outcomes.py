@@ -35,6 +35,7 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
     along = first.middle_strain[axis]
     stress = np.array([state.stress for state in states])
     peak = int(np.argmax(stress))
+    buckling_strain, buckling_stress = _buckling(states)
     columns = [
         # From consecutive states, because at zero strain another equilibrium may be close.
         Column(f'{name}.modulus', 'Pa', _slope(states, *_MODULUS_STRAINS[:2])),
@@ -49,8 +50,8 @@ def _strength(phrase: Phrase, scene: Scene) -> list[Column]:
         Column(f'{name}.rest_stress', 'Pa', first.rest_stress),
         Column(f'{name}.largest_stress', 'Pa', float(stress[peak])),
         Column(f'{name}.strain_at_largest_stress', '', states[peak].strain),
-        Column(f'{name}.buckles_at', '', _buckling(states)),
-        Column(f'{name}.buckling_stress', 'Pa', _buckling_stress(states)),
+        Column(f'{name}.buckles_at', '', buckling_strain),
+        Column(f'{name}.buckling_stress', 'Pa', buckling_stress),
         Column(f'{name}.unstable_at', '', _first(
             states, lambda state: state.verdict == 'equilibrium, unstable')),
         Column(f'{name}.contact_at', '', _first(states, lambda state: state.contact_pairs > 0)),
@@ -81,24 +82,14 @@ def _slope(states: Sequence[CurvePoint], first: float, second: float) -> float:
     return (stress[second] - stress[first]) / (second - first)
 
 
-def _buckling(states: Sequence[CurvePoint]) -> float:
-    fall = _fall(states)
-    return math.nan if fall is None else fall.strain
-
-
-def _buckling_stress(states: Sequence[CurvePoint]) -> float:
-    fall = _fall(states)
-    return math.nan if fall is None else fall.stress
-
-
-def _fall(states: Sequence[CurvePoint]) -> CurvePoint | None:
-    """Return the last state before the stress first falls without breaks, or None."""
+def _buckling(states: Sequence[CurvePoint]) -> tuple[float, float]:
+    """Return strain and stress [Pa] before the stress first falls without breaks, or NaN."""
     for before, after in zip(states, states[1:]):
         if after.broken:
-            return None
+            break
         if before.stress > 0.0 and after.stress < (1.0 - _MIN_DECREASE_RATIO) * before.stress:
-            return before
-    return None
+            return before.strain, before.stress
+    return math.nan, math.nan
 
 
 def _first(states: Sequence[CurvePoint], holds: Callable[[CurvePoint], bool]) -> float:

@@ -15,28 +15,18 @@ import time
 from typing import Any
 
 import icofabric_sim as ico
-from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_validation.benchmarks.machine import describe_machine
+from icofabric_validation.named.crowds import crowd
+from icofabric_validation.named.loose_bodies import A
 import numpy as np
-
-# Half edge, and gap between the outermost bodies and the walls [m].
-A, GAP = 0.01, 0.004
 
 
 def box(size: tuple[int, int, int], **changes: Any) -> ico.Scene:
     """Return a scene of separate bodies with random velocities and spins between six walls."""
-    flat: dict[str, Any] = {
-        'weave.size': list(size), 'weave.connected': False, 'weave.connector_length': 0.03,
-        'initial_random.velocity_sigma': 0.5, 'initial_random.spin_sigma': 20.0,
-        'initial_random.seed': 2, 'solver.energy_limit': 1.0, **changes}
-    place = ico.Scene.from_parameters(flat).position
-    room = circumscribed_radius(A) + GAP
-    for axis, name in enumerate('xyz'):
-        for side, word in ((1.0, 'low'), (-1.0, 'high')):
-            edge = place[:, axis].min() if side > 0.0 else -place[:, axis].max()
-            flat[f'planes.{word}_{name}.normal'] = [side if k == axis else 0.0 for k in range(3)]
-            flat[f'planes.{word}_{name}.offset'] = float(edge - room)
-    return ico.Scene.from_parameters(flat)
+    return crowd(size, within='walls', parameters={
+        'weave.connector_length': 0.03, 'initial_random.velocity_sigma': 0.5,
+        'initial_random.spin_sigma': 20.0, 'initial_random.seed': 2, 'solver.threads': 0,
+        'solver.energy_limit': 1.0, **changes})
 
 
 def touching(simulation: ico.Simulation) -> set[tuple[int, int]]:

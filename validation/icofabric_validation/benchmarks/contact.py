@@ -94,8 +94,7 @@ def measure(
             compared += other.count
             tasks += [(pairs.label, COLLIDE, other.collide),
                       (pairs.label, DISTANCE, other.measure)]
-    times = in_rounds([task for _, _, task in tasks], rounds,
-                      lambda done: progress(done, rounds * len(tasks)))
+    times = in_rounds([task for _, _, task in tasks], rounds, progress)
     rows = [ContactTime(family, what, found)
             for (family, what, _), found in zip(tasks, times)]
     return Contact(rows, touching, missed, compared, missing, count, rounds)

@@ -111,8 +111,7 @@ def measure(
             partial(_rate, count, partial(steps.bare_steps, _TIMED))]
         for task in tasks:
             task()
-        processor, run, bare = in_rounds(
-            tasks, rounds, lambda done: progress(done, 3 * rounds))
+        processor, run, bare = in_rounds(tasks, rounds, progress)
         held = bytes_of(model, layout) // count
         rows.append(DeviceSize(
             size, count, processor, run, bare, error, bytes_moved(model, layout)))

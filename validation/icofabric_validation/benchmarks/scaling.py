@@ -112,8 +112,7 @@ def measure(
             size, scene.body_count, scene.connector_count, pair[1].status.thread_count, [], [], [],
             0.0, 0.0))
     say(f'{rounds} rounds of {len(tasks)} runs')
-    total = rounds * len(tasks)
-    times = in_rounds(tasks, rounds, lambda done: progress(done, total))
+    times = in_rounds(tasks, rounds, progress)
     for simulation in simulations:
         _check(simulation)
     # Release memory before the next measurements.

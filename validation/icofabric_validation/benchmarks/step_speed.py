@@ -85,8 +85,7 @@ def measure(
         rows.append(StepTime(solver, [], error))
         tasks.append(partial(_block, solver))
     say(f'{rounds} rounds of {len(tasks)} solvers')
-    total = rounds * len(tasks)
-    results = in_rounds(tasks, rounds, lambda done: progress(done, total))
+    results = in_rounds(tasks, rounds, progress)
     timed = [row._replace(times=times) for row, times in zip(rows, results)]
     return StepSpeed(scene, reference, contestants, timed, remarks, rounds)
 

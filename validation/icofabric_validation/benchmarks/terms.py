@@ -247,8 +247,7 @@ def measure(
         tasks.append(partial(_kernel_block, bare, run))
     bare_kernels.require_same_motion(bare, [run for _, run in kernels[:2]])
     say(f'{rounds} rounds of {len(tasks)} runs')
-    total = rounds * len(tasks)
-    results = in_rounds(tasks, rounds, lambda done: progress(done, total))
+    results = in_rounds(tasks, rounds, progress)
     timed = [row._replace(times=times) for row, times in zip(rows, results)]
     return Terms(timed, arrays_of(bare), instructions, remarks, rounds)
 

@@ -51,9 +51,13 @@ def timed(
 
 def in_rounds(
     tasks: Sequence[Callable[[], float]], rounds: int,
-    progress: Callable[[int], None] = lambda done: None
+    progress: Callable[[int, int], None] = lambda done, total: None
 ) -> list[list[float]]:
-    """Return the results of every task by round; every other round runs in reverse order."""
+    """
+    Return the results of every task by round; every other round runs in reverse order.
+
+    `progress` receives the numbers of finished runs and of all runs.
+    """
     results: list[list[float]] = [[] for _ in tasks]
     done = 0
     for turn in range(rounds):
@@ -61,7 +65,7 @@ def in_rounds(
         for k in order if turn % 2 == 0 else reversed(order):
             results[k].append(tasks[k]())
             done += 1
-            progress(done)
+            progress(done, rounds * len(tasks))
     return results
 
 

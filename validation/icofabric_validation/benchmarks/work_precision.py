@@ -92,9 +92,7 @@ def measure(
                 points.append(point)
                 tasks.append(partial(_measure, curve, point.setting, duration))
     say(f'{rounds} rounds of {len(tasks)} runs')
-    total = rounds * len(tasks)
-    for point, times in zip(points, in_rounds(
-            tasks, rounds, lambda done: progress(done, total))):
+    for point, times in zip(points, in_rounds(tasks, rounds, progress)):
         point.times = times
     return WorkPrecision(scene, reference, contestants, curves, rounds)
 

@@ -293,10 +293,10 @@ def test_a_finer_run_that_takes_less_counts():
 def test_rounds_interleave_forwards_and_backwards():
     order, seen = [], []
     tasks = [lambda k=k: order.append(k) or float(len(order)) for k in range(3)]
-    results = in_rounds(tasks, 3, seen.append)
+    results = in_rounds(tasks, 3, lambda *counts: seen.append(counts))
     assert order == [0, 1, 2, 2, 1, 0, 0, 1, 2]
     assert results == [[1.0, 6.0, 7.0], [2.0, 5.0, 8.0], [3.0, 4.0, 9.0]]
-    assert seen == list(range(1, 10))
+    assert seen == [(done, 9) for done in range(1, 10)]
 
 
 @pytest.mark.parametrize('values, text', [
