@@ -5,6 +5,10 @@
 import argparse
 from contextlib import suppress
 
+from icofabric_sim.commands.main import load_verb, VERBS
+from icofabric_sim.parameters.example_scenes import example_scenes
+from icofabric_sim.terminal import InputError
+
 # The options of each verb are listed once, when the script is generated.
 _BASH = """\
 # Completion of icofabric for bash: eval "$(icofabric completion bash)"
@@ -45,7 +49,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 def words_of(verb: str) -> tuple[list[str], bool]:
     """Return the options of a verb, and whether it takes a scene."""
-    from icofabric_sim.commands.main import load_verb
     parser = argparse.ArgumentParser()
     load_verb(verb).add_arguments(parser)
     options = [option for action in parser._actions for option in action.option_strings
@@ -58,8 +61,6 @@ def words_of(verb: str) -> tuple[list[str], bool]:
 
 def installed_verbs() -> dict[str, str]:
     """Return the verbs whose package is installed, with their summaries."""
-    from icofabric_sim.commands.main import load_verb, VERBS
-    from icofabric_sim.terminal import InputError
     found = {}
     for verb, summary in VERBS.items():
         with suppress(InputError):
@@ -70,7 +71,6 @@ def installed_verbs() -> dict[str, str]:
 
 def bash_script() -> str:
     """Return the script for bash."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     cases = []
     verbs = installed_verbs()
     for verb in verbs:
@@ -82,7 +82,6 @@ def bash_script() -> str:
 
 def fish_script() -> str:
     """Return the script for fish."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     lines = ['# Completion of icofabric for fish']
     for verb, summary in installed_verbs().items():
         lines.append(

@@ -18,6 +18,7 @@ from icofabric_sim.commands.picture_arguments import (
 )
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.terminal import (
     bad_input,
     CommandFailed,
@@ -56,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Film a recorded run, or a scene that is simulated for the film."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     path = Path(arguments.film).expanduser()
     size = _check(arguments, path)
     require_place('FILE', path)

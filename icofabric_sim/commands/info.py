@@ -10,6 +10,7 @@ import icofabric_sim as ico
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.report import add_json_argument, print_report
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.terminal import bad_input, InputError
 
 
@@ -24,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Describe a scene, or summarise a bag."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     path = bag_path(arguments.scene)
     if arguments.scene not in example_scenes() and is_bag(path):
         if arguments.parameter:

@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 from typing import TYPE_CHECKING
 
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ def add_scene_arguments(
     parser: argparse.ArgumentParser, metavar: str = 'SCENE', alternative: str = ''
 ) -> None:
     """Declare SCENE (or another kind of input, `alternative`) and `-p name:=value`."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     names = ', '.join(example_scenes()) or 'none is installed'
     text = f'parameter file of a scene, or the name of an example scene ({names})'
     if alternative:
@@ -32,7 +32,6 @@ def add_scene_arguments(
 
 def read_parameters(arguments: argparse.Namespace) -> tuple[str, 'Parameters']:
     """Return the name of the scene and its parameters with the overrides."""
-    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file, parse_parameter_override
     from icofabric_sim.parameters.validation import make_parameters
     with bad_input():
@@ -53,7 +52,6 @@ def located(error: InputError, scene: str, given: Sequence[str] = ()) -> InputEr
 
     `given` are the parameters `NAME:=VALUE` of the command line that replace values of the file.
     """
-    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.validation import ParameterError
     cause = error.__cause__
     # Errors of code without parameters start with the name of a parameter.

@@ -13,6 +13,7 @@ from typing import Any, TYPE_CHECKING
 from icofabric_sim.commands.report import print_json
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.terminal import (
     bad_input,
     CommandFailed,
@@ -119,7 +120,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _study(arguments: argparse.Namespace) -> tuple[str, 'Study']:
     """Return name and plan, from a sweep file or a scene, with the options."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     from icofabric_sim.parameters.file import parse_parameter_override
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.sweeps.study_file import is_sweep_file, read_sweep_file

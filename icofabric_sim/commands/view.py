@@ -13,6 +13,7 @@ import webbrowser
 import icofabric_sim as ico
 from icofabric_sim.commands.bags import bag_errors, bag_path, is_bag
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
+from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.terminal import bad_input, InputError
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
-    from icofabric_sim.parameters.example_scenes import example_scenes
     from icofabric_sim.viewer.page import require_viser
     if not 0 <= arguments.port < 65536:
         raise InputError(f'--port must lie in 0 to 65535, got {arguments.port}')

@@ -22,6 +22,7 @@ import time
 from typing import Any, NamedTuple
 
 import icofabric_sim as ico
+from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
 from icofabric_sim.terminal import bad_input, CommandFailed, duration_text, InputError, Progress
 
 # Scene for changes of parameters: point springs, without damping, drives or regions.
@@ -107,7 +108,6 @@ def main(arguments: argparse.Namespace) -> int:
 
 def variants_of(scenes: Sequence[str]) -> Iterator[Variant]:
     """Yield the kernel variants of these scenes, or of all common cases without scenes."""
-    from icofabric_sim.parameters.example_scenes import example_scenes, find_scene
     with bad_input():
         for scene in scenes:
             find_scene(scene)
@@ -122,7 +122,6 @@ def variants_of(scenes: Sequence[str]) -> Iterator[Variant]:
 
 def _parts_of(kind: Variant) -> list[Variant]:
     """Return both parts of a variant for two processes; some kernels are shared."""
-    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file
     with bad_input():
         given = load_parameter_file(find_scene(kind.scene))
@@ -186,7 +185,6 @@ def compile_variant(kind: Variant) -> str:
 
 
 def _run(kind: Variant) -> None:
-    from icofabric_sim.parameters.example_scenes import find_scene
     from icofabric_sim.parameters.file import load_parameter_file
     from icofabric_sim.parameters.validation import make_parameters
     from icofabric_sim.simulation.precompile import kinds_of_steps
