@@ -78,10 +78,8 @@ class Page:
         self.server._websock_server.disconnect_all_clients()
         self._host, self.port = host, int(self.server.get_port())
         self.stage = Stage(self.server.scene, sight)
-        can_pull = actions is not None and not actions.is_replay
-        self.grip = (
-            MouseDrags(actions.pull, self._flow.is_silent)
-                if actions is not None and can_pull else None)
+        self.grip = None if actions is None or actions.is_replay else MouseDrags(
+            actions.pull, self._flow.is_silent)
         self.panel = Panel(self.server, sight, self.stage, actions)
         self._followed: np.ndarray | None = None
         self._poses, self._shift = np.zeros((0, 7)), 1e-6

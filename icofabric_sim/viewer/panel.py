@@ -164,7 +164,8 @@ class Panel:
                     sight.message if reasons == 'none' else reasons))
             self._set(self.state, 'content', '\n\n'.join(lines))
             for name, (handle, shown) in self._controls.items():
-                if name in fabric.parameters and not (self._pending or self).is_open(name):
+                if name in fabric.parameters and (
+                        self._pending is None or not self._pending.is_open(name)):
                     # Only changed values: others would undo an input that a page has not sent yet.
                     value = shown(fabric.parameters[name])
                     if self._set_values.get(name) != value:
@@ -210,10 +211,6 @@ class Panel:
             if handle is self._plots[-1][0]:
                 lines += list(np.array(columns['groups']).reshape(len(curves), -1).T)
             handle.data = (np.array(columns['time']), *lines)
-
-    def is_open(self, name: str) -> bool:
-        """Return False: a read-only page has no pending changes."""
-        return False
 
     def request(self, name: str, value: Any) -> None:
         """Request a parameter value; the answer is shown."""

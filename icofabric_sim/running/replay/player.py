@@ -222,7 +222,7 @@ class Player:
 
     def _next_target(self) -> int:
         times = [self.source.end if self._next is None else self._next.time]
-        if self._wants_clock():
+        if self._clock is not None and self._sink.wants(topics.CLOCK):
             times.append(self._ticks.after(self.now))
         if self.rate > 0.0:
             times.append(self.now + max(1, int(self.rate * _RESPONSE * NANOSECONDS)))
@@ -296,9 +296,6 @@ class Player:
         if self._sink.wants(topic):
             self._sink.send(topic, self.now, data)
             self._sent += 1
-
-    def _wants_clock(self) -> bool:
-        return self._clock is not None and self._sink.wants(topics.CLOCK)
 
     def _tick(self) -> None:
         if self._clock is not None and self._sink.wants(topics.CLOCK):
