@@ -53,7 +53,7 @@ class NumbersBytes:
     """Message that ends with float64 numbers of a fixed shape."""
 
     def __init__(
-        self, head: bytes, shape: tuple[int, ...], first: Sequence[float] = (0.0,)
+        self, head: bytes, shape: tuple[int, ...], first: Sequence[float] | float = 0.0
     ) -> None:
         """Begin with `head`; each row of the stored message is initially `first`."""
         self._head, self._shape, self._first = head, shape, first

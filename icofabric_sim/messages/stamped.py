@@ -19,7 +19,7 @@ class _StampedNumbers(NumbersBytes):
 
     def __init__(
         self, frame_id: str, rows: int, columns: int, *, count_written: bool,
-        first: Sequence[float] = (0.0,),
+        first: Sequence[float] | float = 0.0,
     ) -> None:
         """Build the header; each row of the stored message is initially `first`."""
         layout = CdrBuilder()

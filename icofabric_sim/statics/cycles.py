@@ -17,7 +17,7 @@ from icofabric_sim.statics.moment_curve import (
     moment_curve_point,
     MomentCurvePoint,
 )
-from icofabric_sim.statics.slab_path import counting, follow_path, InitialEquilibrium, Step
+from icofabric_sim.statics.slab_path import follow_path, InitialEquilibrium, Step
 from icofabric_sim.statics.stress_strain import check_strains, curve_point, CurvePoint
 import numpy as np
 
@@ -98,11 +98,14 @@ def measure_cycles(
     `released_energy` plus `energy_gain`, or exceeds this sum if the slab snaps through or contacts
     slide.
     """
+    if progress is not None:
+        checks.function('progress', progress)
     run = CycleRun(
         scene, kind, amounts, count=count, axis=axis, about=about, along=along,
         body_force=body_force)
-    for _ in counting(run.points(), progress):
-        pass
+    for number, _ in enumerate(run.points()):
+        if progress is not None:
+            progress(number + 1)
     return run.cycles()
 
 

@@ -14,7 +14,6 @@ from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.statics.held_motion import BEND, held_motion, HeldMotion, TURNED
 from icofabric_sim.statics.slab_path import (
     Break,
-    counting,
     follow_path,
     InitialEquilibrium,
     Step,
@@ -111,13 +110,13 @@ def measure_moment_curve(
     work of the end force, because the arc brings the ends closer. It differs from the component
     of `end_moment`, about the centre of the end, by a term of second order in the angle.
     """
-    return Results(MOMENT_CURVE_COLUMNS, counting(moment_curve_points(
-        scene, kind, angles, axis=axis, about=about, body_force=body_force), progress))
+    return Results(MOMENT_CURVE_COLUMNS, moment_curve_points(
+        scene, kind, angles, axis=axis, about=about, body_force=body_force, progress=progress))
 
 
 def moment_curve_points(
     scene: Scene, kind: str, angles: Sequence[float], *, axis: int = 0, about: int | None = None,
-    body_force: BodyForce | Force | None = None
+    body_force: BodyForce | Force | None = None, progress: Callable[[int], None] | None = None
 ) -> Iterator[MomentCurvePoint]:
     """Yield the points of `measure_moment_curve`, each when found."""
     require_scene(scene)
@@ -125,10 +124,14 @@ def moment_curve_points(
     steps = check_angles('angles', angles)
     axis = checks.count('axis', axis, 0, 2)
     check_about(kind, axis, about)
+    if progress is not None:
+        checks.function('progress', progress)
     motion = held_motion(scene, kind, axis, about, body_force)
     rest = InitialEquilibrium(motion)
-    for step in follow_path(motion, steps, rest):
+    for number, step in enumerate(follow_path(motion, steps, rest)):
         yield moment_curve_point(motion, rest, step)
+        if progress is not None:
+            progress(number + 1)
 
 
 def check_angles(name: str, angles: Sequence[float]) -> list[float]:

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of equilibria of a slab whose held bodies move in steps."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-from icofabric_sim import checks
 from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
@@ -16,7 +15,6 @@ from icofabric_sim.statics.friction import FrictionPath
 from icofabric_sim.statics.held_motion import HeldMotion
 import numpy as np
 
-T = TypeVar('T')
 EXTENSION, COMPRESSION = 'extension', 'compression'
 
 
@@ -94,16 +92,6 @@ def follow_path(
             amount, found, motion.conjugate(amount, found.reaction), before, tuple(breaks))
         if not found.converged:
             return
-
-
-def counting(states: Iterable[T], progress: Callable[[int], None] | None) -> Iterator[T]:
-    """Yield the states; call `progress` with the number of those found so far."""
-    if progress is not None:
-        checks.function('progress', progress)
-    for number, state in enumerate(states, 1):
-        yield state
-        if progress is not None:
-            progress(number)
 
 
 class InitialEquilibrium:

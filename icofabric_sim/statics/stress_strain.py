@@ -23,7 +23,6 @@ from icofabric_sim.statics.held_motion import (
 )
 from icofabric_sim.statics.slab_path import (
     Break,
-    counting,
     follow_path,
     InitialEquilibrium,
     Step,
@@ -139,24 +138,29 @@ def measure_curve(
     or stiffness changes `stress - rest_stress` by less than 1e-6 of its value. Lateral strains
     are in `middle_strain`.
     """
-    return Results(CURVE_COLUMNS, counting(curve_points(
-        scene, kind, strains, axis=axis, along=along, body_force=body_force), progress))
+    return Results(CURVE_COLUMNS, curve_points(
+        scene, kind, strains, axis=axis, along=along, body_force=body_force, progress=progress))
 
 
 def curve_points(
     scene: Scene, kind: str, strains: Sequence[float], *, axis: int = 0,
-    along: Sequence[float] | None = None, body_force: BodyForce | Force | None = None
+    along: Sequence[float] | None = None, body_force: BodyForce | Force | None = None,
+    progress: Callable[[int], None] | None = None
 ) -> Iterator[CurvePoint]:
     """Yield the points of `measure_curve`, each when found."""
     require_scene(scene)
     checks.choice('kind', kind, KINDS)
     steps = check_strains('strains', kind, strains)
     axis = checks.count('axis', axis, 0, 2)
+    if progress is not None:
+        checks.function('progress', progress)
     motion = held_motion(
         scene, kind, axis, body_force=body_force, along=check_along(kind, axis, along))
     rest = InitialEquilibrium(motion)
-    for step in follow_path(motion, steps, rest):
+    for number, step in enumerate(follow_path(motion, steps, rest)):
         yield curve_point(motion, kind, rest, step)
+        if progress is not None:
+            progress(number + 1)
 
 
 def check_strains(name: str, kind: str, strains: Sequence[float]) -> list[float]:
