@@ -321,15 +321,19 @@ def test_every_block_has_one_owner_and_what_one_needs_another_gives(weave, count
         assert halo.received == 56 * LANES * len(part.halo) >= halo.least
 
 
+KINKED = {'stiffness_extension': 500.0, 'stiffness_compression': 100.0}
+
+
 # In rows end to end, in rows of their own, and where every body has its own woven orientation.
-@pytest.mark.parametrize('weave', [
-    {'kind': 'orthogonal', 'size': [5, 5, 7]}, {'kind': 'bias', 'size': [5, 5, 5]},
-    {'kind': 'radial', 'size': [9, 5, 4], 'radius': 0.3, 'connector_angle': 0.6}])
-def test_a_window_has_the_accelerations_of_the_whole(weave):
+@pytest.mark.parametrize(('weave', 'law'), [
+    ({'kind': 'orthogonal', 'size': [5, 5, 7]}, KINKED),
+    ({'kind': 'orthogonal', 'size': [5, 5, 7]}, {'law': 'exponential', 'alpha': 300.0}),
+    ({'kind': 'bias', 'size': [5, 5, 5]}, KINKED),
+    ({'kind': 'radial', 'size': [9, 5, 4], 'radius': 0.3, 'connector_angle': 0.6}, KINKED)])
+def test_a_window_has_the_accelerations_of_the_whole(weave, law):
     scene = ico.Scene.from_parameters({
         'weave': weave, 'contact.mode': 'never', 'connector': {
-            'stiffness_extension': 500.0, 'stiffness_compression': 100.0,
-            'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
+            **law, 'bending_stiffness': 1e-3, 'twisting_stiffness': 1e-3},
         'gravity': [0.0, 0.3, -9.81], 'groups': {'top': 'z_max'},
         'supports': {'s': {'group': 'top', 'fix': 'tx tz'}},
         'initial_random': {'velocity_sigma': 0.02, 'spin_sigma': 1.0, 'seed': 3}})
