@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
 import icofabric_sim as ico
+from icofabric_sim.commands.picture_arguments import picture_path
 from icofabric_sim.commands.report import write_csv
-from icofabric_sim.libraries import require_library
 from icofabric_sim.terminal import InputError, require_place
 
 if TYPE_CHECKING:
@@ -144,15 +144,3 @@ def outputs_of(arguments: argparse.Namespace) -> EquilibriumOutputs:
     if folder is not None:
         require_place('--output', folder, is_folder=True)
     return EquilibriumOutputs(folder, picture)
-
-
-def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
-    """Return the PNG file that an option names."""
-    text = getattr(arguments, name)
-    if text is None:
-        return None
-    path = Path(text).expanduser()
-    if path.suffix.lower() != '.png':
-        raise InputError(f'--{name} {path}: give a file that ends in .png')
-    require_library('matplotlib', 'a picture')
-    return require_place(f'--{name}', path)

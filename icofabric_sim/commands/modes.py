@@ -15,9 +15,9 @@ from icofabric_sim.commands.equilibrium_outputs import (
     EquilibriumOutputs,
     kink_text,
     outputs_of,
-    picture_path,
     touch_text,
 )
+from icofabric_sim.commands.picture_arguments import picture_path
 from icofabric_sim.commands.report import add_json_numbers_argument, print_json, text_to_stderr
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
 from icofabric_sim.libraries import require_library

@@ -3,7 +3,7 @@
 """Common arguments of verbs that draw: size, camera, colours, bodies, and a span of time."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import math
 from pathlib import Path
@@ -59,15 +59,21 @@ def chosen_bodies_errors() -> Iterator[None]:
         raise InputError(f'--{error}') from error
 
 
-def figure_path(option: str, text: str) -> Path:
-    """Return the path of a plot; reject an unwritable place or another format."""
+def figure_path(
+    option: str, text: str | Path, suffixes: Sequence[str] = _FIGURE_SUFFIXES
+) -> Path:
+    """Return the path of a picture; reject an unwritable place or another format."""
     path = Path(text).expanduser()
-    if path.suffix.lower() not in _FIGURE_SUFFIXES:
-        raise InputError(
-            f'{option} {text}: give a file that ends in {" or ".join(_FIGURE_SUFFIXES)}')
-    require_place(option, path)
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f'{option} {path}: give a file that ends in {" or ".join(suffixes)}')
     require_library('matplotlib', 'a picture')
-    return path
+    return require_place(option, path)
+
+
+def picture_path(arguments: argparse.Namespace, name: str) -> Path | None:
+    """Return the PNG file that an option names, or None if the option is missing."""
+    text = getattr(arguments, name)
+    return None if text is None else figure_path(f'--{name}', text, ('.png',))
 
 
 def picture_size(text: str) -> tuple[int, int]:

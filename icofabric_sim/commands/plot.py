@@ -8,8 +8,8 @@ from pathlib import Path
 import re
 
 from icofabric_sim.commands.bags import bag_errors, bag_path
-from icofabric_sim.libraries import require_library
-from icofabric_sim.terminal import bad_input, InputError, require_place
+from icofabric_sim.commands.picture_arguments import figure_path
+from icofabric_sim.terminal import bad_input, InputError
 
 _WORK = 'work-precision'
 _KINDS = ('energy', 'displacement', 'force', 'tension', 'spectrum', 'stress', _WORK)
@@ -50,21 +50,17 @@ def main(arguments: argparse.Namespace) -> int:
     """Draw one figure."""
     from icofabric_sim.bag import BagError
     from icofabric_sim.bag.recorded_run import RecordedRun
-    from icofabric_sim.pictures.figure_style import SUFFIXES
     from icofabric_sim.pictures.run_plots import plot_run
 
     source = bag_path(arguments.bag)
     name = source.stem if source.is_file() else source.name
-    path = (source.absolute().with_name(f'{name}_{arguments.kind}.png')
-            if arguments.output is None else Path(arguments.output).expanduser())
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f'--output {path}: give a file that ends in .png or .svg')
+    path = figure_path('--output', (
+        source.absolute().with_name(f'{name}_{arguments.kind}.png')
+        if arguments.output is None else arguments.output))
     size = _inches(arguments.size)
     if not arguments.end >= arguments.start:
         raise InputError(
             f'--to {arguments.end:g} s is before --from {arguments.start:g} s, or is not a time')
-    require_place('--output', path)
-    require_library('matplotlib', 'a picture')
     if arguments.kind == _WORK:
         return _plot_work(arguments, source, path, size)
     with bad_input(), bag_errors(source), RecordedRun(source) as run:

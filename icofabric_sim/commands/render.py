@@ -12,6 +12,7 @@ from icofabric_sim.commands.picture_arguments import (
     add_picture_arguments,
     camera_view,
     chosen_bodies_errors,
+    picture_path,
     picture_size,
     time_span,
 )
@@ -51,11 +52,7 @@ def main(arguments: argparse.Namespace) -> int:
     size = picture_size(arguments.size)
     view = camera_view(arguments.camera)
     path = bag_path(arguments.bag)
-    sheet = None if arguments.sheet is None else Path(arguments.sheet).expanduser()
-    if sheet is not None and sheet.suffix.lower() != '.png':
-        raise InputError(f'--sheet {sheet}: give a file that ends in .png')
-    if sheet is not None:
-        require_place('--sheet', sheet)
+    sheet = picture_path(arguments, 'sheet')
     if arguments.output:
         if Path(arguments.output).suffix.lower() in _FILES:
             raise InputError(

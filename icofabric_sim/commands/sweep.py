@@ -10,9 +10,9 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.commands.picture_arguments import figure_path
 from icofabric_sim.commands.report import print_json
 from icofabric_sim.commands.scenes import add_scene_arguments, read_parameters
-from icofabric_sim.libraries import require_library
 from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.terminal import (
     bad_input,
@@ -199,7 +199,6 @@ def _sample(text: str) -> dict[str, Any]:
 
 def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None]:
     """Return the paths of the table and the picture."""
-    from icofabric_sim.pictures.figure_style import SUFFIXES
     from icofabric_sim.sweeps.table import require_suffix
     output = Path(arguments.store).expanduser() / f'{name}.csv'
     if arguments.output is not None:
@@ -208,11 +207,7 @@ def _places(arguments: argparse.Namespace, name: str) -> tuple[Path, Path | None
             require_suffix(output)
     if arguments.picture is None:
         return output, None
-    picture = require_place('--picture', Path(arguments.picture).expanduser())
-    if picture.suffix.lower() not in SUFFIXES:
-        raise InputError(f'--picture {picture}: give a file that ends in {" or ".join(SUFFIXES)}')
-    require_library('matplotlib', 'a picture')
-    return output, picture
+    return output, figure_path('--picture', arguments.picture)
 
 
 def _list(name: str, study: 'Study') -> int:

@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from icofabric_sim.commands.equilibrium_outputs import picture_path
+from icofabric_sim.commands.picture_arguments import picture_path
 from icofabric_sim.commands.report import rows_as_they_come
 from icofabric_sim.terminal import InputError, require_place
 from icofabric_validation.commands.named_problems import is_given, RANDOM_SCENE_OPTIONS
