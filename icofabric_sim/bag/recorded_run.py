@@ -291,9 +291,7 @@ def active_inputs(inputs: Sequence[RecordedInput], time: int) -> list[RecordedIn
 
     Hold times are ignored.
     """
-    latest: dict[tuple[str, str], RecordedInput] = {}
-    for entry in inputs:
-        if entry.nanoseconds <= time:
-            # Wrenches on single bodies share a topic and differ in their frame.
-            latest[entry.topic, entry.frame_id] = entry
+    # Wrenches on single bodies share a topic and differ in their frame.
+    latest = {
+        (entry.topic, entry.frame_id): entry for entry in inputs if entry.nanoseconds <= time}
     return [entry for entry in latest.values() if not entry.is_zero]

@@ -209,10 +209,11 @@ class Appendix:
                      'integrals of x, y and z, in units of a^4 - b^4; moments and products of '
                      'inertia in units of rho (a^5 - b^5).')]
         for group in _COLUMN_GROUPS:
-            columns, rows = ['face', *group], []
-            for number, face in enumerate(self.coefficients, 1):
-                rows.append([number, *(_beside(face[names.index(name)]) for name in group)])
-            rows.append(['sum', *(_beside(self.totals[name]) for name in group)])
+            columns = ['face', *group]
+            rows: list[list[object]] = [
+                *([number, *(_beside(face[names.index(name)]) for name in group)]
+                  for number, face in enumerate(self.coefficients, 1)),
+                ['sum', *(_beside(self.totals[name]) for name in group)]]
             if group == ('V',):
                 columns[1:1] = ['v1', 'v2', 'v3']
                 for row, corners in zip(rows, [*self.corners.tolist(), [()] * 3]):

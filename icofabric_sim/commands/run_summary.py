@@ -245,13 +245,11 @@ def _momenta(simulation: Simulation, monitor: RunMonitor) -> list[Row]:
     if reasons:
         rows.append(('', f'not conserved: {", ".join(reasons)}'))
         return rows
-    parts = []
-    for label, before, after, scale in (
-        ('linear', first.linear, last.linear, last.linear_scale),
-        ('angular', first.angular, last.angular, last.angular_scale),
-    ):
-        if scale > 0.0:
-            parts.append(f'{label} {float(np.linalg.norm(after - before)) / scale:.1e}')
+    parts = [
+        f'{label} {float(np.linalg.norm(after - before)) / scale:.1e}'
+        for label, before, after, scale in (
+            ('linear', first.linear, last.linear, last.linear_scale),
+            ('angular', first.angular, last.angular, last.angular_scale)) if scale > 0.0]
     if parts:
         rows.append(('', f'relative change: {", ".join(parts)} '
                          '(of the sum of magnitudes over the bodies)'))

@@ -192,12 +192,10 @@ class StaticContacts:
         near = self._candidate_pairs(position)
         apart = position[near[:, 0]] - position[near[:, 1]]
         size = np.linalg.norm(apart, axis=1, keepdims=True)
-        found = [(near, -apart / np.where(size > 0.0, size, 1.0))]
-        for plane, bodies in zip(self._setup.planes, self._forces.near_planes(position)):
-            found.append((
-                np.repeat(bodies[:, None], 2, axis=1),
-                np.broadcast_to(-plane[:3], (len(bodies), 3))))
-        return found
+        return [(near, -apart / np.where(size > 0.0, size, 1.0)), *(
+            (np.repeat(bodies[:, None], 2, axis=1),
+             np.broadcast_to(-plane[:3], (len(bodies), 3)))
+            for plane, bodies in zip(self._setup.planes, self._forces.near_planes(position)))]
 
     def blocks(
         self, contacts: ContactState, position: np.ndarray, axes: np.ndarray

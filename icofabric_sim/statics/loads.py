@@ -171,11 +171,9 @@ class AnchorPull:
             np.where(here.rounded, 0.0, state.tension), slope, here.length)
         laws = anchors._replace(
             extension=stiffness, compression=stiffness, natural_length=rest)
-        blocks = []
-        for a, body in enumerate(self._bodies.tolist()):
-            blocks.append((body, stiffness_of(
-                laws, a, position[body], axes[body], self._time)))
-        return blocks
+        return [
+            (body, stiffness_of(laws, a, position[body], axes[body], self._time))
+            for a, body in enumerate(self._bodies.tolist())]
 
 
 class AnchorState(NamedTuple):

@@ -345,10 +345,9 @@ def _elasticity(phrases: Sequence[Phrase], scene: Scene, folder: Path) -> list[C
         Column('density', 'kg/m^3', float(found.density)),
         Column('soft_strains', '', len(found.zero_energy_strains)),
         Column('at_kink', '', int(found.at_kink))]
-    for row, first in enumerate(_VOIGT):
-        for column in range(row, 6):
-            columns.append(Column(
-                f'stiffness.{first}.{_VOIGT[column]}', 'Pa', float(found.stiffness[row, column])))
+    columns += [
+        Column(f'stiffness.{first}.{_VOIGT[column]}', 'Pa', float(found.stiffness[row, column]))
+        for row, first in enumerate(_VOIGT) for column in range(row, 6)]
     for name, direction in _DIRECTIONS.items():
         axis = np.array(direction, float)
         columns += [

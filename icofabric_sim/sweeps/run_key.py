@@ -32,9 +32,8 @@ _FEATURES_DIGITS = 12  # hexadecimal digits of the hash of features
 def source_digest() -> str:
     """Return the SHA-256 of the source that a run uses."""
     digest = hashlib.sha256()
-    paths = [_PACKAGE / name for name in _MODULES]
-    for room in _ROOMS:
-        paths += sorted((_PACKAGE / room).rglob('*.py'))
+    paths = [_PACKAGE / name for name in _MODULES] + [
+        path for room in _ROOMS for path in sorted((_PACKAGE / room).rglob('*.py'))]
     for path in paths:
         text = path.read_bytes()
         digest.update(f'{path.relative_to(_PACKAGE).as_posix()} {len(text)}\n'.encode() + text)

@@ -201,11 +201,10 @@ class Study:
     def finished(self) -> dict[int, Outcome]:
         """Return the runs of this sweep that the store has, by number."""
         keys = self.store.keys()
-        found: dict[int, Outcome] = {}
-        for request in self.requests:
-            if request.key in keys and (there := self.store.read(request.key)) is not None:
-                found[request.number] = outcome_of(request.number, request.key, there, reused=True)
-        return found
+        return {
+            request.number: outcome_of(request.number, request.key, there, reused=True)
+            for request in self.requests
+            if request.key in keys and (there := self.store.read(request.key)) is not None}
 
     def outcomes(self, executor: Executor, *, retry: bool = False) -> Iterator[Outcome]:
         """Compute missing runs; yield the outcome of every run once."""

@@ -146,10 +146,8 @@ class SweepTable(AsTable):
         widths = [max([len(title), *(len(row[place]) for row in rows)])
                   for place, title in enumerate(titles)]
         # The reason of a failed run follows the last column.
-        said = ['  '.join(text.rjust(width) for text, width in zip(titles, widths))]
-        for texts in rows:
-            said.append('  '.join(
-                text.rjust(width) for text, width in zip(texts, [*widths, 0])))
+        said = ['  '.join(text.rjust(width) for text, width in zip(texts, [*widths, 0]))
+                for texts in (titles, *rows)]
         if len(self) > row_count:
             said.append(f'... and {len(self) - row_count:,} more')
         return said

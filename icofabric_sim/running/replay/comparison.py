@@ -139,10 +139,9 @@ class ExactComparison:
         snapshot = simulation.snapshot()
         if self._lists[0] is not snapshot or self._lists[1] != time:
             assert self._outputs is not None
-            found = {}
-            for message in self._outputs.connectors(snapshot, time):
-                found[decode_marker_points(message).marker_id] = message
-            self._lists = snapshot, time, found
+            self._lists = snapshot, time, {
+                decode_marker_points(message).marker_id: message
+                for message in self._outputs.connectors(snapshot, time)}
         return self._lists[2]
 
 
