@@ -108,10 +108,10 @@ def main() -> None:
     print(describe_machine())
     print(f'{scene.body_count} bodies to t = {given.until:g} s, friction {given.friction:g}')
     print(f'{"":28} {"deepest overlap":>16} {"processor":>10} {"mean height":>12}')
-    runs: dict[str, Callable[[], dict[str, float]]] = {}
-    for step in given.steps:
-        runs[f'MuJoCo, steps of {step:g} s'] = partial(
+    runs: dict[str, Callable[[], dict[str, float]]] = {
+        f'MuJoCo, steps of {step:g} s': partial(
             run_mujoco, scene, given.friction, given.solver, step, given.begin, given.until)
+        for step in given.steps}
     for method in given.methods:
         ours = {**changes, 'solver.method': method, 'solver.threads': 1}
         # A first run compiles kernels.

@@ -199,15 +199,13 @@ class Driver:
     def reweave(self) -> None:
         """Change the weave by one or several changes of parameters."""
         generator = self.generator
-        changes: dict[str, Any] = {}
-        for name, value in (
-            ('weave__size', [generator.randint(2, 6), *generator.choices(range(2, 5), k=2)]),
-            ('weave__variant', generator.randint(0, 3)),
-            ('connector__stiffness', round(generator.uniform(300.0, 2000.0), 1)),
-            ('shell__density', round(generator.uniform(600.0, 2400.0), 1)),
-        ):
-            if generator.random() < 0.4:
-                changes[name] = value
+        values = {
+            'weave__size': [generator.randint(2, 6), *generator.choices(range(2, 5), k=2)],
+            'weave__variant': generator.randint(0, 3),
+            'connector__stiffness': round(generator.uniform(300.0, 2000.0), 1),
+            'shell__density': round(generator.uniform(600.0, 2400.0), 1)}
+        changes: dict[str, Any] = {
+            name: value for name, value in values.items() if generator.random() < 0.4}
         changes = changes or {'weave__variant': generator.randint(0, 3)}
         results, _ = self.graph.set(atomically=generator.random() < 0.6, **changes)
         for result in results:

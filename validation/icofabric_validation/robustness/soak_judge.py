@@ -75,10 +75,11 @@ def measure_real_time_factor(
     ticks: Sequence[tuple[float, int]], moments: Moments, rate: float
 ) -> RealTimeFactor:
     """Measure the factor from ticks (wall time [s], stamp [ns]) that are adjacent on the grid."""
-    schedule, spans = Schedule(rate), []
-    for (wall, stamp), (later, after) in zip(ticks, ticks[1:]):
-        if schedule.after(stamp) == after and not {stamp, after} & moments.shown:
-            spans.append((wall, later - wall, (after - stamp) / NANOSECONDS))
+    schedule = Schedule(rate)
+    spans = [
+        (wall, later - wall, (after - stamp) / NANOSECONDS)
+        for (wall, stamp), (later, after) in zip(ticks, ticks[1:])
+        if schedule.after(stamp) == after and not {stamp, after} & moments.shown]
     if len(spans) < 4:
         return RealTimeFactor(0.0, 0.0, 0.0)
     table = np.array(spans)

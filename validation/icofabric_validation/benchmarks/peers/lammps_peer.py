@@ -93,11 +93,10 @@ def write_files(scene: PlainScene, folder: Path) -> None:
     low, high = points.min(axis=(0, 1)) - margin, points.max(axis=(0, 1)) + margin
     lines = ['fabric', '', f'{6 * count} atoms', f'{scene.connector_count} bonds', '1 atom types',
              '1 bond types', '']
-    for k, axis in enumerate('xyz'):
-        lines.append(f'{low[k]!s} {high[k]!s} {axis}lo {axis}hi')
+    lines += [f'{low[k]!s} {high[k]!s} {axis}lo {axis}hi' for k, axis in enumerate('xyz')]
     lines += ['', 'Masses', '', f'1 {scene.mass / 6.0!r}', '', 'Atoms # bond', '']
-    for atom, place in enumerate(points.reshape(-1, 3).tolist()):
-        lines.append(f'{atom + 1} {atom // 6 + 1} 1 {place[0]!r} {place[1]!r} {place[2]!r}')
+    lines += [f'{atom + 1} {atom // 6 + 1} 1 {place[0]!r} {place[1]!r} {place[2]!r}'
+              for atom, place in enumerate(points.reshape(-1, 3).tolist())]
     lines += ['', 'Bonds', '']
     ends = 6 * scene.bodies + scene.edges + 1
     lines += [f'{c + 1} 1 {i} {j}' for c, (i, j) in enumerate(ends.tolist())]
