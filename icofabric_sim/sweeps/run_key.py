@@ -20,8 +20,8 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.sweeps.outcomes import Work
 
 _ROOMS: Final = (
-    'process', 'geometry', 'parameters', 'kernels', 'scene', 'simulation', 'statics', 'messages',
-    'bag', 'running', 'sweeps')
+    'process', 'geometry', 'terms', 'parameters', 'kernels', 'scene', 'simulation', 'statics',
+    'messages', 'bag', 'running', 'sweeps')
 _MODULES: Final = ('version.py', 'checks.py')
 _PACKAGE = Path(__file__).resolve().parents[1]
 _KEY_DIGITS = 32  # hexadecimal, 128 bits
