@@ -7,24 +7,19 @@ from typing import Any
 from icofabric_sim.kernels.connectors import add_connectors
 from icofabric_sim.kernels.contact.forces import add_contact
 from icofabric_sim.kernels.contact.losses import add_taken, losses_of
-from icofabric_sim.kernels.maxwell import add_maxwell
-from icofabric_sim.kernels.moments import add_bending, add_twisting
 from icofabric_sim.kernels.records import Model, State
-from icofabric_sim.kernels.viscous import add_damping
 from icofabric_sim.kernels.wrap.forces import add_wrapping
 from icofabric_sim.kernels.wrap.rates import add_wrapped_damping, creep_around
 from icofabric_sim.terms.composition import compose
 from icofabric_sim.terms.registry import TERMS
 
-# Functions of terms that are not folders of `terms` yet, by term and hook.
+# Functions outside `terms`, by term and hook, called after those of the folder.
 _OTHERS: dict[tuple[str, str], tuple[Any, ...]] = {
     ('links', 'add_force'): (add_connectors,),
     ('wrapping', 'add_force'): (add_wrapping,),
-    ('bending', 'add_force'): (add_bending,),
-    ('twisting', 'add_force'): (add_twisting,),
     ('contacts', 'add_force'): (add_contact,),
-    ('damping', 'add_velocity_force'): (add_damping, add_wrapped_damping),
-    ('maxwell', 'add_velocity_force'): (add_maxwell, creep_around),
+    ('damping', 'add_velocity_force'): (add_wrapped_damping,),
+    ('maxwell', 'add_velocity_force'): (creep_around,),
     ('contacts', 'add_velocity_force'): (add_taken,)}
 # Quantities that parameters of terms name, besides fields of `Model` and `State`.
 _EXPRESSIONS = {
@@ -42,5 +37,5 @@ def compose_terms(hook: str, arguments: str, carried: str, *, energy: str = '') 
     return compose(
         hook, [
             (term.name, function) for term in TERMS if energy in ('', term.energy)
-            for function in term.functions(hook) or _OTHERS.get((term.name, hook), ())],
+            for function in (*term.functions(hook), *_OTHERS.get((term.name, hook), ()))],
         arguments, carried, _EXPRESSIONS, helpers={'losses_of': losses_of})

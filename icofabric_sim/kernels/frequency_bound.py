@@ -10,8 +10,6 @@ from typing import Any
 from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.connectors import arm_of, slope_of
 from icofabric_sim.kernels.laws import replace_energy, replace_largest_slope, replace_pull
-from icofabric_sim.kernels.maxwell import maxwell_look
-from icofabric_sim.kernels.moment_bounds import bending_look, twisting_look
 from icofabric_sim.kernels.records import Laws, Links, Model, State, Variety, Work
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
@@ -37,6 +35,10 @@ import numpy as np
 Row = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
 Block = tuple[Row, Row, Row, Row, Row, Row]
 
+add_moments, add_arms = (
+    compose_terms(
+        'add_bound', 'model, state, points, block, s, bound, energy', 'bound, energy', energy=part)
+    for part in ('moments', 'arms'))
 add_fields = compose_terms(
     'add_bound', 'model, state, block, s, bound, energy', 'bound, energy',
     energy='fields')
@@ -275,23 +277,18 @@ def bound_and_energies(
     fields; then follow the magnitudes of tensions [N]. The bound of a sum of energies is the sum
     of their bounds. Up to the `limit` [1/s^2] a coarse bound suffices.
     """
-    more, bent = bending_look(
-        model.bending, model.links, model.inverse_mass, model.inverse_inertia, state.position,
-        state.orientation, work.points, block, s)
-    most, twisted = twisting_look(
-        model.twisting, model.links, model.inverse_inertia, state.orientation, block, s)
-    field, potential = add_fields(model, state, block, s, splat(0.0), splat(0.0))
+    zero = splat(0.0)
+    more, bent = add_moments(model, state, work.points, block, s, zero, zero)
+    field, potential = add_fields(model, state, block, s, zero, zero)
     around, wound, _ = wrapping_look(
         model.wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
         state.position, state.orientation, state.rest, work.points, block, s)
-    arms, held = maxwell_look(
-        model.maxwell, model.links, model.inverse_mass, model.inverse_inertia, state.rest,
-        work.points, state.position.shape[1], block, s)
-    others = more + most + field + around + arms
+    arms, held = add_arms(model, state, work.points, block, s, zero, zero)
+    others = more + field + around + arms
     bound, linked, pulls = block_bound(
         model.links, model.inverse_mass, model.inverse_inertia, work.points, state.position,
         block, s, limit - others)
-    return bound + others, linked + held, bent + twisted + wound, potential, pulls
+    return bound + others, linked + held, bent + wound, potential, pulls
 
 
 @compiled

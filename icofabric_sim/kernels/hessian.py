@@ -7,9 +7,9 @@ Vectors are (6, s) arrays, slots last: displacements [m] and rotation vectors [r
 or forces and torques.
 """
 
+from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
 from icofabric_sim.kernels.laws import replace_largest_slope, replace_pull
-from icofabric_sim.kernels.moment_hessian import add_bending_product, add_twisting_product
 from icofabric_sim.kernels.records import (
     Links,
     Model,
@@ -35,6 +35,9 @@ from icofabric_sim.kernels.runtime.lanes import (
 import numpy as np
 
 _SMALLEST_SQUARE = 1e-300
+
+add_products = compose_terms(
+    'add_product', 'model, state, points, moved, turns, block, s, total', 'total')
 
 
 @compiled
@@ -213,11 +216,7 @@ def multiply_blocks(
         motion = scaled_motion(supports, root_m, root_i, vector, s)
         total = second_derivative(
             model.links, points, state.position, moved, motion, block, s)
-        total = add_bending_product(
-            model.bending, model.links, state.position, state.orientation, points, moved, turns,
-            block, s, total)
-        a, b, c, d, e, f = add_twisting_product(
-            model.twisting, model.links, state.orientation, turns, block, s, total)
+        a, b, c, d, e, f = add_products(model, state, points, moved, turns, block, s, total)
         mx, my, mz, inertia = inverse_roots(supports, root_m, root_i, s)
         store(product, 0, s, a * mx)
         store(product, 1, s, b * my)

@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.terms.registry import LAWS, TERMS
-from icofabric_sim.terms.shared import Blocks, State, Supports, Variety
+from icofabric_sim.terms.shared import Blocks, Links, State, Supports
 import numpy as np
 
 
@@ -34,24 +34,6 @@ class Connectors(Record):
 
 class Laws(Record, parts={law.name: law.record for law in LAWS}):
     """Laws that replace springs, those of the registry; None: no connector follows it."""
-
-
-class Links(Record):
-    """
-    Connectors seen from each body: two at each of its six edges.
-
-    The neighbours of a block's lanes are adjacent too, so one index serves all lanes.
-    """
-
-    place: np.ndarray  # (b, 12) int32, where the x of lane 0's partner is in the flat points
-    present: np.ndarray  # (b, 12) uint8, bit l: lane l has this connector
-    stiffness: float  # k [N/m]; of many laws the largest
-    natural_length: float  # D [m]; of many laws the longest
-    half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
-    attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
-    # Individual springs, k and D of other laws; of tables the largest slopes.
-    variety: Variety | None
-    laws: Laws | None  # None: all are springs
 
 
 class Shells(Record):
@@ -83,28 +65,6 @@ class Wrapping(Record):
     # the edge, and the range of coordinates through which the path leads [m].
     ways: np.ndarray
     faces: np.ndarray  # (6, w, 2) int32, planes before and after the last edge of a path
-
-
-class Bending(Record):
-    """
-    Resistance to a change of the angle between connectors and bodies, see kernels/moments.py.
-    """
-
-    stiffness: float  # kappa_b [N m/rad]; of many the largest
-    # Directions of connectors in the weave, unit vectors: (12, 3) in body axes, or, if woven
-    # orientations differ, (36, s) for each body in world axes.
-    direction: np.ndarray
-    directions: np.ndarray | None
-    variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
-    woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
-
-
-class Twisting(Record):
-    """Resistance to rotations of two connected bodies against each other."""
-
-    stiffness: float  # kappa_t [N m/rad]; of many the largest
-    variety: np.ndarray | None  # (12, s) [N m/rad] where not all are alike
-    woven: np.ndarray | None  # (9, s) world components of the woven body axes, where they differ
 
 
 class Moments(Record):
@@ -243,22 +203,6 @@ class Loads(Record):
     anchors: Anchors | None
 
 
-class Damping(Record):
-    """Damping along the connectors."""
-
-    coefficient: float  # c [N s/m]; of many the largest
-    own: np.ndarray | None  # (12, s) [N s/m] of the connectors at each body, where not all alike
-
-
-class Maxwell(Record):
-    """A spring and a dashpot in series, parallel to each connector, see kernels/maxwell.py."""
-
-    stiffness: float  # k_1 [N/m]; of many the largest
-    rate: float  # 1 / tau [1/s]; of many the largest
-    own_stiffness: np.ndarray | None  # (12, s) [N/m] of the connectors at each body
-    own_rate: np.ndarray | None  # (12, s) [1/s] likewise; both where not all are alike
-
-
 class Meter(Record):
     """Energy that flows at the bodies, integrated with the weights of a Runge-Kutta method."""
 
@@ -390,15 +334,11 @@ class Model(Record, parts={
     inverse_inertia: float  # [1/(kg m^2)] likewise; of the smallest principal moment
     blocks: Blocks
     links: Links | None
-    bending: Bending | None
-    twisting: Twisting | None
     supports: Supports | None
-    damping: Damping | None = None
     shells: Shells | None = None
     wrapping: Wrapping | None = None
     contacts: Contacts | None = None
     masses: Masses | None = None
-    maxwell: Maxwell | None = None
     gyration: Gyration | None = None
 
     if TYPE_CHECKING:

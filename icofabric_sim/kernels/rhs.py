@@ -42,7 +42,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.viscous import place_speeds
+from icofabric_sim.terms.damping.speeds import place_speeds
 import numpy as np
 
 # Slot of the slope at the end of a step.

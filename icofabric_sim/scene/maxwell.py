@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maxwell arms, which make connectors standard linear solids (kernels/maxwell.py)."""
+"""Maxwell arms, which make connectors standard linear solids (terms/maxwell)."""
 
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -15,6 +15,8 @@ A term or law without one of the files is absent from the functions that are com
 `velocity_force.py`
     `add_velocity_force` adds accelerations to slopes, and returns `spent` plus the power [W] that
     the term dissipates.
+`tangent.py`
+    `add_product` returns the product of the Hessian with a motion, with that of the term.
 `bound.py`
     `add_bound` returns the bound of the squared frequency [1/s^2] and the energy [J] with those of
     the term.
@@ -42,6 +44,7 @@ the term. Numba then omits the code of the term. All other parameters are chosen
 `Model` and `State`, and quantities of the function that calls the terms.
 """
 
+from collections.abc import Collection
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -50,6 +53,9 @@ from typing import Any, Protocol
 import numpy as np
 
 _FOLDER = Path(__file__).parent
+# Ways of computing a scene that may lack a term: ranks of MPI, GPUs, implicit steps, methods with
+# steps of one length.
+PLACES = ('ranks', 'GPU', 'implicit', 'splitting')
 
 
 class Part:
@@ -58,9 +64,10 @@ class Part:
     # Files of functions.
     files: dict[str, str]
 
-    def __init__(self, name: str) -> None:
-        """Name the folder."""
-        self.name = name
+    def __init__(self, name: str, *, lacks: Collection[str] = ()) -> None:
+        """Name the folder, and those of `PLACES` that do not compute the term."""
+        self.name, self.lacks = name, frozenset(lacks)
+        assert self.lacks <= {*PLACES}
 
     def has(self, file: str) -> bool:
         """Check that the folder has a file."""
@@ -88,13 +95,13 @@ class Term(Part):
 
     files = {
         'add_force': 'force', 'add_acceleration': 'acceleration',
-        'add_velocity_force': 'velocity_force', 'add_bound': 'bound'}
+        'add_velocity_force': 'velocity_force', 'add_bound': 'bound', 'add_product': 'tangent'}
 
-    def __init__(self, name: str, *, energy: str = '') -> None:
+    def __init__(self, name: str, *, energy: str = '', lacks: Collection[str] = ()) -> None:
         """
-        Name the folder, and the part of the energy of a health check that includes the term.
+        Name the folder, the part of the energy of a health check, and what does not compute it.
         """
-        super().__init__(name)
+        super().__init__(name, lacks=lacks)
         self.energy = energy
 
 

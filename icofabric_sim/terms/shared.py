@@ -4,8 +4,9 @@
 
 from typing import Any
 
+from icofabric_sim.kernels.rotations import axes_of_lanes, Nine, on_axes
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store, Vector
+from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, store, Vector, where
 from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
@@ -47,6 +48,24 @@ class Variety(Record):
     extension: np.ndarray  # k_e [N/m]
     compression: np.ndarray  # k_c [N/m]
     natural_length: np.ndarray  # D [m]
+
+
+class Links(Record):
+    """
+    Connectors seen from each body: two at each of its six edges.
+
+    The neighbours of a block's lanes are adjacent too, so one index serves all lanes.
+    """
+
+    place: np.ndarray  # (b, 12) int32, where the x of lane 0's partner is in the flat points
+    present: np.ndarray  # (b, 12) uint8, bit l: lane l has this connector
+    stiffness: float  # k [N/m]; of many laws the largest
+    natural_length: float  # D [m]; of many laws the longest
+    half_width: float  # centre to the farthest attachment point, w / 2 for edge midpoints [m]
+    attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
+    # Individual springs, k and D of other laws; of tables the largest slopes.
+    variety: Variety | None
+    laws: Any  # `Laws` of kernels/records.py; None: all are springs
 
 
 class State(Record):
@@ -94,3 +113,54 @@ def add_wrench(
     store(angular, 0, s, fma(inertia, tx, load(angular, 0, s)))
     store(angular, 1, s, fma(inertia, ty, load(angular, 1, s)))
     store(angular, 2, s, fma(inertia, tz, load(angular, 2, s)))
+
+
+@compiled
+def partner_slot(links: Links, stride: int, block: int, link: int) -> int:
+    """
+    Return the slot of lane 0's partner; a connector ends at the edge opposite to its first edge.
+    """
+    slot: int = links.place[block, link] - 3 * ((link >> 1) ^ 1) * stride
+    return slot
+
+
+@compiled
+def stiffness_of(
+    uniform: float, variety: np.ndarray | None, present: int, link: int, s: int
+) -> Vector:
+    """Return the stiffness [N m/rad] of a connector against a moment, 0 without a connector."""
+    if variety is None:
+        return where(bits(present), splat(uniform), splat(0.0))
+    else:
+        return where(bits(present), load(variety, link, s), splat(0.0))
+
+
+@compiled
+def since_woven(woven: np.ndarray | None, orientation: np.ndarray, s: int) -> Nine:
+    """
+    Return the rotation of each body since the woven state, by columns, in world components.
+
+    Columns are the body axes, or, if `woven` orientations differ, the turned world axes.
+    """
+    if woven is None:
+        return axes_of_lanes(orientation, s)
+    else:
+        e = axes_of_lanes(orientation, s)
+        a = (load(woven, 0, s), load(woven, 1, s), load(woven, 2, s))
+        b = (load(woven, 3, s), load(woven, 4, s), load(woven, 5, s))
+        c = (load(woven, 6, s), load(woven, 7, s), load(woven, 8, s))
+        x = on_axes(e, a[0], b[0], c[0])
+        y = on_axes(e, a[1], b[1], c[1])
+        z = on_axes(e, a[2], b[2], c[2])
+        return x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]
+
+
+@compiled
+def coefficient_of(
+    own: np.ndarray | None, coefficient: float, link: int, s: int
+) -> Vector:
+    """Return the coefficient of a connector at each body of a block, individual or common."""
+    if own is None:
+        return splat(coefficient)
+    else:
+        return load(own, link, s)

@@ -1,16 +1,66 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""A term of the forces that a device does not know would be left out without a word."""
+"""What ranks, GPUs and methods lack is stated in the registry, and refused by its name."""
 
+from fabrics import make_scene
 from icofabric_sim.kernels.records import Model
+from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.devices import refusals
+from icofabric_sim.simulation.stepping.method_needs import required_method
+from icofabric_sim.terms.interface import PLACES
+from icofabric_sim.terms.registry import LAWS, TERMS
+import pytest
 
-# By the kernels in simulation/devices/gpu, or by the health checks of the processor.
-COMPUTED = {
-    'inverse_mass', 'inverse_inertia', 'gravity', 'blocks', 'links', 'bending', 'twisting',
-    'supports', 'dipole', 'shells', 'masses', 'damping', 'drag', 'contacts'}
-# By simulation/devices/refusals.py: by name, or because they need dop8.
-REFUSED = {'magnet', 'coulomb', 'wrapping', 'maxwell', 'gyration'}
+# Fields of the model that are no terms: the kernels of a GPU read all but the last.
+OTHERS = {
+    'inverse_mass', 'inverse_inertia', 'blocks', 'supports', 'shells', 'masses', 'gyration'}
+NEVER = {'contact.mode': 'never'}
+# Scenes with each term or law that something lacks.
+WITH = {
+    'wrapping': {'connector.obstruction': 'wrap'},
+    'dipole': {'charge.dipole': [1e-6, 0.0, 0.0], 'field.electric': [0.0, 0.0, 1e4]},
+    'coulomb': {'charge.mutual': True, 'charge.per_body': 1e-7},
+    'damping': {'connector.damping': 0.1},
+    'maxwell': {'connector.maxwell_stiffness': 100.0, 'connector.maxwell_time': 0.01},
+    'drag': {'drag.linear': 0.1},
+    'magnet': {'charge.per_body': 1e-7, 'field.magnetic': [0.0, 0.0, 1.0]}}
+PARTS = [part for part in (*TERMS, *LAWS) if part.lacks]
 
 
-def test_each_term_is_computed_or_refused():
-    assert not COMPUTED & REFUSED and {*Model._fields} == COMPUTED | REFUSED
+def is_refused(place, changes):
+    """True if a scene is refused there."""
+    methods = {'implicit': 'sdirk4', 'splitting': 'leapfrog'}
+    try:
+        scene = make_scene((3, 3, 3), {**NEVER, **changes, **(
+            {'solver.method': methods[place]} if place in methods else {})})
+        if place == 'ranks':
+            refusals.require_shareable(scene, cosines=False, body_force=False)
+        elif place == 'GPU':
+            refusals.require_on_device(scene, cosines=False, body_force=False, shared=False)
+        else:
+            required_method(scene)
+    except ParameterError:
+        return True
+    return False
+
+
+def test_each_field_of_the_model_is_a_term_or_known():
+    assert {*Model._fields} == OTHERS | {term.name for term in TERMS}
+
+
+@pytest.mark.parametrize('part', PARTS, ids=lambda part: part.name)
+def test_a_term_is_refused_where_the_registry_says(part, tmp_path):
+    changes = WITH.get(part.name)
+    if part.name == 'tables':
+        path = tmp_path / 'law.csv'
+        path.write_text('0.02, -2\n0.03, 0\n0.05, 4\n')
+        changes = {'connector.law': str(path)}
+    for place in PLACES:
+        assert is_refused(place, changes) == (place in part.lacks), place
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'connector.bending_stiffness': 0.01}, {'connector.twisting_stiffness': 0.01},
+    {'gravity': [0.0, 0.0, -9.8]}, {'connector.law': 'exponential', 'connector.alpha': 50.0}])
+def test_other_terms_are_computed_everywhere(changes):
+    assert not any(is_refused(place, changes) for place in PLACES)

@@ -16,18 +16,8 @@ from typing import NamedTuple
 
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.laws import replace_alone
-from icofabric_sim.kernels.moments import partner_slot
 from icofabric_sim.kernels.obstruction import axes_at, enters_from
-from icofabric_sim.kernels.records import (
-    Connectors,
-    Links,
-    Maxwell,
-    Model,
-    State,
-    Variety,
-    Work,
-    Wrapping,
-)
+from icofabric_sim.kernels.records import Connectors, Links, Model, State, Variety, Work, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
@@ -52,6 +42,8 @@ from icofabric_sim.kernels.wrap.path import (
     turned,
     wound,
 )
+from icofabric_sim.terms.maxwell.record import Maxwell
+from icofabric_sim.terms.shared import partner_slot
 import numpy as np
 
 _SMALLEST_LENGTH = 1e-150

@@ -10,14 +10,15 @@ rate is that of the free segment between the two material points there.
 import math
 from typing import NamedTuple
 
-from icofabric_sim.kernels.moments import partner_slot
-from icofabric_sim.kernels.records import Damping, Links, Maxwell, Model, State, Wrapping
+from icofabric_sim.kernels.records import Links, Model, State, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import any_lane, insert, lane, LANES, splat, Vector
 from icofabric_sim.kernels.wrap.forces import arm_law, entering, one_of
 from icofabric_sim.kernels.wrap.pairs import taut
 from icofabric_sim.kernels.wrap.path import apart, leaving, Point, Pose, pose_of, wound
-from icofabric_sim.terms.shared import add_wrench
+from icofabric_sim.terms.damping.record import Damping
+from icofabric_sim.terms.maxwell.record import Maxwell
+from icofabric_sim.terms.shared import add_wrench, partner_slot
 import numpy as np
 
 _SMALLEST_LENGTH = 1e-150

@@ -26,7 +26,7 @@ from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, splat, store
 from icofabric_sim.kernels.runtime.team import TILE
-from icofabric_sim.kernels.viscous import place_speeds
+from icofabric_sim.terms.damping.speeds import place_speeds
 import numpy as np
 
 # Numbers of a pose: position and quaternion; with velocities; and with those before a kick, too.

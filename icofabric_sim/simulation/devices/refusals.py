@@ -4,16 +4,22 @@
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
+from typing import Any
 
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.method_needs import beyond_losses, required_method
 from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.terms.registry import LAWS, TERMS
 import numpy as np
 
 _ONE, _CPU = 'or run it in one process', 'or solver.device cpu'
 _SHARED = 'is not shared by ranks'
+# Parameters that turn terms on which neither ranks nor devices compute, and remedies.
+_SWITCHES: dict[str, tuple[str, Any, str]] = {
+    'coulomb': ('charge.mutual', True, 'take false'),
+    'wrapping': ('connector.obstruction', 'wrap', 'take warn or stop')}
 # Methods whose steps a device takes through contacts.
 _THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8')
 
@@ -112,10 +118,11 @@ def _require_method(name: str, lacks: str, alone: str, taken: list[str]) -> None
 def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
     """Yield parameters that neither ranks nor devices support, with their values and remedies."""
     parameters = scene.parameters
-    if parameters['charge.mutual']:
-        yield 'charge.mutual', 'true', 'take false'
-    if parameters['connector.obstruction'] == 'wrap':
-        yield 'connector.obstruction', 'wrap', 'take warn or stop'
+    for term in TERMS:
+        if 'ranks' in term.lacks:
+            name, value, remedy = _SWITCHES[term.name]
+            if parameters[name] == value:
+                yield name, str(value).lower(), remedy
     if scene.half_edges is not None and parameters['contact.mode'] != 'never':
         name = size_parameter_names(parameters, scene.shell)[0]
         yield name, f'{parameters[name]!r} m', 'take 0, or contact.mode never'
@@ -144,8 +151,10 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
     if scene.body_count + len(parameters.names('planes')) > 1 and (
             parameters['contact.mode'] != 'never'):
         yield from _lacking_with_contact(scene)
-    if scene.connector_count and scene.connectors.curves.tables:
-        yield 'connector.law', 'by a table', 'take connector.stiffness'
+    lacking = {law.name for law in LAWS if 'GPU' in law.lacks}
+    for curve in scene.connectors.curves.curves if scene.connector_count else ():
+        if curve.law in lacking:
+            yield 'connector.law', f'by {curve.law}', 'take connector.stiffness'
     method = str(parameters['solver.method'])
     for name in parameters.names('drives'):
         if method != 'auto' and method in METHODS and method not in methods_on_device(scene):

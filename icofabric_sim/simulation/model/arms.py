@@ -4,12 +4,13 @@
 
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths
-from icofabric_sim.kernels.records import Connectors, Links, Maxwell, Model
+from icofabric_sim.kernels.records import Connectors, Links, Model
 from icofabric_sim.kernels.wrap.forces import measure_wrapped
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.damping import at_links
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.maxwell.record import Maxwell
 import numpy as np
 
 

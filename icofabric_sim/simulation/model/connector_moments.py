@@ -6,12 +6,14 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.records import Bending, Links, Moments, Twisting
+from icofabric_sim.kernels.records import Links, Moments
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import woven_end_to_end
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
+from icofabric_sim.terms.bending.record import Bending
 from icofabric_sim.terms.shared import LINK_COUNT
+from icofabric_sim.terms.twisting.record import Twisting
 import numpy as np
 
 

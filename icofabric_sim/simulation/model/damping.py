@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Packing of the damping coefficients of connectors: one for all, or one for each."""
 
-from icofabric_sim.kernels.records import Damping, Links
+from icofabric_sim.kernels.records import Links
 from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
+from icofabric_sim.terms.damping.record import Damping
 from icofabric_sim.terms.shared import LINK_COUNT
 import numpy as np
 

@@ -239,6 +239,10 @@ def pack_scene(
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     terms: dict[str, Any] = {
+        'bending': resisting.bending,
+        'twisting': resisting.twisting,
+        'damping': damping,
+        'maxwell': maxwell,
         'gravity': Gravity(fall) if fall.any() else None,
         'drag': drag if any(drag) else None,
         'magnet': pack_magnet(electric, masses, layout),
@@ -249,10 +253,7 @@ def pack_scene(
         inverse_inertia=1.0 / inertia,
         blocks=layout.blocks,
         links=links,
-        bending=resisting.bending,
-        twisting=resisting.twisting,
         supports=supports,
-        damping=damping,
         shells=pack_own_shells(scene, layout),
         wrapping=None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
@@ -260,7 +261,6 @@ def pack_scene(
             layout.spread(masses.mass[:, None], empty=0.0),
             layout.spread(masses.inertia[:, None], empty=0.0),
             float(masses.mass.max()), float(masses.inertia.max())),
-        maxwell=maxwell,
         gyration=_pack_gyration(scene, layout),
         **terms)
     external = None

@@ -5,14 +5,16 @@
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.records import Bending, Links, Loads, Model, State, Twisting, Work
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.kernels import Terms
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Fabric
 from icofabric_sim.simulation.model.layout import has_jumps, Layout
+from icofabric_sim.terms.bending.record import Bending
 from icofabric_sim.terms.registry import LAWS
 from icofabric_sim.terms.shared import LINK_COUNT
+from icofabric_sim.terms.twisting.record import Twisting
 import numpy as np
 
 wp: Any = import_module('warp')

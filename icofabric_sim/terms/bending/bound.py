@@ -1,17 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Energies of bending and twisting of a block, and their bounds of its frequency."""
+"""Energy of bending and the bound of its frequency."""
 
 import math
 
-from icofabric_sim.kernels.moments import (
-    apart,
-    partner_slot,
-    since_woven,
-    stiffness_of,
-    woven_directions,
-)
-from icofabric_sim.kernels.records import Bending, Links, Twisting
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     fabs,
@@ -24,23 +16,30 @@ from icofabric_sim.kernels.runtime.lanes import (
     sqrt,
     Vector,
 )
+from icofabric_sim.terms.bending.directions import woven_directions
+from icofabric_sim.terms.bending.record import Bending
+from icofabric_sim.terms.shared import (
+    Links,
+    partner_slot,
+    since_woven,
+    SMALLEST_SQUARE,
+    stiffness_of,
+)
 import numpy as np
 
-_SMALLEST_SQUARE = 1e-300
-# Largest of (2 + 2 cos phi + sin phi) / 2 over all angles, (2 + sqrt 5) / 2.
-_TWIST = 0.5 * (2.0 + math.sqrt(5.0))
 # Largest |d''| l^2 / |u'|^2 of the unit vector d of u: sqrt(p (4 - 3 p)) at p = 2/3, twice for
 # |u'|^2 <= 2 |du_1|^2 + 2 |du_2|^2.
-_CURVED = 4.0 / math.sqrt(3.0)
+_CURVATURE_RATIO = 4.0 / math.sqrt(3.0)
 
 
 @compiled
-def bending_look(
+def add_bound(
     bending: Bending | None, links: Links, inverse_mass: float, inverse_inertia: float,
-    position: np.ndarray, orientation: np.ndarray, points: np.ndarray, block: int, s: int
+    position: np.ndarray, orientation: np.ndarray, points: np.ndarray, block: int, s: int,
+    bound: Vector, energy: Vector
 ) -> tuple[Vector, Vector]:
     """
-    Return the bound of the squared frequency [1/s^2] by bending alone of a block; its energy [J].
+    Add the bound of the squared frequency [1/s^2] by bending alone of a block, and its energy [J].
 
     With E = kappa |n - d|^2 / 2 for each end, E'' = kappa |n' - d'|^2 + kappa (n - d) . (n'' -
     d''). In the first term n' - d' = x_1 - y_2, with x_1 = dtheta_1 x n + P du_1 / l of the own
@@ -49,15 +48,15 @@ def bending_look(
     |dtheta|^2 and |d''| <= 2 / sqrt(3) |u'|^2 / l^2 + |s| (|dtheta_1|^2 + |dtheta_2|^2) / l. The
     sum of the bounds of two energies bounds that of their sum.
     """
-    zero = splat(0.0)
     if bending is None:
-        return zero, zero
+        return bound, energy
     else:
+        zero = splat(0.0)
         stride = position.shape[1]
         root_m, root_i = splat(math.sqrt(inverse_mass)), splat(math.sqrt(inverse_inertia))
         cx, cy, cz = load(position, 0, s), load(position, 1, s), load(position, 2, s)
         own = since_woven(bending.woven, orientation, s)
-        energy, rest = zero, zero
+        total, rest = zero, zero
         sums = (
             zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero, zero,
             zero, zero, zero, zero, zero, zero, zero)
@@ -71,7 +70,7 @@ def bending_look(
                 bending.stiffness, bending.variety, links.present[block, link], link, s)
             ux, uy = load_at(points, place) - px, load_at(points, place + stride) - py
             uz = load_at(points, place + 2 * stride) - pz
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(SMALLEST_SQUARE))
             inverse = rsqrt(square)
             d = (ux * inverse, uy * inverse, uz * inverse)
             other = since_woven(
@@ -81,14 +80,14 @@ def bending_look(
             mx, my, mz = mx - d[0], my - d[1], mz - d[2]
             bent = fma(ex, ex, fma(ey, ey, ez * ez))
             far = fma(mx, mx, fma(my, my, mz * mz))
-            energy = fma(kappa, bent, energy)
+            total = fma(kappa, bent, total)
             # Terms that vanish in the woven state.
             bent = sqrt(bent)
             both = bent + sqrt(far)
             arm = fma(sx, sx, fma(sy, sy, sz * sz))
             near = splat(inverse_mass) + arm * splat(inverse_inertia)
             more = fma(
-                both, fma(splat(_CURVED) * inverse * inverse, near,
+                both, fma(splat(_CURVATURE_RATIO) * inverse * inverse, near,
                           sqrt(arm) * inverse * splat(inverse_inertia)),
                 bent * splat(inverse_inertia))
             rest = fma(kappa, more, rest)
@@ -110,37 +109,7 @@ def bending_look(
                 else:
                     tx, ty = fma(weight, ny, tx), ty - weight * nx
                 sums = gram(sums, a, b, c, tx * root_i, ty * root_i, tz * root_i)
-        return largest_row(sums) + rest, splat(0.5) * energy
-
-
-@compiled
-def twisting_look(
-    twisting: Twisting | None, links: Links, inverse_inertia: float, orientation: np.ndarray,
-    block: int, s: int
-) -> tuple[Vector, Vector]:
-    """
-    Return the bound of the squared frequency [1/s^2] by twisting alone of a block; its energy [J].
-
-    E'' = kappa / 2 (tr Q |b|^2 - b . Q b + dtheta_1 . (Q - Q^T) dtheta_2) with b = dtheta_1 -
-    dtheta_2. tr Q - Q has no larger eigenvalue than 1 + cos phi in its symmetric part, and the
-    last term is at most sin phi (|dtheta_1|^2 + |dtheta_2|^2), so that E'' is at most kappa
-    (2 + 2 cos phi + sin phi) / 2 times the same sum. Half of the energy counts for either end.
-    """
-    zero = splat(0.0)
-    if twisting is None:
-        return zero, zero
-    else:
-        stride = orientation.shape[orientation.ndim - 1]
-        own = since_woven(twisting.woven, orientation, s)
-        energy, total = zero, zero
-        for link in range(12):
-            kappa = stiffness_of(
-                twisting.stiffness, twisting.variety, links.present[block, link], link, s)
-            other = since_woven(
-                twisting.woven, orientation, partner_slot(links, stride, block, link))
-            energy = fma(kappa, apart(own, other), energy)
-            total = total + kappa
-        return splat(_TWIST * inverse_inertia) * total, splat(0.5) * energy
+        return bound + (largest_row(sums) + rest), energy + splat(0.5) * total
 
 
 @compiled

@@ -13,11 +13,9 @@ An arm stores k_1 (l - q)^2 / 2 and dissipates k_1 (l - q)^2 / tau. Lengths are 
 either end, so each end stores its own q, and both stay equal.
 """
 
-from icofabric_sim.kernels.records import Links, Maxwell, Model
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
-    fabs,
     fma,
     load,
     load_at,
@@ -28,18 +26,16 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
-from icofabric_sim.kernels.viscous import coefficient_of
-from icofabric_sim.terms.shared import add_wrench
+from icofabric_sim.terms.maxwell.record import Maxwell
+from icofabric_sim.terms.shared import add_wrench, coefficient_of, Links, SMALLEST_SQUARE, Supports
 import numpy as np
-
-_SMALLEST_SQUARE = 1e-300
 
 
 @compiled
-def add_maxwell(
-    maxwell: Maxwell | None, links: Links | None, model: Model, rest: np.ndarray | None,
-    slope: np.ndarray, row: int, position: np.ndarray, points: np.ndarray, block: int, s: int,
-    spent: Vector
+def add_velocity_force(
+    maxwell: Maxwell | None, links: Links | None, supports: Supports | None, inverse_mass: float,
+    inverse_inertia: float, rest: np.ndarray | None, slope: np.ndarray, row: int,
+    position: np.ndarray, points: np.ndarray, block: int, s: int, spent: Vector
 ) -> Vector:
     """
     Add the forces of the arms of a block to the slopes of velocity and spin, which end at `row`.
@@ -67,7 +63,7 @@ def add_maxwell(
             place = links.place[block, link]
             ux, uy = load_at(points, place) - qx, load_at(points, place + stride) - qy
             uz = load_at(points, place + 2 * stride) - qz
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
+            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(SMALLEST_SQUARE))
             inverse = rsqrt(square)
             stretch = where(
                 bits(links.present[block, link]), square * inverse - load(rest, link, s), zero)
@@ -84,46 +80,6 @@ def add_maxwell(
         ty = fma(az, ex, ty - ax * ez)
         tz = fma(ax, ey, tz - ay * ex)
     add_wrench(
-        model.supports, model.inverse_mass, model.inverse_inertia, slope[row - 6:row - 3],
+        supports, inverse_mass, inverse_inertia, slope[row - 6:row - 3],
         slope[row - 3:row], s, fx, fy, fz, tx, ty, tz)
     return fma(splat(0.5), taken, spent)
-
-
-@compiled
-def maxwell_look(
-    maxwell: Maxwell | None, links: Links | None, inverse_mass: float, inverse_inertia: float,
-    rest: np.ndarray | None, points: np.ndarray, stride: int, block: int, s: int
-) -> tuple[Vector, Vector]:
-    """
-    Return what arms of a block add to the bound of the squared frequency [1/s^2]; energy [J].
-
-    The bound is that of `block_bound` with (n . du)^2 <= |du|^2. Half of the energy of each arm
-    counts for either end.
-    """
-    zero = splat(0.0)
-    if maxwell is None:
-        return zero, zero
-    if links is None:
-        return zero, zero
-    if rest is None:
-        return zero, zero
-    spread = splat(2.0 * (inverse_mass + links.half_width**2 * inverse_inertia))
-    moment = splat(links.half_width * inverse_inertia)
-    bound, energy = zero, zero
-    for edge in range(6):
-        at = 3 * edge * stride + s
-        for link in range(2 * edge, 2 * edge + 2):
-            place = links.place[block, link]
-            there = bits(links.present[block, link])
-            ux = load_at(points, place) - load_at(points, at)
-            uy = load_at(points, place + stride) - load_at(points, at + stride)
-            uz = load_at(points, place + 2 * stride) - load_at(points, at + 2 * stride)
-            square = maximum(fma(ux, ux, fma(uy, uy, uz * uz)), splat(_SMALLEST_SQUARE))
-            inverse = rsqrt(square)
-            stretch = where(there, square * inverse - load(rest, link, s), zero)
-            k = coefficient_of(maxwell.own_stiffness, maxwell.stiffness, link, s)
-            pull = k * stretch
-            energy = fma(pull, stretch, energy)
-            stiff = k + maximum(pull, zero) * inverse
-            bound = bound + where(there, fma(spread, stiff, moment * fabs(pull)), zero)
-    return bound, splat(0.25) * energy

@@ -1,55 +1,37 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Second derivatives of the energies of bending and twisting along small motions.
+Second derivative of the energy of bending along small motions.
 
 The configuration is x + dx, exp(dtheta) R, as in kernels/hessian.py. Either end counts as the
 first for its own body.
 """
 
-from icofabric_sim.kernels.connectors import Six
-from icofabric_sim.kernels.moments import partner_slot, since_woven, stiffness_of, woven_directions
-from icofabric_sim.kernels.records import Bending, Links, Twisting
 from icofabric_sim.kernels.rotations import Three
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, load, load_at, rsqrt, splat, Vector, where
+from icofabric_sim.terms.bending.directions import woven_directions
+from icofabric_sim.terms.bending.record import Bending
+from icofabric_sim.terms.shared import (
+    Links,
+    partner_slot,
+    since_woven,
+    Six,
+    SMALLEST_SQUARE,
+    stiffness_of,
+)
 import numpy as np
 
-_SMALLEST_SQUARE = 1e-300
-
 
 @compiled
-def cross(a: Three, b: Three) -> Three:
-    """Return the cross product."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@compiled
-def inner(a: Three, b: Three) -> Vector:
-    """Return the scalar product."""
-    return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
-
-
-@compiled
-def turned_twice(turn: Three, arm: Three, along: Three) -> Three:
-    """Return half the gradient over `turn` of along . [turn x (turn x arm)]."""
-    half = splat(0.5)
-    first, second, third = half * inner(turn, arm), half * inner(turn, along), inner(along, arm)
-    return (
-        fma(along[0], first, fma(arm[0], second, splat(0.0) - third * turn[0])),
-        fma(along[1], first, fma(arm[1], second, splat(0.0) - third * turn[1])),
-        fma(along[2], first, fma(arm[2], second, splat(0.0) - third * turn[2])))
-
-
-@compiled
-def add_bending_product(
+def add_product(
     bending: Bending | None, links: Links, position: np.ndarray, orientation: np.ndarray,
     points: np.ndarray, moved: np.ndarray, turns: np.ndarray, block: int, s: int, total: Six
 ) -> Six:
     """
     Add the product for bending; `turns` (3, s) holds the rotation vectors of all bodies.
 
-    With a = du_2 - du_1, w = n + m (see `add_bending`), w' = dtheta_1 x n + dtheta_2 x m, P = 1 -
+    With a = du_2 - du_1, w = n + m (see force.py), w' = dtheta_1 x n + dtheta_2 x m, P = 1 -
     d d^T, b = P w / l: of E = -kappa w . d, G a = kappa / l [d (b . a) + b (d . a) + (w . d) / l
     P a], g = G a - kappa / l P w'. The own rows are -g and -s x g - kappa / l n x P a, plus the
     second derivatives of the arm s (with the force -kappa b) and of n (with -kappa d).
@@ -81,7 +63,7 @@ def add_bending_product(
                 p[0] - load(position, 0, s), p[1] - load(position, 1, s),
                 p[2] - load(position, 2, s))
             square = inner(u, u)
-            far = square > splat(_SMALLEST_SQUARE)
+            far = square > splat(SMALLEST_SQUARE)
             kappa = where(far, kappa, zero)
             inverse = where(far, rsqrt(where(far, square, one)), zero)
             d = (u[0] * inverse, u[1] * inverse, u[2] * inverse)
@@ -116,40 +98,23 @@ def add_bending_product(
 
 
 @compiled
-def add_twisting_product(
-    twisting: Twisting | None, links: Links, orientation: np.ndarray, turns: np.ndarray,
-    block: int, s: int, total: Six
-) -> Six:
-    """
-    Add the product for twisting: kappa / 2 [tr Q (t_1 - t_2) - (Q + Q^T) t_1 / 2 + Q t_2].
+def cross(a: Three, b: Three) -> Three:
+    """Return the cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
-    Q = sum g_i e_i^T, e_i and g_i the axes of the own body and the other, t the rotation vectors.
-    """
-    if twisting is None:
-        return total
-    else:
-        half = splat(0.5)
-        stride = orientation.shape[orientation.ndim - 1]
-        own = since_woven(twisting.woven, orientation, s)
-        turn = (load(turns, 0, s), load(turns, 1, s), load(turns, 2, s))
-        fx, fy, fz, tx, ty, tz = total
-        for link in range(12):
-            there = partner_slot(links, stride, block, link)
-            kappa = half * stiffness_of(
-                twisting.stiffness, twisting.variety, links.present[block, link], link, s)
-            axes = since_woven(twisting.woven, orientation, there)
-            other = (load(turns, 0, there), load(turns, 1, there), load(turns, 2, there))
-            trace, x, y, z = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-            for i in range(3):
-                e = (own[3 * i], own[3 * i + 1], own[3 * i + 2])
-                g = (axes[3 * i], axes[3 * i + 1], axes[3 * i + 2])
-                trace = trace + inner(e, g)
-                on_g = inner(e, other) - half * inner(e, turn)
-                on_e = half * inner(g, turn)
-                x = x + (g[0] * on_g - e[0] * on_e)
-                y = y + (g[1] * on_g - e[1] * on_e)
-                z = z + (g[2] * on_g - e[2] * on_e)
-            tx = fma(kappa, fma(trace, turn[0] - other[0], x), tx)
-            ty = fma(kappa, fma(trace, turn[1] - other[1], y), ty)
-            tz = fma(kappa, fma(trace, turn[2] - other[2], z), tz)
-        return fx, fy, fz, tx, ty, tz
+
+@compiled
+def inner(a: Three, b: Three) -> Vector:
+    """Return the scalar product."""
+    return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
+
+
+@compiled
+def turned_twice(turn: Three, arm: Three, along: Three) -> Three:
+    """Return half the gradient over `turn` of along . [turn x (turn x arm)]."""
+    half = splat(0.5)
+    first, second, third = half * inner(turn, arm), half * inner(turn, along), inner(along, arm)
+    return (
+        fma(along[0], first, fma(arm[0], second, splat(0.0) - third * turn[0])),
+        fma(along[1], first, fma(arm[1], second, splat(0.0) - third * turn[1])),
+        fma(along[2], first, fma(arm[2], second, splat(0.0) - third * turn[2])))
