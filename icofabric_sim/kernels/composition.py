@@ -35,7 +35,7 @@ def compose_terms(hook: str, arguments: str, carried: str, *, energy: str = '') 
     `arguments` and `carried`: see `compose`. `energy` selects terms of that part of the energy.
     """
     return compose(
-        hook, [
+        f'{hook}_{energy}' if energy else hook, [
             (term.name, function) for term in TERMS if energy in ('', term.energy)
             for function in (*term.functions(hook), *_OTHERS.get((term.name, hook), ()))],
         arguments, carried, _EXPRESSIONS, helpers={'losses_of': losses_of})

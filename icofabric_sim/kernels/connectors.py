@@ -12,7 +12,7 @@ threads.
 from typing import Any
 
 from icofabric_sim.kernels.laws import replace_factor
-from icofabric_sim.kernels.records import Kinks, Laws, Links, Variety
+from icofabric_sim.kernels.records import Kinks, Laws, Links
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -25,6 +25,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.shared import Variety
 import numpy as np
 
 # Lower bound of squared lengths [m^2]: the force of a spring of zero length has no direction and

@@ -10,7 +10,7 @@ from typing import Any
 from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.connectors import arm_of, slope_of
 from icofabric_sim.kernels.laws import replace_energy, replace_largest_slope, replace_pull
-from icofabric_sim.kernels.records import Laws, Links, Model, State, Variety, Work
+from icofabric_sim.kernels.records import Laws, Links, Model, State, Work
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import (
@@ -30,6 +30,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.kernels.wrap.forces import wrapping_look
+from icofabric_sim.terms.shared import Variety
 import numpy as np
 
 Row = tuple[Vector, Vector, Vector, Vector, Vector, Vector]

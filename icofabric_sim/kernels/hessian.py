@@ -10,13 +10,7 @@ or forces and torques.
 from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.connectors import arm_of, Six, slope_of
 from icofabric_sim.kernels.laws import replace_largest_slope, replace_pull
-from icofabric_sim.kernels.records import (
-    Links,
-    Model,
-    State,
-    Supports,
-    Variety,
-)
+from icofabric_sim.kernels.records import Links, Model, State, Supports
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     bits,
@@ -32,6 +26,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.shared import Variety
 import numpy as np
 
 _SMALLEST_SQUARE = 1e-300

@@ -11,11 +11,12 @@ side. With these springs as input it gives the exact tangent.
 
 from typing import NamedTuple
 
-from icofabric_sim.kernels.records import Model, Variety
+from icofabric_sim.kernels.records import Model
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.statics.sides import ACTUAL, kink_width, rounding_of, slopes_on
+from icofabric_sim.terms.shared import Variety
 import numpy as np
 
 # Slopes below this ratio to the largest slope, or to the largest tension over length, are flat;

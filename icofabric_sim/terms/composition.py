@@ -14,6 +14,9 @@ from typing import Any
 
 from icofabric_sim.kernels.runtime.compiled import inlined
 
+# Names of all composed kernels.
+_NAMES: set[str] = set()
+
 
 def compose(
     name: str, functions: Iterable[tuple[str, Any]], arguments: str, carried: str,
@@ -43,7 +46,12 @@ def compose(
     ------
     TypeError
         If a parameter of a function is neither an argument nor in `known`.
+    ValueError
+        If there is a kernel of this name, which the cache on disk would not tell from this one.
     """
+    if name in _NAMES:
+        raise ValueError(f'a kernel {name} has been composed')
+    _NAMES.add(name)
     namespace: dict[str, Any] = {'__name__': __name__, **(helpers or {})}
     lines = []
     for term, function in functions:

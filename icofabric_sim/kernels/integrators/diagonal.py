@@ -17,7 +17,7 @@ from icofabric_sim.kernels.connectors import slope_of
 from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.laws import replace_pull, replace_slope
-from icofabric_sim.kernels.records import Links, Loads, Model, State, Variety
+from icofabric_sim.kernels.records import Links, Loads, Model, State
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
@@ -34,7 +34,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.terms.damping.record import Damping
-from icofabric_sim.terms.shared import coefficient_of
+from icofabric_sim.terms.shared import coefficient_of, Variety
 import numpy as np
 
 _MIN_POSITIVE = 1e-300

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from icofabric_sim.kernels.connectors import Six
 from icofabric_sim.kernels.laws import replace_alone
 from icofabric_sim.kernels.obstruction import axes_at, enters_from
-from icofabric_sim.kernels.records import Connectors, Links, Model, State, Variety, Work, Wrapping
+from icofabric_sim.kernels.records import Connectors, Links, Model, State, Work, Wrapping
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
@@ -43,7 +43,7 @@ from icofabric_sim.kernels.wrap.path import (
     wound,
 )
 from icofabric_sim.terms.maxwell.record import Maxwell
-from icofabric_sim.terms.shared import partner_slot
+from icofabric_sim.terms.shared import partner_slot, Variety
 import numpy as np
 
 _SMALLEST_LENGTH = 1e-150

@@ -19,7 +19,6 @@ from icofabric_sim.kernels.records import (
     State,
     Supports,
     Tractions,
-    Variety,
     Watch,
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -27,6 +26,7 @@ from icofabric_sim.simulation.devices.division import Part
 from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EACH
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
 from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.shared import Variety
 import numpy as np
 
 # Doubles that a rank holds for each slot: state, its trials and the one that was saved,

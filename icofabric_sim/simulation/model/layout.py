@@ -20,17 +20,7 @@ from icofabric_sim.geometry.rotations import (
     unit_quaternions,
 )
 from icofabric_sim.kernels.figures import figures_room, group_size
-from icofabric_sim.kernels.records import (
-    Blocks,
-    Kinks,
-    Laws,
-    Links,
-    Meter,
-    State,
-    Trail,
-    Variety,
-    Work,
-)
+from icofabric_sim.kernels.records import Blocks, Kinks, Laws, Links, Meter, State, Trail, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.connector_laws import (
     ConnectorCurves,
@@ -40,7 +30,7 @@ from icofabric_sim.scene.connector_laws import (
 )
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.weave_connect import Connections
-from icofabric_sim.terms.shared import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE
+from icofabric_sim.terms.shared import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE, Variety
 from icofabric_sim.terms.tables.law import HEAD_SIZE, ROW_SIZE
 from icofabric_sim.terms.tables.record import Tables
 import numpy as np

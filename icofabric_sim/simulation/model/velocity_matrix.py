@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.integrators.diagonal import assemble, tangent_springs
-from icofabric_sim.kernels.records import Model, State, Variety
+from icofabric_sim.kernels.records import Model, State
 from icofabric_sim.simulation.contact.pair_forces import PairForces
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.terms.shared import LINK_COUNT
+from icofabric_sim.terms.shared import LINK_COUNT, Variety
 import numpy as np
 
 _COLOURS, _STEPS = 13, np.array([1, 3, 4])
