@@ -32,6 +32,5 @@ LAWS = (
 def support_rows() -> list[str]:
     """Return a row of a table for each term and law that some of `PLACES` lack."""
     return [
-        f'| {part.name} | ' + ' | '.join(
-            'no' if place in part.lacks else 'yes' for place in PLACES) + ' |'
+        f'| {part.name} | {", ".join(place for place in PLACES if place in part.lacks)} |'
         for part in (*TERMS, *LAWS) if part.lacks]
