@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import ctypes
 import itertools
 import json
+import operator
 import os
 from pathlib import Path
 import re
@@ -244,6 +245,29 @@ def test_compiler_of_a_dispatcher():
         kernel = uncached(lambda x: 6.0 * x)
         kernel.add_before_compiling(lambda: calls.append(1))
         assert (kernel(1.0), kernel(1.0), calls) == (6.0, 6.0, [1])
+
+
+def passes_of(dispatcher):
+    found, = dispatcher.overloads.values()
+    (_, times), = found.metadata['pipeline_times'].items()
+    return [name.split('_', 1)[1] for name in times]
+
+
+def test_passes_of_the_compiler():
+    with interface('DefaultPassBuilder, PassManager', 'a shorter compile time'):
+        kernel, usual = uncached(lambda x: 2.0 * x), numba.njit(lambda x: 2.0 * x)
+        assert kernel(1.0) == usual(1.0)
+        ours, all_passes = passes_of(kernel._as_part()), passes_of(usual)
+        assert ours == [name for name in all_passes if name in ours]
+        assert len(all_passes) - len(ours) == len(numba_private._UNUSED_PASSES)
+
+
+def test_order_of_templates():
+    with interface('_lookup_global, _remove_global', 'a shorter compile time'):
+        assert uncached(lambda x: lane(splat(x) * splat(3.0), 0))(2.0) == 6.0
+        found = numba_private.cpu_target.typing_context._lookup_global(operator.mul).templates
+        assert issubclass(found[0], numba_private._first[operator.mul])
+        assert not any(issubclass(one, numba_private._first[operator.mul]) for one in found[1:])
 
 
 def test_calls_between_kernels():

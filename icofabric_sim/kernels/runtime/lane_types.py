@@ -14,14 +14,14 @@ from typing import Any
 from icofabric_sim.kernels.runtime.numba_private import (
     AbstractTemplate,
     cgutils,
-    infer_global,
+    define_function,
     signature,
     target_setting,
 )
 from icofabric_sim.kernels.runtime.target import host_features
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.extending import lower_builtin, models, register_model
 
 
 def _has_avx512() -> bool:
@@ -75,7 +75,7 @@ def _pointer(context: Any, builder: Any, sig: Any, args: Any, indices: list[int]
     """Return the address of the first lane: `args` are the array and its indices."""
     array_type = sig.args[0]
     array = context.make_array(array_type)(context, builder, args[0])
-    places = [context.cast(builder, args[i], sig.args[i], types.intp) for i in indices]
+    places = [args[i] for i in indices]
     address = cgutils.get_item_pointer2(
         context, builder, array.data, cgutils.unpack_tuple(builder, array.shape),
         cgutils.unpack_tuple(builder, array.strides), array_type.layout, places,
@@ -83,85 +83,67 @@ def _pointer(context: Any, builder: Any, sig: Any, args: Any, indices: list[int]
     return builder.bitcast(address, _VECTOR.as_pointer())
 
 
-@intrinsic
-def load_row(typing: Any, array: Any, row: Any, index: Any) -> Any:
+def load_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Load lanes of a 2-D array."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.load(_pointer(context, builder, sig, args, [1, 2]), align=8)
-    return lanes_type(array, row, index), generate
+    return builder.load(_pointer(context, builder, sig, args, [1, 2]), align=8)
 
 
-@intrinsic
-def load_flat(typing: Any, array: Any, index: Any) -> Any:
+def load_flat(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Load lanes of a 1-D array."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.load(_pointer(context, builder, sig, args, [1]), align=8)
-    return lanes_type(array, index), generate
+    return builder.load(_pointer(context, builder, sig, args, [1]), align=8)
 
 
-@intrinsic
-def load_pairs(typing: Any, array: Any, places: Any, stride: Any, offset: Any) -> Any:
+def load_pairs(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Load two adjacent numbers of a 1-D array of doubles for each lane."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        data = builder.gep(data, [context.cast(builder, args[3], sig.args[3], types.intp)])
-        indices = ir.VectorType(_INDEX, LANES)
-        factor = builder.insert_element(
-            ir.Constant(indices, ir.Undefined),
-            context.cast(builder, args[2], sig.args[2], types.int32), ir.Constant(_INDEX, 0))
-        factor = builder.shuffle_vector(factor, factor, ir.Constant(indices, [0] * LANES))
-        numbers = builder.mul(builder.fptosi(args[1], indices), factor)
-        pair = ir.VectorType(ir.DoubleType(), 2)
-        parts = []
-        for i in range(LANES):
-            place = builder.zext(
-                builder.extract_element(numbers, ir.Constant(_INDEX, i)), ir.IntType(64))
-            parts.append(builder.load(
-                builder.bitcast(builder.gep(data, [place]), pair.as_pointer()), align=8))
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    data = builder.gep(data, [args[3]])
+    indices = ir.VectorType(_INDEX, LANES)
+    factor = builder.insert_element(
+        ir.Constant(indices, ir.Undefined),
+        args[2], ir.Constant(_INDEX, 0))
+    factor = builder.shuffle_vector(factor, factor, ir.Constant(indices, [0] * LANES))
+    numbers = builder.mul(builder.fptosi(args[1], indices), factor)
+    pair = ir.VectorType(ir.DoubleType(), 2)
+    parts = []
+    for i in range(LANES):
+        place = builder.zext(
+            builder.extract_element(numbers, ir.Constant(_INDEX, i)), ir.IntType(64))
+        parts.append(builder.load(
+            builder.bitcast(builder.gep(data, [place]), pair.as_pointer()), align=8))
 
-        def shuffled(a: Any, b: Any, order: list[int]) -> Any:
-            kind = ir.VectorType(_INDEX, len(order))
-            return builder.shuffle_vector(a, b, ir.Constant(kind, order))
+    def shuffled(a: Any, b: Any, order: list[int]) -> Any:
+        kind = ir.VectorType(_INDEX, len(order))
+        return builder.shuffle_vector(a, b, ir.Constant(kind, order))
 
-        # Every other lane in one register, so that one instruction of two registers gives each.
-        even, odd = parts[::2], parts[1::2]
-        while len(even) > 1:
-            order = list(range(2 * even[0].type.count))
-            even = [shuffled(a, b, order) for a, b in zip(even[::2], even[1::2])]
-            odd = [shuffled(a, b, order) for a, b in zip(odd[::2], odd[1::2])]
-        low = [i + k * LANES for i in range(0, LANES, 2) for k in range(2)]
-        return context.make_tuple(builder, sig.return_type, [
-            shuffled(even[0], odd[0], low), shuffled(even[0], odd[0], [i + 1 for i in low])])
-    return types.UniTuple(lanes_type, 2)(array, places, stride, offset), generate
+    # Every other lane in one register, so that one instruction of two registers gives each.
+    even, odd = parts[::2], parts[1::2]
+    while len(even) > 1:
+        order = list(range(2 * even[0].type.count))
+        even = [shuffled(a, b, order) for a, b in zip(even[::2], even[1::2])]
+        odd = [shuffled(a, b, order) for a, b in zip(odd[::2], odd[1::2])]
+    low = [i + k * LANES for i in range(0, LANES, 2) for k in range(2)]
+    return context.make_tuple(builder, sig.return_type, [
+        shuffled(even[0], odd[0], low), shuffled(even[0], odd[0], [i + 1 for i in low])])
 
 
-@intrinsic
-def store_row(typing: Any, array: Any, row: Any, index: Any, value: Any) -> Any:
+def store_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Write lanes into a 2-D array."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        builder.store(args[3], _pointer(context, builder, sig, args, [1, 2]), align=8)
-        return context.get_dummy_value()
-    return types.void(array, row, index, value), generate
+    builder.store(args[3], _pointer(context, builder, sig, args, [1, 2]), align=8)
+    return context.get_dummy_value()
 
 
-@intrinsic
-def store_flat(typing: Any, array: Any, index: Any, value: Any) -> Any:
+def store_flat(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Write lanes into a 1-D array."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        builder.store(args[2], _pointer(context, builder, sig, args, [1]), align=8)
-        return context.get_dummy_value()
-    return types.void(array, index, value), generate
+    builder.store(args[2], _pointer(context, builder, sig, args, [1]), align=8)
+    return context.get_dummy_value()
 
 
-@intrinsic
-def spread(typing: Any, value: Any) -> Any:
+def spread(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Copy a number into all lanes."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        empty = ir.Constant(_VECTOR, ir.Undefined)
-        first = builder.insert_element(empty, args[0], ir.Constant(_INDEX, 0))
-        zeros = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
-        return builder.shuffle_vector(first, empty, zeros)
-    return lanes_type(types.float64), generate
+    empty = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(empty, args[0], ir.Constant(_INDEX, 0))
+    zeros = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+    return builder.shuffle_vector(first, empty, zeros)
 
 
 def _call(builder: Any, name: str, arguments: list[Any], extra: list[Any] | None = None) -> Any:
@@ -171,32 +153,22 @@ def _call(builder: Any, name: str, arguments: list[Any], extra: list[Any] | None
     return builder.call(function, arguments)
 
 
-@intrinsic
-def multiply_add(typing: Any, a: Any, b: Any, c: Any) -> Any:
+def multiply_add(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Compute a b + c, rounded once if the processor can."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _call(builder, f'llvm.fmuladd.v{LANES}f64', list(args))
-    return lanes_type(a, b, c), generate
+    return _call(builder, f'llvm.fmuladd.v{LANES}f64', list(args))
 
 
-@intrinsic
-def magnitude(typing: Any, a: Any) -> Any:
+def magnitude(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Compute absolute values."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _call(builder, f'llvm.fabs.v{LANES}f64', list(args))
-    return lanes_type(a), generate
+    return _call(builder, f'llvm.fabs.v{LANES}f64', list(args))
 
 
-@intrinsic
-def square_root(typing: Any, a: Any) -> Any:
+def square_root(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Compute square roots, correctly rounded."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
-    return lanes_type(a), generate
+    return _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
 
 
-@intrinsic
-def inverse_square_root(typing: Any, a: Any) -> Any:
+def inverse_square_root(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """
     Compute 1 / sqrt(a) to about two units in the last place, for normal positive numbers.
 
@@ -204,86 +176,91 @@ def inverse_square_root(typing: Any, a: Any) -> Any:
     y (1 + h/2 + 3 h^2/8 + 5 h^3/16 + ...), whose next term is below 2^-53. A square root and a
     division take three times as long; other processors use them.
     """
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        def constant(value: float) -> Any:
-            return ir.Constant(_VECTOR, [value] * LANES)
+    def constant(value: float) -> Any:
+        return ir.Constant(_VECTOR, [value] * LANES)
 
-        if LANES != 8:
-            root = _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
-            return builder.fdiv(constant(1.0), root)
+    if LANES != 8:
+        root = _call(builder, f'llvm.sqrt.v{LANES}f64', list(args))
+        return builder.fdiv(constant(1.0), root)
 
-        def fma(a: Any, b: Any, c: Any) -> Any:
-            return _call(builder, f'llvm.fmuladd.v{LANES}f64', [a, b, c])
+    def fma(a: Any, b: Any, c: Any) -> Any:
+        return _call(builder, f'llvm.fmuladd.v{LANES}f64', [a, b, c])
 
-        guess = _call(
-            builder, 'llvm.x86.avx512.rsqrt14.pd.512', [args[0]],
-            [constant(0.0), ir.Constant(ir.IntType(8), 255)])
-        zero = constant(0.0)
-        product = builder.fmul(args[0], guess)
-        h = fma(builder.fsub(zero, product), guess, constant(1.0))
-        series = fma(h, fma(h, constant(0.3125), constant(0.375)), constant(0.5))
-        return fma(builder.fmul(guess, h), series, guess)
-    return lanes_type(a), generate
+    guess = _call(
+        builder, 'llvm.x86.avx512.rsqrt14.pd.512', [args[0]],
+        [constant(0.0), ir.Constant(ir.IntType(8), 255)])
+    zero = constant(0.0)
+    product = builder.fmul(args[0], guess)
+    h = fma(builder.fsub(zero, product), guess, constant(1.0))
+    series = fma(h, fma(h, constant(0.3125), constant(0.375)), constant(0.5))
+    return fma(builder.fmul(guess, h), series, guess)
 
 
-@intrinsic
-def choose(typing: Any, mask: Any, a: Any, b: Any) -> Any:
+def choose(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Select `a` where the mask is true, else `b`."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.select(*args)
-    return lanes_type(mask, a, b), generate
+    return builder.select(*args)
 
 
-@intrinsic
-def unpack_bits(typing: Any, bits: Any) -> Any:
+def unpack_bits(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Make a mask from the low bits of a byte, lane 0 first."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        byte = args[0]
-        if LANES < 8:
-            byte = builder.trunc(byte, ir.IntType(LANES))
-        return builder.bitcast(byte, _BITS)
-    return mask_type(types.uint8), generate
+    byte = args[0]
+    if LANES < 8:
+        byte = builder.trunc(byte, ir.IntType(LANES))
+    return builder.bitcast(byte, _BITS)
 
 
-@intrinsic
-def is_any(typing: Any, mask: Any) -> Any:
+def is_any(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Check that the mask is true in at least one lane."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        word = ir.IntType(LANES)
-        return builder.icmp_unsigned('!=', builder.bitcast(args[0], word), ir.Constant(word, 0))
-    return types.boolean(mask), generate
+    word = ir.IntType(LANES)
+    return builder.icmp_unsigned('!=', builder.bitcast(args[0], word), ir.Constant(word, 0))
 
 
-@intrinsic
-def lane_of(typing: Any, value: Any, lane: Any) -> Any:
+def lane_of(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Return the number in one lane."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = context.cast(builder, args[1], sig.args[1], types.int32)
-        return builder.extract_element(args[0], place)
-    return types.float64(value, lane), generate
+    return builder.extract_element(*args)
 
 
-@intrinsic
-def replace_lane(typing: Any, value: Any, lane: Any, number: Any) -> Any:
+def replace_lane(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """Return the vector with another number in one lane."""
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = context.cast(builder, args[1], sig.args[1], types.int32)
-        return builder.insert_element(args[0], args[2], place)
-    return lanes_type(value, lane, types.float64), generate
+    return builder.insert_element(args[0], args[2], args[1])
 
 
-def _define_operator(operation: Any, result: Any, generate: Any) -> None:
-    """Define an operator between two vectors."""
+def larger(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """Return the larger of two numbers; the second where either is not a number."""
+    return builder.select(builder.fcmp_ordered('>', *args), *args)
+
+
+def define(function: Any, arguments: tuple[Any, ...], result: Any, emit: Any) -> None:
+    """
+    Define a function or an operator in compiled code, without a call.
+
+    `arguments`: a type each, or the class of arrays; numbers are converted. `emit` writes the
+    machine code, as Numba's lowering functions do.
+    """
     class Template(AbstractTemplate):
 
         def generic(self, args: Any, keywords: Any) -> Any:
-            if len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], Lanes):
-                return signature(result, *args)
-            return None
+            if len(args) != len(arguments) or not all(map(_fits, args, arguments)):
+                return None
+            return signature(result, *(
+                given if wanted is types.Array else wanted
+                for given, wanted in zip(args, arguments)))
 
-    infer_global(operation)(Template)
-    lower_builtin(operation, Lanes, Lanes)(
-        lambda context, builder, sig, args: generate(builder, *args))
+    define_function(function, Template)
+    lower_builtin(function, *arguments)(emit)
+
+
+def _fits(given: Any, wanted: Any) -> bool:
+    if wanted is types.Array:
+        return isinstance(given, types.Array)
+    if isinstance(wanted, (Lanes, Mask)):
+        return isinstance(given, type(wanted))
+    return isinstance(given, (types.Number, types.Boolean))
+
+
+def _define_operator(operation: Any, result: Any, emit: Any) -> None:
+    define(operation, (lanes_type, lanes_type), result, (
+        lambda context, builder, sig, args: emit(builder, *args)))
 
 
 _define_operator(operator.add, lanes_type, lambda builder, a, b: builder.fadd(a, b))

@@ -12,16 +12,14 @@ the last place.
 from typing import Any
 
 from icofabric_sim.kernels.runtime import lane_types
-from icofabric_sim.kernels.runtime.lane_types import LANES
-from numba.extending import overload
+from icofabric_sim.kernels.runtime.lane_types import define, LANES
+from numba import types
 import numpy as np
 
 __all__ = [
     'any_lane', 'bits', 'fabs', 'fma', 'insert', 'lane', 'LANES', 'load', 'load_at', 'load_pair',
     'maximum', 'rsqrt', 'splat', 'sqrt', 'store', 'store_at', 'where']
 
-# Untyped: Numba calls intrinsics without their first argument.
-emit: Any = lane_types
 # A vector: np.ndarray of shape (LANES,) to Python, `lane_types.Lanes` to Numba.
 Vector = Any
 
@@ -115,24 +113,23 @@ def insert(value: Vector, index: int, number: float) -> Vector:
     return changed
 
 
-overload(load)(lambda array, row, index: lambda array, row, index: emit.load_row(
-    array, row, index))
-overload(load_at)(lambda array, index: lambda array, index: emit.load_flat(array, index))
-overload(load_pair)(lambda array, places, stride, offset: (
-    lambda array, places, stride, offset: emit.load_pairs(array, places, stride, offset)))
-overload(store)(lambda array, row, index, value: lambda array, row, index, value: emit.store_row(
-    array, row, index, value))
-overload(store_at)(lambda array, index, value: lambda array, index, value: emit.store_flat(
-    array, index, value))
-overload(splat)(lambda value: lambda value: emit.spread(float(value)))
-overload(fma)(lambda a, b, c: lambda a, b, c: emit.multiply_add(a, b, c))
-overload(fabs)(lambda a: lambda a: emit.magnitude(a))
-overload(sqrt)(lambda a: lambda a: emit.square_root(a))
-overload(rsqrt)(lambda a: lambda a: emit.inverse_square_root(a))
-overload(where)(lambda mask, a, b: lambda mask, a, b: emit.choose(mask, a, b))
-overload(maximum)(lambda a, b: lambda a, b: emit.choose(a > b, a, b))
-overload(bits)(lambda byte: lambda byte: emit.unpack_bits(np.uint8(byte)))
-overload(any_lane)(lambda mask: lambda mask: emit.is_any(mask))
-overload(lane)(lambda value, index: lambda value, index: emit.lane_of(value, index))
-overload(insert)(lambda value, index, number: lambda value, index, number: emit.replace_lane(
-    value, index, number))
+_ROW, _VECTOR, _MASK = types.Array, lane_types.lanes_type, lane_types.mask_type
+_INDEX, _NUMBER = types.intp, types.float64
+define(load, (_ROW, _INDEX, _INDEX), _VECTOR, lane_types.load_row)
+define(load_at, (_ROW, _INDEX), _VECTOR, lane_types.load_flat)
+define(
+    load_pair, (_ROW, _VECTOR, types.int32, _INDEX), types.UniTuple(_VECTOR, 2),
+    lane_types.load_pairs)
+define(store, (_ROW, _INDEX, _INDEX, _VECTOR), types.void, lane_types.store_row)
+define(store_at, (_ROW, _INDEX, _VECTOR), types.void, lane_types.store_flat)
+define(splat, (_NUMBER,), _VECTOR, lane_types.spread)
+define(fma, (_VECTOR, _VECTOR, _VECTOR), _VECTOR, lane_types.multiply_add)
+define(fabs, (_VECTOR,), _VECTOR, lane_types.magnitude)
+define(sqrt, (_VECTOR,), _VECTOR, lane_types.square_root)
+define(rsqrt, (_VECTOR,), _VECTOR, lane_types.inverse_square_root)
+define(where, (_MASK, _VECTOR, _VECTOR), _VECTOR, lane_types.choose)
+define(maximum, (_VECTOR, _VECTOR), _VECTOR, lane_types.larger)
+define(bits, (types.uint8,), _MASK, lane_types.unpack_bits)
+define(any_lane, (_MASK,), types.boolean, lane_types.is_any)
+define(lane, (_VECTOR, types.int32), _NUMBER, lane_types.lane_of)
+define(insert, (_VECTOR, types.int32, _NUMBER), _VECTOR, lane_types.replace_lane)

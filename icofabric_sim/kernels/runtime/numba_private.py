@@ -53,6 +53,7 @@ if target().level:
     _config.CPU_NAME, _config.CPU_FEATURES = target().level, target().features
 
 # cgutils: helpers that emit machine code. event: reports of what the compiler does.
+from numba import types  # noqa: E402 - after its settings
 from numba.core import cgutils, event  # noqa: E402
 from numba.core.bytecode import FunctionIdentity  # noqa: E402
 from numba.core.caching import (  # noqa: E402
@@ -62,7 +63,9 @@ from numba.core.caching import (  # noqa: E402
     NullCache,
 )
 from numba.core.codegen import JITCodeLibrary  # noqa: E402
+from numba.core.compiler import CompilerBase, DefaultPassBuilder  # noqa: E402
 from numba.core.compiler_lock import global_compiler_lock  # noqa: E402
+from numba.core.compiler_machinery import PassManager  # noqa: E402
 from numba.core.registry import cpu_target, CPUDispatcher  # noqa: E402
 from numba.core.runtime.nrt import _nrt  # noqa: E402
 
@@ -79,8 +82,8 @@ from numba.core.typing.templates import (  # noqa: E402
 
 __all__ = [
     'AbstractTemplate', 'add_after_declaring', 'AttributeTemplate', 'cache_folder_setting',
-    'cache_of', 'CacheFile', 'cgutils', 'COMPILE_EVENT', 'compiler_lock', 'DiskCache',
-    'Dispatcher', 'event', 'infer_global', 'is_compiling_disabled', 'KernelLibrary', 'LOCK_EVENT',
+    'cache_of', 'CacheFile', 'cgutils', 'COMPILE_EVENT', 'compiler_lock', 'define_function',
+    'DiskCache', 'Dispatcher', 'event', 'is_compiling_disabled', 'KernelLibrary', 'LOCK_EVENT',
     'NullCache', 'number_functions_from', 'PartLibrary', 'PASS_EVENT', 'processor_features',
     'set_up_compiler', 'signature', 'target_setting', 'unliteral', 'use_libraries']
 
@@ -117,10 +120,35 @@ def processor_features() -> str:
 
 # -- compiled functions -----------------------------------------------------------------------
 
+# Passes for features that kernels do not use: `with` blocks, closures, calls that ask for literals,
+# loops over tuples of several types, inlining and fusion of array expressions, listings, checks.
+_UNUSED_PASSES = {
+    'WithLifting', 'InlineClosureLikes', 'RewriteDynamicRaises', 'MakeFunctionToJitFunction',
+    'InlineInlinables', 'FindLiterallyCalls', 'LiteralUnroll', 'LiteralPropagationSubPipelinePass',
+    'InlineOverloads', 'NopythonRewrites', 'NoPythonSupportedFeatureValidation', 'AnnotateTypes',
+    'DumpParforDiagnostics'}
+
+
+class _KernelCompiler(CompilerBase):
+    """Numba's compiler without the passes that kernels do not need."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        """Return the passes, in Numba's order."""
+        kept = PassManager('kernel')
+        for kind, why in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
+            if kind.__name__ not in _UNUSED_PASSES:
+                kept.add_pass(kind, why)
+        kept.finalize()
+        return [kept]
+
+
 class Dispatcher(CPUDispatcher):
     """A compiled function that opens its cache on first use."""
 
     _compiler: Any
+
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        super().__init__(function, pipeline_class=_KernelCompiler, **options)
 
     def find_cache(self) -> Any:
         """Return the cache of this function; called at each access."""
@@ -418,6 +446,29 @@ def add_after_declaring(mark: Callable[[dict[str, Any], Iterable[tuple[str, Any]
 
 # -- the compiler -----------------------------------------------------------------------------
 
+# Templates of `define_function`.
+_first: dict[Any, Any] = {}
+
+
+def define_function(function: Any, template: Any) -> None:
+    """
+    Define the types of a function or operator in compiled code by a `template`.
+
+    The template is asked first. Numba asks in the order of definition, and the templates of its
+    operators for arrays take long to refuse other types.
+    """
+    infer_global(function)(template)
+    _first[function] = template
+
+
+def _put_first(function: Any, template: Any) -> None:
+    context = cpu_target.typing_context
+    known = context._lookup_global(function)
+    ordered = sorted(known.templates, key=lambda one: not issubclass(one, template))
+    context._remove_global(function)
+    context.insert_global(function, types.Function(ordered))
+
+
 @cache
 def set_up_compiler() -> None:
     """
@@ -426,6 +477,8 @@ def set_up_compiler() -> None:
     with _without_blas_check():
         cpu_target.typing_context.refresh()
         cpu_target.target_context.refresh()
+    for function, template in _first.items():
+        _put_first(function, template)
 
 
 @contextmanager
