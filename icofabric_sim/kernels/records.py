@@ -354,8 +354,6 @@ class Work(Record):
     # where the stride is the number of slots; empty without links.
     points: np.ndarray
     acceleration: np.ndarray  # (6, s) linear [m/s^2], angular [rad/s^2]; without loads
-    trail: 'Trail | None'  # for Runge-Kutta methods
-    breakage: Breakage | None  # if connectors can break
     # Difference of the last positions and orientations at step ends, (7 or 12, m LANES) for m
     # blocks spread over the fabric, and its weights, see monitor.sample.
     difference: np.ndarray
@@ -367,6 +365,8 @@ class Work(Record):
     speeds: np.ndarray
     spent: Meter | None  # energy dissipated by forces
     given: Meter | None  # work of external forces
+    trail: 'Trail | None'  # for Runge-Kutta methods
+    breakage: Breakage | None  # if connectors can break
     external: External | None
     kinks: 'Kinks | None' = None  # for methods that keep their order if slopes jump
 

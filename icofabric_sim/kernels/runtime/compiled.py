@@ -5,7 +5,7 @@
 import builtins
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, update_wrapper
+from functools import cache, update_wrapper, wraps
 import gc
 import inspect
 from types import CodeType, FunctionType
@@ -24,6 +24,7 @@ from icofabric_sim.kernels.runtime.numba_private import (
     unliteral,
 )
 from icofabric_sim.kernels.runtime.parts import compiling
+from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.kernels.runtime.target import kernel_target, target
 from icofabric_sim.process.compile_notice import compile_notice
 from icofabric_sim.process.interrupts import exit_request
@@ -50,6 +51,28 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     if _PLAIN:
         return function
     return _Kernel(function, inline=True)
+
+
+def asked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """
+    Compile `function`, and let Python ask an object in place of a record as first argument.
+
+    Such an object has a method of this name, which is called with the other arguments.
+    """
+    if not _PLAIN:
+        return _Asked(function)
+
+    @wraps(function)
+    def ask(first: Any, *others: Any) -> Any:
+        if isinstance(first, Record):
+            return function(first, *others)
+        return getattr(first, function.__name__)(*others)
+    return ask
+
+
+def in_python(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the Python function of a kernel."""
+    return getattr(kernel, 'py_func', kernel)
 
 
 class _NoCache(NullCache):
@@ -140,6 +163,15 @@ class _Kernel(_Part):
         if self._part is None:
             self._part = _Part(self.py_func, inline=self._inline)
         return self._part
+
+
+class _Asked(_Kernel):
+    """A kernel whose first argument may be an object with a method of its name."""
+
+    def __call__(self, first: Any, *others: Any) -> Any:
+        if isinstance(first, Record):
+            return super().__call__(first, *others)
+        return getattr(first, self.py_func.__name__)(*others)
 
 
 def _handing_on(function: Callable[..., Any]) -> Any:

@@ -120,8 +120,8 @@ def processor_features() -> str:
 
 # -- compiled functions -----------------------------------------------------------------------
 
-# Passes for features that kernels do not use: `with` blocks, closures, calls that ask for literals,
-# loops over tuples of several types, inlining and fusion of array expressions, listings, checks.
+# Passes for what kernels do not use: `with` blocks, closures, calls that ask for literals, loops
+# over tuples of several types, inlining and fusion of array expressions, listings, checks.
 _UNUSED_PASSES = {
     'WithLifting', 'InlineClosureLikes', 'RewriteDynamicRaises', 'MakeFunctionToJitFunction',
     'InlineInlinables', 'FindLiterallyCalls', 'LiteralUnroll', 'LiteralPropagationSubPipelinePass',

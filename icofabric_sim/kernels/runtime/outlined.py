@@ -55,7 +55,7 @@ def _calls(result: types.Type) -> Any:
     return emitted
 
 
-emit_int, emit_float = _calls(types.int64), _calls(types.float64)
+emit_int, emit_float, emit_none = map(_calls, (types.int64, types.float64, types.none))
 
 
 def call_int(address: int, arguments: tuple[Any, ...]) -> int:
@@ -70,7 +70,14 @@ def call_float(address: int, arguments: tuple[Any, ...]) -> float:
     return answer
 
 
+def call_none(address: int, arguments: tuple[Any, ...]) -> None:
+    """Call the kernel at an address, which returns nothing."""
+    _plain[address - 1](*arguments)
+
+
 overload(call_int)(lambda address, arguments: lambda address, arguments: emit_int(
     address, arguments))
 overload(call_float)(lambda address, arguments: lambda address, arguments: emit_float(
+    address, arguments))
+overload(call_none)(lambda address, arguments: lambda address, arguments: emit_none(
     address, arguments))

@@ -32,6 +32,7 @@ import inspect
 import struct
 from typing import Any, ClassVar, dataclass_transform, get_args, Self
 
+from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.kernels.runtime.record_types import RecordType, register
 import numba
 from numba import types
@@ -51,6 +52,25 @@ class _Address(ctypes.Structure):
     _fields_ = (('_address', ctypes.c_void_p),)
 
 
+class _Common(_Address):
+    """The first fields of a record, see `Record.common`."""
+
+    _numba_type: ClassVar[RecordType]
+
+    def __init__(self, record: 'Record') -> None:
+        """Keep the record, whose address this is."""
+        self._record = record
+        self._address = record._address
+
+    @classmethod
+    def numba_type(cls) -> RecordType:
+        """Return the Numba type of the first fields."""
+        return cls._numba_type
+
+
+register(_Common)
+
+
 @dataclass_transform(frozen_default=True)
 class Record(_Address):
     """Base of all records; fields are the annotations of a class, which may have defaults."""
@@ -61,6 +81,9 @@ class Record(_Address):
     # Classes of the fields in which a record stands for None, tested at run time.
     _absent: ClassVar[dict[str, 'type[Record]']] = {}
     _is_optional: ClassVar[bool] = False
+    # The first field whose type differs between records, and a class for the fields before it.
+    _first_varying: ClassVar[str] = ''
+    _common_kind: ClassVar[type[_Common] | None] = None
     # Set in a class that belongs to one combination of field types.
     _numba_type: ClassVar[RecordType | None] = None
     _places: ClassVar[dict[str, tuple[int, int, int]] | None] = None
@@ -89,6 +112,8 @@ class Record(_Address):
         cls._absent = {
             name: part for name, hint in own.items() for part in get_args(hint)
             if isinstance(part, type) and issubclass(part, Record) and part._is_optional}
+        cls._first_varying = next((
+            name for name, hint in own.items() if name not in cls._absent and _may_vary(hint)), '')
         register(cls)
 
     def __new__(cls, *values: Any, **named: Any) -> Self:
@@ -197,6 +222,26 @@ class Record(_Address):
             cls._places = places
         return cls._places
 
+    def common(self) -> Any:
+        """
+        Return this record for kernels that serve all records of the class: only its first fields.
+
+        Those are the fields before the first one that may be None. The address is that of the
+        record, so a kernel can hand it on to one that reads all fields.
+        """
+        if is_compiling_disabled():
+            return self
+        kind = type(self)
+        if kind._common_kind is None:
+            all_fields = kind.numba_type().fields
+            names = list(all_fields)
+            names = names[:names.index(self._first_varying)] if self._first_varying else names
+            kind._common_kind = type(f'{kind.__name__}Common', (_Common,), {
+                '_numba_type': RecordType(
+                    f'{kind.__name__}Common', tuple((name, all_fields[name]) for name in names),
+                    optional=self._is_optional)})
+        return kind._common_kind(self)
+
     @classmethod
     def numba_type(cls) -> RecordType:
         """Return the Numba type of all records of this class, which must have a type."""
@@ -207,6 +252,13 @@ class Record(_Address):
     def _base(cls) -> type[Self]:
         """Return the class that names the fields."""
         return cls if cls._numba_type is None else cls.__mro__[1]
+
+
+def _may_vary(hint: Any) -> bool:
+    """Return True if fields with this annotation may be None, or anything."""
+    if isinstance(hint, str):
+        return 'None' in hint
+    return hint is Any or type(None) in get_args(hint)
 
 
 @cache
@@ -237,7 +289,7 @@ def _kind(base: type[Record], fields: dict[str, Any]) -> type:
 def _field_type(base: type[Record], name: str, value: Any) -> types.Type:
     if value is None:
         return types.none
-    if isinstance(value, Record):
+    if isinstance(value, (Record, _Common)):
         return type(value).numba_type()
     if isinstance(value, (bool, np.bool_)):
         return types.boolean
@@ -254,7 +306,7 @@ def _pack(value: Any, words: list[int]) -> None:
     """Add the words of a field, as `RecordType` lays them out."""
     if value is None:
         return
-    if isinstance(value, Record):
+    if isinstance(value, (Record, _Common)):
         words.append(value._address)
     elif isinstance(value, np.ndarray):
         words += (value.ctypes.data, value.size, value.itemsize, *value.shape, *value.strides)

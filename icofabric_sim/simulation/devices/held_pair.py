@@ -118,6 +118,6 @@ class HeldPair:
             spent.power[:] = spent.done[:] = 0.0
         # The points are placed anew in each evaluation, so both states share them.
         return state, Work(
-            self._points, aligned_empty((6, 0)), Trail(slopes, stage, start, *np.zeros((4, 1))),
-            None, aligned_empty((7, 0)), np.ones(1), window.figures_room(), window.group, speeds,
-            spent, None, None)
+            self._points, aligned_empty((6, 0)), aligned_empty((7, 0)), np.ones(1),
+            window.figures_room(), window.group, speeds, spent, given=None,
+            trail=Trail(slopes, stage, start, *np.zeros((4, 1))), breakage=None, external=None)

@@ -213,8 +213,9 @@ def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work
             spent = meter_room(window.slot_count)
         # The points are placed anew in each evaluation, so both states share them.
         states[of_run] = resting(window.slot_count), Work(
-            points, acceleration, None, None, aligned_empty((7, 0)), changes,
-            window.figures_room(), window.group, aligned_empty((0,)), spent, None, None, kinks)
+            points, acceleration, aligned_empty((7, 0)), changes, window.figures_room(),
+            window.group, aligned_empty((0,)), spent, given=None, trail=None, breakage=None,
+            external=None, kinks=kinks)
     return states
 
 

@@ -1,50 +1,153 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Step control of the embedded pair, for steps that are computed elsewhere.
+Step control of an embedded pair whose bodies are with ranks or on a GPU.
 
-The code of a single process (`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py)
-selects, accepts and rejects steps. It runs in Python, and its calls for all bodies are functions
-of the ranks or device with the bodies. So there is one step control.
+The control of a single process (kernels/integrators/embedded.py) selects, accepts and rejects
+steps. It runs in Python and asks an object that stands for the bodies. Searches and all tests of
+contacts run in this process, which receives the state when necessary. Speeds and displacements of
+points of shells are computed where the bodies are.
 """
 
-from collections.abc import Callable
-from types import FunctionType
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.integrators import embedded
+from icofabric_sim.kernels.contact.clearance import CLEAR, judge_clear, mean_velocity, way_between
+from icofabric_sim.kernels.contact.displacement import FREE, MAX_REACH
+from icofabric_sim.kernels.contact.forces import set_tests, tests_of
+from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
+from icofabric_sim.kernels.integrators.embedded import adaptive_pair, fixed_pair
+from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.integrators.tableau import Pair
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.runtime.compiled import in_python
+from icofabric_sim.simulation.devices.near_pairs import team_of_one
+import numpy as np
 
-# Status, steps done and steps since the last health check, by the pieces that take them.
-Steps = Callable[[dict[str, Any]], tuple[int, int, int]]
-
-
-def with_pieces(steps: Any, pieces: dict[str, Any]) -> Callable[..., Any]:
-    """Return a kernel as a Python function that calls `pieces` by the names in its code."""
-    plain = getattr(steps, 'py_func', steps)
-    return FunctionType(
-        plain.__code__, {**plain.__globals__, **pieces}, plain.__name__, plain.__defaults__)
+Mean = tuple[float, float, float]
+Steps = tuple[int, int, int]
 
 
-def adaptive_steps(pair: Pair, *arguments: Any) -> Steps:
-    """Return steps as `adaptive_pair` takes them, as a function of the pieces."""
-    return lambda pieces: with_pieces(embedded.adaptive_pair, pieces)(pair, *arguments)
+class PairCall(NamedTuple):
+    """What one call for steps is about."""
+
+    model: Model
+    loads: Loads
+    state: State
+    saved: State
+    work: Work
+    watch: Watch | None
+    of_run: bool  # not of a trial
+    adapts: bool  # steps may be refused
 
 
-def fixed_steps(pair: Pair, *arguments: Any) -> Steps:
-    """Return steps as `fixed_pair` takes them, as a function of the pieces."""
-    return lambda pieces: with_pieces(embedded.fixed_pair, pieces)(pair, *arguments)
+class DistantBodies(ABC):
+    """Bodies elsewhere, as kernels/integrators/bodies.py asks them."""
 
+    _call: PairCall
 
-def idle_pieces() -> dict[str, Any]:
-    """Return functions without effect for bodies elsewhere, by name."""
-    return {
-        'own_blocks': lambda team, count: (0, count),
-        'rows_of': lambda orientation: orientation, 'some': lambda trail: trail,
-        **dict.fromkeys((
-            'losses_of', 'wait_for_all', 'ways_of', 'save', 'accept_stretches', 'keep_work',
-            'add_flow', 'repeat_stretches', 'forget_ways'), nothing)}
+    def __init__(self, pair: Pair) -> None:
+        """Take the steps of `pair`."""
+        self._pair = pair
 
+    def take(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        control: np.ndarray, count: int, since_check: int, check_interval: int,
+        watch: Watch | None, ledger: np.ndarray
+    ) -> Steps:
+        """Take steps as `adaptive_pair` does."""
+        call = PairCall(
+            model, loads, state, saved, work, watch, check_interval < NEVER, adapts=True)
+        return self._take(
+            call, adaptive_pair, control, count, since_check, check_interval, ledger)
 
-def nothing(*_: Any) -> None:
-    """Do nothing: an unused function."""
+    def advance(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
+        watch: Watch | None, ledger: np.ndarray
+    ) -> Steps:
+        """Take steps as `fixed_pair` does."""
+        call = PairCall(
+            model, loads, state, saved, work, watch, check_interval < NEVER, adapts=False)
+        return self._take(
+            call, fixed_pair, origin, index, h, count, since_check, check_interval, ledger)
+
+    @abstractmethod
+    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
+        """Take steps by the control of a `kernel`."""
+
+    def _control(self, kernel: Any, *arguments: Any) -> Steps:
+        """Run the control of a `kernel` in Python; numbers that are too large are infinite."""
+        with np.errstate(all='ignore'):
+            status, done, since_check = in_python(kernel)(self, self._pair, *arguments)
+        return int(status), int(done), int(since_check)
+
+    @abstractmethod
+    def _have_state(self, slopes: range = range(0)) -> None:
+        """Copy the state and some slopes to this process."""
+
+    @abstractmethod
+    def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
+        """
+        Return how fast points of shells move, and how far they have moved since the last search.
+
+        The largest speed [m/s] at the stages relative to the `mean` velocity, and the largest
+        squared displacement [m^2] at a `time` [s].
+        """
+
+    # What the control asks.
+
+    def finish(self) -> bool:
+        """Return True: there is one control."""
+        return True
+
+    def count_tests(self) -> int:
+        """Return the number of pairs tested so far."""
+        return int(tests_of(self._call.model.contacts, 0))
+
+    def repeat_count(self, tests: int) -> None:
+        """Set the number of tested pairs."""
+        set_tests(self._call.model.contacts, 0, tests)
+
+    def can_search_farther(self, time: float) -> bool:
+        """Check that a search has a longer reach than the last one."""
+        return bool(can_look_farther(self._call.watch, time))
+
+    def foresee_contact(self, time: float, h: float, close: float, meeting: np.ndarray) -> float:
+        """Return when a contact begins or ends within `h` [s]."""
+        call = self._call
+        if call.watch is None:
+            return NEVER_MEET
+        self._have_state(range(1))
+        return float(foresee(
+            call.model.contacts, call.watch, call.model.blocks, call.state, call.work.trail,
+            team_of_one(), time, h, close, meeting, 0, len(call.model.blocks.slot)))
+
+    def land_on_contact(self, h: float, close: float, meeting: np.ndarray) -> float:
+        """Return when a contact begins or ends within a refused step of `h` [s]."""
+        contacts, trail = self._call.model.contacts, self._call.work.trail
+        if contacts is None:
+            return NEVER_MEET
+        assert trail is not None
+        self._have_state(range(1))
+        return float(land(
+            contacts, team_of_one(), self._call.state, trail.slopes[0], h, close, meeting))
+
+    def check_clear(self, pair: Pair, time: float, h: float) -> int:
+        """Check that no contact is possible within a step from `time` [s]."""
+        watch, state = self._call.watch, self._call.state
+        if watch is None:
+            return CLEAR
+        mean = (0.0, 0.0, 0.0)
+        if watch.nearby.free:
+            self._have_state()
+            x, y, z = mean_velocity(state, watch.nearby.slots)
+            mean = float(x), float(y), float(z)
+        speed, moved = self._quickest(mean, float(time))
+        needed = way_between(h, speed)
+        if needed <= 0.5 * watch.limits[MAX_REACH] and not (
+                watch.limits[FREE] - moved**0.5 > needed):
+            # It will be searched for.
+            self._have_state()
+        return int(judge_clear(watch, state, needed, moved))

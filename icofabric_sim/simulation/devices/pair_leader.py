@@ -3,10 +3,7 @@
 """
 An embedded Runge-Kutta pair whose steps all ranks take: code of the first rank.
 
-The code of a single process (`adaptive_pair` and `fixed_pair` of kernels/integrators/embedded.py)
-selects, accepts and rejects steps. It runs in Python, and its calls for all bodies are orders to
-the ranks. So there is one step control. The start and end of contacts are predicted here, too,
-from a gathered state if shells are near each other.
+What the step control asks of the bodies (pair_control.py) are orders to the ranks.
 """
 
 from functools import partial
@@ -18,8 +15,7 @@ from icofabric_sim.kernels.contact.forces import deepest_overlap
 from icofabric_sim.kernels.contact.losses import save_stretches
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators import embedded
-from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.monitor import (
     coarse_up_to,
@@ -32,25 +28,11 @@ from icofabric_sim.kernels.monitor import (
     TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import (
-    Breakage,
     Contacts,
-    Loads,
-    Model,
-    State,
-    Team,
-    Watch,
-    Work,
 )
-from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
-from icofabric_sim.simulation.devices.pair_control import (
-    adaptive_steps,
-    fixed_steps,
-    idle_pieces,
-    Steps,
-)
+from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
     done_by,
@@ -70,7 +52,7 @@ import numpy as np
 _NO_BLOCKS = np.zeros(0, np.int64)
 
 
-class SharedPair:
+class SharedPair(DistantBodies):
     """
     Steps of an embedded pair that all ranks of a transport take; created on the first rank.
     """
@@ -82,7 +64,7 @@ class SharedPair:
         self.holder = self._sharing = Sharing(transport, packed, partial(
             pair_bytes_of, touching=contact is not None,
             spends=contact is not None and contact.spends), self._take_over)
-        self._pair = pair
+        super().__init__(pair)
         self._own: PairPart | None = None
         self._touches = False  # whether steps with contacts were ready
         self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
@@ -91,7 +73,6 @@ class SharedPair:
         self._is_out = self._is_stale = self._has_stepped = False
         self._run: PairArrays | None = None
         self._contacts: Contacts | None = None  # of the run
-        self._foresight = Foresight(self._have_state, self._quickest)
         # What is stepped now, of the run or beside it; whether its state is here, too.
         self._now: PairArrays | None = None
         self._whole: Contacts | None = None
@@ -106,49 +87,18 @@ class SharedPair:
             return True
         return False
 
-    def take(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        control: np.ndarray, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        """Take steps with all ranks, as `adaptive_pair`."""
-        steps = adaptive_steps(
-            self._pair, model, loads, state, saved, work, team, control, count, since_check,
-            check_interval, watch, ledger)
-        return self._take(
-            steps, model, loads, state, work, watch, of_run=check_interval < NEVER,
-            control=control)
-
-    def advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        """Take steps with all ranks, as `fixed_pair`."""
-        steps = fixed_steps(
-            self._pair, model, loads, state, saved, work, team, origin, index, h, count,
-            since_check, check_interval, watch, ledger)
-        return self._take(
-            steps, model, loads, state, work, watch, of_run=check_interval < NEVER, control=None)
-
-    def _take(
-        self, steps: Steps, model: Model, loads: Loads,
-        state: State, work: Work, watch: Watch | None, *, of_run: bool,
-        control: np.ndarray | None
-    ) -> tuple[int, int, int]:
+    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
         self._transport.require_health()
         if self._transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
         with self._transport.alone():
             try:
-                self._begin(model, loads, state, work, watch, of_run=of_run)
-                # As in compiled code, where what is too large is infinite.
-                with np.errstate(all='ignore'):
-                    status, done, since_check = steps(self._pieces(control))
+                self._begin(call)
+                taken = self._control(kernel, *arguments)
                 assert self._now is not None
-                if not of_run:
+                if not call.of_run:
                     self._gather(self._now, self._whole, of_run=False, whole=False)
-                return int(status), int(done), int(since_check)
+                return taken
             except BaseException as error:
                 self._is_out = self._is_stale = False
                 self._sharing.forget_saved()
@@ -156,11 +106,10 @@ class SharedPair:
                 self._transport.fail(error)
                 raise
 
-    def _begin(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None, *,
-        of_run: bool
-    ) -> None:
+    def _begin(self, call: PairCall) -> None:
         """Send fabric, candidate pairs, loads and state to all ranks, as far as changed."""
+        self._call = call
+        model, loads, state, _, work, watch, of_run, _ = call
         sharing, contacts, layout = self._sharing, model.contacts, self._packed.layout
         if not sharing.contacts.is_shared(contacts):
             if self._is_out and self._run is not None:
@@ -202,21 +151,6 @@ class SharedPair:
         if of_run:
             self._is_out = self._is_stale = True
 
-    def _pieces(self, control: np.ndarray | None) -> dict[str, Any]:
-        """
-        Return the functions of the step control by name: orders, or functions without effect.
-        """
-        return {
-            **idle_pieces(), 'note_lengths': self._note_lengths,
-            'is_breaking': self._is_breaking,
-            'tests_of': lambda contacts, member: 0 if contacts is None else contacts.tests[0],
-            'set_tests': _set_tests, 'repeat_slope': lambda *_: self._order('repeat'),
-            'slope_at': self._slope_at, **self._foresight.pieces(),
-            'try_step': partial(self._try_step, is_judged=control is not None),
-            'largest_error': self._largest_error,
-            'add_work': partial(self._accept, keeps_start=control is not None),
-            'look': self._look}
-
     def _order(self, what: str, *words: Any) -> np.ndarray | None:
         """Let all ranks execute a part of a step; return the result of this rank."""
         assert self._own is not None and self._now is not None
@@ -244,30 +178,48 @@ class SharedPair:
                 self._now, self._whole, of_run=self._of_run, whole=False, slopes=slopes)
             self._is_here = True
 
-    # What the step control calls, with the arguments of there.
+    # What the control asks.
 
-    def _slope_at(
-        self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
-        team: Team, watch: Watch | None, time: float, first: int, last: int
-    ) -> None:
-        self._order('slope', state is trail.stage, int(index), float(time))
+    def begin(self) -> None:
+        """Store lengths of connectors that can break, at the start of a step."""
+        model, work = self._call.model, self._call.work
+        if work.breakage is not None:
+            self._have_state()
+            note_lengths(
+                model, work.breakage, self._call.state, work, team_of_one(), 0,
+                len(model.blocks.slot))
 
-    def _try_step(
-        self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
-        team: Team, watch: Watch | None, time: float, h: float, first: int, last: int, *,
-        is_judged: bool
-    ) -> None:
-        if is_judged and self._of_run and watch is not None:
-            watch.far[0] = 0.0
+    def may_break(self, h: float) -> bool:
+        """Check if a connector may have broken within the step of `h` [s] that has just ended."""
+        model, work, state = self._call.model, self._call.work, self._call.state
+        if work.breakage is None:
+            return False
+        self._have_state()
+        last = len(model.blocks.slot)
+        place_all(model, state, work, 0, last)
+        return bool(is_breaking(
+            model, work.breakage, state, work, work.trail, team_of_one(), h, 0, last))
+
+    def repeat_slope(self) -> None:
+        """Copy the last slope of a step to the first of the next."""
+        self._order('repeat')
+
+    def find_slope(self, index: int, of_stage: bool, time: float) -> None:
+        """Write slope number `index` at a `time` [s]: of the stage in progress, or the state."""
+        self._order('slope', of_stage, int(index), float(time))
+
+    def try_step(self, pair: Pair, time: float, h: float, is_judged: bool) -> None:
+        """Compute the other slopes of a step from `time` [s], and its end."""
+        if is_judged and self._of_run and self._call.watch is not None:
+            self._call.watch.far[0] = 0.0
         self._order('try', float(time), float(h), is_judged)
 
-    def _largest_error(
-        self, pair: Any, model: Model, loads: Loads, trail: Any, control: np.ndarray,
-        turn_rows: int, team: Team, watch: Watch | None, h: float, first: int, last: int
+    def largest_error(
+        self, pair: Pair, scales: np.ndarray, smooth: float, h: float
     ) -> tuple[float, float]:
-        kinked = float(control[embedded.KINKED])
-        smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
-        found = self._asked('errors', control[embedded.SCALES:].copy(), smooth)
+        """Return the error rate of a step, and the probable one."""
+        watch = self._call.watch
+        found = self._asked('errors', scales.copy(), smooth)
         # The maximum of numpy keeps what is no number; none of them is.
         largest, probable, of_paths, touched, far = (
             float(number) for number in found.max(axis=0))
@@ -275,37 +227,16 @@ class SharedPair:
             largest = max(largest, of_paths)
         if self._of_run and watch is not None:
             watch.far[0] = max(watch.far[0], far)
-            if far > watch.limits[LATE] and largest < embedded._MISSED:
-                largest = embedded._MISSED
-        return self._pair.estimate_ratio * largest, self._pair.probable_ratio * probable
+            if far > watch.limits[LATE] and largest < LEFT_REGION:
+                largest = LEFT_REGION
+        return pair.estimate_ratio * largest, pair.probable_ratio * probable
 
-    def _accept(
-        self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,
-        keeps_start: bool
-    ) -> None:
+    def accept_step(self, pair: Pair, h: float, keeps_start: bool) -> None:
+        """Let the bodies be where the step of `h` [s] ends."""
         self._order('accept', float(h), keeps_start)
         # Steps of a given length leave nothing behind of where they began.
         self._is_here, self._has_stepped = False, self._has_stepped or (
             self._of_run and keeps_start)
-
-    def _note_lengths(
-        self, model: Model, breakage: Breakage | None, state: State, work: Work, team: Team,
-        first: int, last: int
-    ) -> None:
-        if breakage is not None:
-            self._have_state()
-            note_lengths(model, breakage, state, work, team_of_one(), first, last)
-
-    def _is_breaking(
-        self, model: Model, breakage: Breakage | None, state: State, work: Work, trail: Any,
-        team: Team, h: float, first: int, last: int
-    ) -> bool:
-        if breakage is None:
-            return False
-        self._have_state()
-        place_all(model, state, work, first, last)
-        return bool(is_breaking(
-            model, breakage, state, work, trail, team_of_one(), h, first, last))
 
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
         """Return the result of `fastest_points` over all ranks."""
@@ -313,12 +244,13 @@ class SharedPair:
             'speeds', mean, time).max(axis=0))
         return speed, moved
 
-    def _look(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        since_check: int, check_interval: int, watch: Watch | None, ledger: np.ndarray, done: int,
-        time: float, step: float, first: int, last: int
+    def check_health(
+        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
+        step: float
     ) -> tuple[int, int]:
-        """Perform the checks of `look` in embedded.py."""
+        """Check the state at `time` [s] if a health check is due, and save a sound state."""
+        model, loads, state, saved, work, watch, *_ = self._call
+        last = len(model.blocks.slot)
         examined, status, contacts = since_check >= check_interval, 0, model.contacts
         if watch is not None and self._of_run:
             if contacts is not None:
@@ -434,8 +366,3 @@ class SharedPair:
             row[which] = value
         # Stretches, and those that were held.
         wake(contacts, which, (values[0], values[1]))
-
-
-def _set_tests(contacts: Contacts | None, member: int, tests: float) -> None:
-    if contacts is not None:
-        contacts.tests[0] = tests

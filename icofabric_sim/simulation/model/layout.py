@@ -209,8 +209,9 @@ class Layout:
         spent = self.meter() if metered else None
         group = group_size(len(self.blocks.slot))
         return Work(
-            points, acceleration, trail, None, difference, weights,
-            figures_room(len(self.blocks.slot), group), group, speeds, spent, None, None)
+            points, acceleration, difference, weights,
+            figures_room(len(self.blocks.slot), group), group, speeds, spent, given=None,
+            trail=trail, breakage=None, external=None)
 
     def kinks(self, links: Links | None) -> Kinks | None:
         """Allocate arrays for steps across jumps of slopes, as `kinks_room`."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
+from icofabric_sim.kernels.integrators.bodies import bodies_of
 from icofabric_sim.kernels.integrators.embedded import (
     adaptive_pair,
     dense_state,
@@ -13,14 +14,59 @@ from icofabric_sim.kernels.integrators.embedded import (
     prepare_dense,
 )
 from icofabric_sim.kernels.integrators.tableau import Pair
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+
+
+class PairKernel:
+    """A kernel that takes steps of an embedded pair, called as the kernels of other methods."""
+
+    def __init__(self, kernel: Any, pair: Pair) -> None:
+        """Take the kernel, and the pair that it is called with."""
+        self._kernel, self._pair = kernel, pair
+
+    def __call__(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        *arguments: Any
+    ) -> tuple[int, int, int]:
+        """
+        Take steps of the bodies of a scene.
+
+        `arguments` are those of the kernel after the pair, with the positions since the last
+        search for contacts before the ledger.
+        """
+        *others, watch, ledger = arguments
+        taken: tuple[int, int, int] = self._kernel(
+            bodies_of(model, loads, state, saved, work, team, watch), self._pair, *others, ledger)
+        return taken
+
+    def is_ready(
+        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
+        *arguments: Any
+    ) -> bool:
+        """Check that no kernel must be compiled for such arguments."""
+        *others, watch, ledger = arguments
+        missing = []
+
+        def look_up(kernel: Any, *values: Any) -> int:
+            if not _is_ready(kernel, *values):
+                missing.append(kernel)
+            return 0
+
+        bodies = bodies_of(model, loads, state, saved, work, team, watch, finds=look_up)
+        return not missing and _is_ready(self._kernel, bodies, self._pair, *others, ledger)
+
+
+def _is_ready(kernel: Any, *arguments: Any) -> bool:
+    # Plain Python is always ready.
+    return not hasattr(kernel, 'is_ready') or bool(kernel.is_ready(*arguments))
 
 
 class EmbeddedKernels(NamedTuple):
     """
     Kernels of an adaptive method.
 
-    Each is called like the function of this name in kernels/integrators/embedded.py, without the
-    pair.
+    Each is called with the records of a scene, then with the arguments of the function of this
+    name in kernels/integrators/embedded.py.
     """
 
     take: Callable[..., tuple[int, int, int]]
@@ -38,6 +84,14 @@ class EmbeddedKernels(NamedTuple):
 def kernels_of(pair: Pair) -> EmbeddedKernels:
     """Return the kernels of an explicit embedded `pair`."""
     return EmbeddedKernels(
-        take=partial(adaptive_pair, pair), prepare=partial(prepare_dense, pair),
+        take=PairKernel(adaptive_pair, pair), prepare=partial(_prepare, pair),
         state=partial(dense_state, pair), sum=partial(dense_sum, pair), slopes=pair.kept_slots,
         prepare_count=len(pair.dense_slots), reads_terms=False, pair=pair)
+
+
+def _prepare(
+    pair: Pair, model: Model, loads: Loads, state: State, work: Work, team: Team,
+    watch: Watch | None, time: float, h: float
+) -> None:
+    """Compute the slopes of states within a step of `h` [s], which begins at `time` [s]."""
+    prepare_dense(bodies_of(model, loads, state, state, work, team, watch), pair, time, h)

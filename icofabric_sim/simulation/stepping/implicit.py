@@ -17,6 +17,7 @@ from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR_CONT
 from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, LATE, ways_of
 from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators.bodies import bodies_of, check_health, slope_at
 from icofabric_sim.kernels.integrators.diagonal import (
     end_stage,
     end_step,
@@ -39,13 +40,11 @@ from icofabric_sim.kernels.integrators.embedded import (
     LENGTH,
     LIST_FULL,
     LONGEST_STEP,
-    look,
     NEXT,
     RATE,
     REFUSED,
     SCALES,
     SHORTEST_STEP,
-    slope_at,
     START,
     TOLERANCE,
     TOO_FAR,
@@ -242,9 +241,9 @@ class ImplicitSteps:
             place_blocks(model, loads, state, work, end, 0, last)
             done += 1
             since_check += 1
-            status, since_check = look(
-                model, loads, state, saved, work, team, since_check, check_interval, watch,
-                ledger, done, end, h, 0, last)
+            status, since_check = check_health(
+                bodies_of(model, loads, state, saved, work, team, watch), since_check,
+                check_interval, ledger, done, end, h)
             if since_check == 0 and status == 0:
                 keep_work(loads, 0, last)
             if status != 0:
@@ -330,9 +329,9 @@ class ImplicitSteps:
                 self._evaluations += 1
                 done += 1
                 since_check += 1
-                status, since_check = look(
-                    model, loads, state, saved, work, team, since_check, check_interval, watch,
-                    ledger, done, float(control[START] + control[LENGTH]), 0.0, 0, last)
+                status, since_check = check_health(
+                    bodies_of(model, loads, state, saved, work, team, watch), since_check,
+                    check_interval, ledger, done, float(control[START] + control[LENGTH]), 0.0)
         return int(status), done, int(since_check)
 
     def _begins_touching(

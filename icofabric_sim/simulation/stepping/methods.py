@@ -12,7 +12,11 @@ from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.kernels.integrators.tableau import Pair, pair_of
 from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.stepping import tsit5
-from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
+from icofabric_sim.simulation.stepping.embedded_kernels import (
+    EmbeddedKernels,
+    kernels_of,
+    PairKernel,
+)
 import numpy as np
 
 if TYPE_CHECKING:
@@ -193,7 +197,7 @@ def _embedded(pair: Pair, **facts: Any) -> Method:
     """Return the method of an explicit embedded `pair`; its `facts` are fields of `Method`."""
     return Method(
         symplectic=False, adaptive=True, stages=pair.stage_count, kicks=(), drifts=(),
-        advance=partial(fixed_pair, pair), embedded=kernels_of(pair), **facts)
+        advance=PairKernel(fixed_pair, pair), embedded=kernels_of(pair), **facts)
 
 
 def _needs_scene(*_: Any) -> Any:

@@ -99,11 +99,11 @@ class StepInProgress:
         """Compute the slopes that states within the step need."""
         if self._has_dense:
             return
-        trajectory, trail, length = self._trajectory, self.trail, self.length
+        trajectory, length = self._trajectory, self.length
         loads, watch = self._trials.copy_loads(), self._contact.watching(trial=True)
         trajectory.thread_team.run(lambda team: self._kernels.prepare(
-            trajectory.model, loads, trajectory.work, team, trail, watch, trajectory.time,
-            length))
+            trajectory.model, loads, trajectory.state, trajectory.work, team, watch,
+            trajectory.time, length))
         trajectory.evaluations.add(self._kernels.prepare_count)
         self._has_dense = True
         trajectory.require_body_force()

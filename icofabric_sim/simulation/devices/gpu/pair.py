@@ -3,12 +3,10 @@
 """
 Steps of an embedded Runge-Kutta pair on a GPU.
 
-The code of a single process (pair_control.py) selects, accepts and rejects steps; its calls for
-all bodies are a few launches. State, slopes and dissipated energies stay on the device and are
+What the step control asks of the bodies (pair_control.py) are a few launches. State, slopes and dissipated energies stay on the device and are
 copied to this process when the trajectory needs them.
 """
 
-from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -17,15 +15,13 @@ from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tes
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators import embedded
-from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import FIRST, Pair
 from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, SAVED_AT, TOO_DEEP, UNSOUND
-from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.rhs import path_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.devices.foresight import Foresight, Mean
 from icofabric_sim.simulation.devices.gpu.arrays import (
     copy_back,
     doubles,
@@ -57,13 +53,7 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
     STATE_ROW_COUNT,
 )
 from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
-from icofabric_sim.simulation.devices.pair_control import (
-    adaptive_steps,
-    fixed_steps,
-    idle_pieces,
-    nothing,
-    Steps,
-)
+from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -77,12 +67,13 @@ _NOTHING_NEAR = Nearness()
 _Run = tuple[Loads, State, Work]
 
 
-class DevicePair:
+class DevicePair(DistantBodies):
     """Steps of an embedded pair on a GPU."""
 
     def __init__(self, device: Device, packed: PackedScene, pair: Pair) -> None:
         """Copy the fabric to the device; raise ValueError if memory is insufficient."""
-        self._device, self._packed, self._pair = device, packed, pair
+        super().__init__(pair)
+        self._device, self._packed = device, packed
         require_room(device, packed.layout.body_count, self.device_bytes)
         model, slots = packed.model, packed.layout.slot_count
         self._fabric = fabric_of(model, packed.layout, device)
@@ -124,7 +115,6 @@ class DevicePair:
         self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
         self._clock.drifts, self._clock.kick_first = self._zeros(1), 1
         self._speeds: list[Any] = []
-        self._foresight = Foresight(self._have_state, self._quickest)
         # The present call: true if its state is in this process, too; true if displacements are
         # recorded; its candidate pairs.
         self._now: _Run | None = None
@@ -177,36 +167,9 @@ class DevicePair:
         """Discard the state on the device."""
         self._is_out = self._is_stale = self._has_saved = False
 
-    def take(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        control: np.ndarray, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        """Take steps on the device, as `adaptive_pair`."""
-        steps = adaptive_steps(
-            self._pair, model, loads, state, saved, work, team, control, count, since_check,
-            check_interval, watch, ledger)
-        return self._take(
-            steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
-            adapts=True)
-
-    def advance(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
-        watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        """Take steps on the device, as `fixed_pair`."""
-        steps = fixed_steps(
-            self._pair, model, loads, state, saved, work, team, origin, index, h, count,
-            since_check, check_interval, watch, ledger)
-        return self._take(
-            steps, model, (loads, state, work), saved, watch, of_run=check_interval < NEVER,
-            adapts=False)
-
-    def _take(
-        self, steps: Steps, model: Model, now: _Run,
-        saved: State, watch: Watch | None, *, of_run: bool, adapts: bool
-    ) -> tuple[int, int, int]:
+    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
+        model, loads, state, saved, work, watch, of_run, _ = self._call = call
+        now = loads, state, work
         if not of_run:
             self.take_over()
         with TURN, named_failure(self.device, self._forget):
@@ -222,9 +185,7 @@ class DevicePair:
             if of_run:
                 self._run = now
                 self._is_out = self._is_stale = True
-            # Overflows are infinite, as in compiled code.
-            with np.errstate(all='ignore'):
-                status, done, since_check = steps(self._pieces(now, adapts=adapts))
+            taken = self._control(kernel, *arguments)
             if self._has_saved:
                 # After the run knows the time of the saved state.
                 self._copy_rows(
@@ -233,28 +194,21 @@ class DevicePair:
                 self._has_saved = False
             if not of_run:
                 self._gather(now, whole=False)
-            return int(status), int(done), int(since_check)
+            return taken
 
-    def _pieces(self, now: _Run, *, adapts: bool) -> dict[str, Any]:
-        """Return the functions that the step control calls, by name."""
-        return {
-            **idle_pieces(), 'note_lengths': nothing, 'is_breaking': lambda *_: False,
-            **self._foresight.pieces(), 'forget_ways': self._forget_ways,
-            'repeat_slope': self._repeat,
-            'slope_at': self._slope_at, 'try_step': self._try_step,
-            'largest_error': self._largest_error,
-            'add_work': partial(self._accept, keeps_start=adapts),
-            'look': partial(self._look, now)}
+    # What the control asks.
 
-    # Functions of the step control, with its arguments.
+    def begin(self) -> None:
+        """Do nothing: connectors do not break."""
 
-    def _slope_at(
-        self, model: Model, loads: Loads, state: State, work: Work, trail: Any, index: int,
-        *rest: Any
-    ) -> None:
-        is_stage = state is trail.stage
-        pose, motion = self._stage if is_stage else (self._state.poses[0], self._state.motion)
-        self._slope(pose, motion, int(index), float(rest[2]))
+    def may_break(self, h: float) -> bool:
+        """Return False: connectors do not break."""
+        return False
+
+    def find_slope(self, index: int, of_stage: bool, time: float) -> None:
+        """Write slope number `index` at a `time` [s]: of the stage in progress, or the state."""
+        pose, motion = self._stage if of_stage else (self._state.poses[0], self._state.motion)
+        self._slope(pose, motion, int(index), float(time))
 
     def _slope(self, pose: Any, motion: Any, index: int, time: float) -> None:
         if self._acting is not None and self._acting.paths:
@@ -297,12 +251,13 @@ class DevicePair:
                 self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
             self._near.put(contacts, watch, anew=anew)
 
-    def _forget_ways(self, watch: Watch | None, member: int) -> None:
+    def _forget_ways(self) -> None:
+        watch = self._call.watch
         if self._is_watching and watch is not None and self._near is not None:
             self._near.forget_ways()
             watch.far[0] = 0.0
 
-    def _have_state(self, slopes: range) -> None:
+    def _have_state(self, slopes: range = range(0)) -> None:
         """Copy the state and some slopes to this process."""
         assert self._now is not None
         if not self._is_here:
@@ -342,11 +297,11 @@ class DevicePair:
         launch(
             kernel, dim=self._threads, inputs=[self._fabric, *inputs], device=self._device.handle)
 
-    def _try_step(
-        self, pair: Any, model: Model, loads: Loads, state: State, work: Work, trail: Any,
-        team: Team, watch: Watch | None, time: float, h: float, first: int, last: int
-    ) -> None:
-        if loads.drives is not None:
+    def try_step(self, pair: Pair, time: float, h: float, is_judged: bool) -> None:
+        """Compute the other slopes of a step from `time` [s], and its end."""
+        if is_judged:
+            self._forget_ways()
+        if self._call.loads.drives is not None:
             # Later contacts belong to this step.
             self._has_touched()
         for index, weights in enumerate(self._weights, start=1):
@@ -359,29 +314,30 @@ class DevicePair:
         # Forces will be evaluated at the end, too.
         self._evaluate(self._stage[0], float(time + h), touching=False)
 
-    def _largest_error(
-        self, pair: Any, model: Model, loads: Loads, trail: Any, control: np.ndarray,
-        turn_rows: int, team: Team, watch: Watch | None, h: float, first: int, last: int
+    def largest_error(
+        self, pair: Pair, scales: np.ndarray, smooth: float, h: float
     ) -> tuple[float, float]:
-        kinked = float(control[embedded.KINKED])
-        smooth = SMOOTH_RATIO * kinked * h * h if kinked > 0.0 else 1e300
-        scales = control[embedded.SCALES:embedded.SCALES + 4].tolist()
+        """Return the error rate of a step, and the probable one."""
+        model, loads, watch = self._call.model, self._call.loads, self._call.watch
         self._launch(
-            judge, *self._errors_by, wp.vec4d(*scales), smooth, self._slopes, self._errors[0])
+            judge, *self._errors_by, wp.vec4d(*scales.tolist()), smooth, self._slopes,
+            self._errors[0])
         largest, probable = self._largest(self._errors)
         if loads.drives is not None and self._has_touched():
+            trail = self._call.work.trail
+            assert trail is not None
             for index in range(pair.stage_count):
                 copy_back(trail.slopes[index], self._slopes[index])
                 copy_back(loads.power[index], self._power[index])
             rows = rows_of(trail.start.orientation).shape[0]
             largest = max(largest, path_error(
                 loads.drives, model, loads, trail.slopes, rows, pair.higher_error,
-                pair.lower_error, scales[2], first, last))
+                pair.lower_error, scales[2], 0, len(model.blocks.slot)))
         if self._is_watching and watch is not None and self._near is not None:
             self._near.note_ways(watch)
-            if watch.far[0] > watch.limits[LATE] and largest < embedded._MISSED:
-                largest = embedded._MISSED
-        return self._pair.estimate_ratio * largest, self._pair.probable_ratio * probable
+            if watch.far[0] > watch.limits[LATE] and largest < LEFT_REGION:
+                largest = LEFT_REGION
+        return pair.estimate_ratio * largest, pair.probable_ratio * probable
 
     def _has_touched(self) -> bool:
         """Return True if any pair has touched since the last call."""
@@ -394,10 +350,8 @@ class DevicePair:
         contacts.deepest[1] = max(before, contacts.deepest[1])
         return bool(touched)
 
-    def _accept(
-        self, loads: Loads, h: float, weights: np.ndarray, first: int, last: int, *,
-        keeps_start: bool
-    ) -> None:
+    def accept_step(self, pair: Pair, h: float, keeps_start: bool) -> None:
+        """Let the bodies be where the step of `h` [s] ends."""
         self._is_here = False
         here = self._state.poses[0], self._state.motion
         if keeps_start:
@@ -417,25 +371,25 @@ class DevicePair:
         # Steps of a given length do not store their start.
         self._has_stepped = self._has_stepped or keeps_start
 
-    def _repeat(self, *_: Any) -> None:
+    def repeat_slope(self) -> None:
         """Copy the last slope of a step to the first slope of the next."""
         for rows in (self._slopes, self._spent, self._power):
             if rows.size:
                 wp.copy(rows[FIRST], rows[embedded.LAST])
 
-    def _look(
-        self, now: _Run, model: Model, loads: Loads, state: State, saved: State, work: Work,
-        team: Team, since_check: int, check_interval: int, watch: Watch | None,
-        ledger: np.ndarray, done: int, time: float, step: float, *rest: Any
+    def check_health(
+        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
+        step: float
     ) -> tuple[int, int]:
-        """Perform the checks of `look` in embedded.py."""
+        """Check the state at `time` [s] if a health check is due, and save a sound state."""
+        model, state, watch = self._call.model, self._call.state, self._call.watch
         examined, status, contacts, near = since_check >= check_interval, 0, model.contacts, (
             self._near)
         if self._is_watching and watch is not None and near is not None:
             near.note_ways(watch)
             near.note_depths(contacts)
         if examined:
-            status = self._examine(now, model, loads, state, work, ledger, time)
+            status = self._examine(ledger, time)
         if self._is_watching and watch is not None and near is not None:
             most = farthest(watch, 1)
             if most > watch.limits[SOON]:
@@ -451,13 +405,11 @@ class DevicePair:
             self._has_saved = True
         return int(status), 0 if examined else since_check
 
-    def _examine(
-        self, now: _Run, model: Model, loads: Loads, state: State, work: Work,
-        ledger: np.ndarray, time: float
-    ) -> int:
+    def _examine(self, ledger: np.ndarray, time: float) -> int:
         """
         Return the status bits of the state, from sums on the device or from a copy of the state.
         """
+        model, loads, state, _, work, *_ = self._call
         if self._health.can_examine(model, loads, ledger):
             return self._health.examine(
                 self._state, 0, loads, self._acting, ledger,
