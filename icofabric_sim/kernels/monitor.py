@@ -34,7 +34,7 @@ from icofabric_sim.kernels.figures import (
 from icofabric_sim.kernels.masses import largest_of, units_of
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.rotations import rows_of
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, in_python
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, maximum, splat, store
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
@@ -99,19 +99,17 @@ LEDGER_COUNT = 59
 _ROUNDINGS = 100.0
 
 
-@compiled
 def examine(
     model: Model, loads: Loads, state: State, work: Work, time: float, ledger: np.ndarray
 ) -> int:
     """
     Return the status bits of the state at `time` [s]; write its figures into `ledger`.
 
-    The attachment points are in place.
+    The attachment points are in place. The kernels are those that steps call by address.
     """
-    blocks = model.blocks.slot.shape[0]
     note_figures(
-        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), 0,
-        work.figures.shape[0] - 1, blocks)
+        model, loads, state, work, time, float(in_python(coarse_up_to)(ledger)),
+        bool(in_python(looks_inside)(ledger)), 0, len(work.figures) - 1, len(model.blocks.slot))
     return conclude(model, state, work.figures, ledger)
 
 

@@ -70,14 +70,14 @@ class Counter:
         self.count += int(arguments[-2] == 0)
         return ACCELERATIONS(*arguments)
 
-    def slope_at(self, *arguments):
-        SLOPE_AT(*arguments)
+    def find_slope(self, *arguments):
+        FIND_SLOPE(*arguments)
         caller = sys._getframe(1)
         self.count -= int(
             caller.f_code.co_name == 'fixed_pair' and 'done' not in caller.f_locals)
 
 
-ACCELERATIONS, SLOPE_AT = flows.accelerations, embedded.slope_at
+ACCELERATIONS, FIND_SLOPE = flows.accelerations, embedded.find_slope
 
 
 def counted() -> dict[str, list[int]]:
@@ -88,7 +88,7 @@ def counted() -> dict[str, list[int]]:
         with (
             mock.patch.object(flows, 'accelerations', counter.accelerations),
             mock.patch.object(rhs, 'accelerations', counter.accelerations),
-            mock.patch.object(embedded, 'slope_at', counter.slope_at)
+            mock.patch.object(embedded, 'find_slope', counter.find_slope)
         ):
             run = ico.compile_scene(scene_of(name))
             numbers = []

@@ -3,8 +3,9 @@
 """
 Steps of an embedded Runge-Kutta pair on a GPU.
 
-What the step control asks of the bodies (pair_control.py) are a few launches. State, slopes and dissipated energies stay on the device and are
-copied to this process when the trajectory needs them.
+What the step control asks of the bodies (pair_control.py) are a few launches. State, slopes and
+dissipated energies stay on the device and are copied to this process when the trajectory needs
+them.
 """
 
 from importlib import import_module
