@@ -10,6 +10,7 @@ from fabrics import make_scene
 from icofabric_sim.kernels.records import Loads, Meter, Model, Supports
 from icofabric_sim.kernels.runtime import record
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.outlined import address_of, call_float
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
 from icofabric_sim.terms.drag.record import Drag
@@ -226,3 +227,44 @@ def test_only_what_is_none_and_the_kinds_of_arrays_make_another_type():
     assert Model._defaults['contacts'] is None and 'blocks' not in Model._defaults
     assert Supports._fields == ('inverse_mass', 'inverse_inertia')
     assert Loads._fields[-1] == 'anchors'
+
+
+@compiled
+def halved(tank):
+    """Half the size, from the first fields of a tank or from all."""
+    return 0.5 * tank.size
+
+
+@compiled
+def weight_by(address, tank):
+    """What `filled` returns, called by its address with the first fields of a tank."""
+    return call_float(address, (tank,))
+
+
+def test_first_fields_have_one_type_and_the_address_of_all():
+    class Cargo(Record):
+        size: float
+        inner: Inner | None
+        after: float
+
+    without, within = Cargo(2.0, None, 5.0), Cargo(3.0, Inner(np.ones(2), 2), 5.0)
+    assert type(without) is not type(within)
+    kinds = {type(cargo.common())._numba_type for cargo in (without, within)}
+    assert len(kinds) == 1 and list(kinds.pop().fields) == ['size']
+    assert (halved(without.common()), halved(within.common())) == (1.0, 1.5)
+    assert len(halved.overloads) == 1
+    for cargo in (without, within):
+        assert weight_by(address_of(sized, cargo), cargo.common()) == cargo.size + 5.0
+    assert len(weight_by.overloads) == 1 and len(sized.overloads) == 2
+
+
+@compiled
+def sized(cargo):
+    """The sum of the fields before and after the one that may be None."""
+    return cargo.size + cargo.after
+
+
+def test_a_record_that_never_varies_is_common_as_a_whole():
+    tank = Tank(1.0, Fuel(np.full(2, 4.0)))
+    assert list(type(tank.common())._numba_type.fields) == ['size', 'fuel']
+    assert filled(tank.common()) == filled(tank)

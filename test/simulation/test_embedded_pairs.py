@@ -4,9 +4,11 @@
 
 from fabrics import make_scene
 import icofabric_sim as ico
-from icofabric_sim.kernels.integrators import dop853
+from icofabric_sim.kernels import figures, monitor
+from icofabric_sim.kernels.integrators import bodies, dop853, embedded
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.kernels.integrators.tableau import pair_of, SLOPE_COUNT
+from icofabric_sim.kernels.runtime.compiled import in_python
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.stepping import tsit5
 import numpy as np
@@ -131,3 +133,43 @@ def test_steps_on_a_device_are_those_of_the_processor():
         assert simulation.status.step_count == expected.status.step_count > 5
         assert np.abs(
             simulation.snapshot().position - expected.snapshot().position).max() < 1e-13
+
+
+def test_scenes_share_the_compiled_step_control():
+    """Another term compiles its slopes and figures, and nothing else of the steps."""
+    def steps_of(**changes):
+        run = ico.compile_scene(make_scene((2, 2, 1), **{
+            'solver.method': 'dop8'} | changes))
+        run.advance_to(0.01)
+        return run.status.step_count
+
+    def counts():
+        kernels = (
+            embedded.adaptive_pair, bodies.slope_at, figures.note_figures, monitor.conclude)
+        return [len(kernel.overloads) for kernel in kernels]
+
+    assert steps_of(**{'drag.linear': 0.01}) > 0
+    before = counts()
+    assert steps_of(**{'drag.linear': 0.01, 'connector.twisting_stiffness': 0.02}) > 0
+    control, slopes, sums, verdicts = np.array(counts()) - before
+    assert control == 0 and slopes == sums == verdicts == 1
+
+
+def test_an_object_is_asked_in_place_of_bodies():
+    """The step control runs in Python with the numbers of an object: here of two steps."""
+    class Asked:
+        def __init__(self):
+            self.calls = []
+
+        def __getattr__(self, name):
+            def answer(*arguments):
+                self.calls.append(name)
+                return {'count_tests': 0, 'check_health': (0, 1)}.get(name)
+            return answer
+
+    asked = Asked()
+    taken = in_python(embedded.fixed_pair)(asked, DOP8, 0.0, 0, 0.5, 2, 0, 9, np.zeros(0))
+    assert taken == (0, 2, 1)
+    assert asked.calls == [
+        'count_tests', 'find_slope', 'repeat_count',
+        *2 * ['try_step', 'accept_step', 'find_slope', 'check_health']]

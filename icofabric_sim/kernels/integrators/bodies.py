@@ -102,27 +102,46 @@ class Bodies(Record):
     breaking: int
 
 
+# Addresses in `Bodies` by the types of the records that the kernels take.
+_known: dict[tuple[type, ...], tuple[int, ...]] = {}
+
+
 def bodies_of(
     model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-    watch: Watch | None, *, finds: Any = address_of
+    watch: Watch | None, *, is_called: bool = True
 ) -> Bodies:
     """
-    Return the bodies of a scene; `finds` returns the address of a kernel for its arguments.
+    Return the bodies of a scene; compile or load the kernels for its terms if necessary.
+
+    Unless a kernel `is_called` with them: for their type alone no kernels are needed.
     """
     trail = work.trail
     assert trail is not None
-    path = breaks = lengths = 0
-    if loads.drives is not None:
-        path = finds(paths_error, model, loads, trail, np.zeros(1), np.zeros(1), 0.0, team)
-    if work.breakage is not None:
-        lengths = finds(begin_lengths, model, state, work, team, 0, 0)
-        breaks = finds(end_lengths, model, state, work, trail, team, 0.0, 0, 0)
+    kinds = type(model), type(loads), type(state), type(work), type(team), type(watch)
+    if is_called and kinds not in _known:
+        _known[kinds] = tuple(
+            address_of(*call) if call else 0
+            for call in calls_of(model, loads, state, work, team, watch))
     return Bodies(
         model.common(), model.contacts, loads.common(), state, saved, work.common(), trail, team,
-        watch,
-        finds(slope_at, model, loads, state, work, trail, 0, team, watch, 0.0, 0, 0),
-        finds(note_figures, model, loads, state, work, 0.0, 0.0, False, 0, 0, 0),
-        finds(conclude, model, state, work.figures, np.zeros(0)), path, lengths, breaks)
+        watch, *(_known[kinds] if is_called else 6 * (0,)))
+
+
+def calls_of(
+    model: Model, loads: Loads, state: State, work: Work, team: Team, watch: Watch | None
+) -> list[tuple[Any, ...]]:
+    """
+    Return the kernels of `Bodies` with arguments of their types; empty where there is no term.
+    """
+    trail, numbers = work.trail, np.zeros(1)
+    drives, breaks = loads.drives is not None, work.breakage is not None
+    return [
+        (slope_at, model, loads, state, work, trail, 0, team, watch, 0.0, 0, 0),
+        (note_figures, model, loads, state, work, 0.0, 0.0, False, 0, 0, 0),
+        (conclude, model, state, work.figures, numbers),
+        (paths_error, model, loads, trail, numbers, numbers, 0.0, team) if drives else (),
+        (begin_lengths, model, state, work, team, 0, 0) if breaks else (),
+        (end_lengths, model, state, work, trail, team, 0.0, 0, 0) if breaks else ()]
 
 
 # -- kernels for the terms of a scene, called by address ------------------------------------------

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.integrators.bodies import bodies_of
+from icofabric_sim.kernels.integrators.bodies import bodies_of, calls_of
 from icofabric_sim.kernels.integrators.embedded import (
     adaptive_pair,
     dense_state,
@@ -45,15 +45,11 @@ class PairKernel:
     ) -> bool:
         """Check that no kernel must be compiled for such arguments."""
         *others, watch, ledger = arguments
-        missing = []
-
-        def look_up(kernel: Any, *values: Any) -> int:
-            if not _is_ready(kernel, *values):
-                missing.append(kernel)
-            return 0
-
-        bodies = bodies_of(model, loads, state, saved, work, team, watch, finds=look_up)
-        return not missing and _is_ready(self._kernel, bodies, self._pair, *others, ledger)
+        calls = [call for call in calls_of(model, loads, state, work, team, watch) if call]
+        return all(_is_ready(*call) for call in calls) and _is_ready(
+            self._kernel,
+            bodies_of(model, loads, state, saved, work, team, watch, is_called=False), self._pair,
+            *others, ledger)
 
 
 def _is_ready(kernel: Any, *arguments: Any) -> bool:

@@ -13,9 +13,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.group_sums import note_squares, note_sums
 from icofabric_sim.kernels.lanczos import added_up
 from icofabric_sim.kernels.masses import units_of
-from icofabric_sim.kernels.records import Loads, Model, Work
 from icofabric_sim.simulation.model.anchor_stiffness import anchor_accelerations
-from icofabric_sim.simulation.model.shared_kinds import Without
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Elsewhere
@@ -29,10 +27,6 @@ class WholeState:
     def __init__(self, trajectory: Trajectory, calls: MethodCalls) -> None:
         """Query the state of the `trajectory`, by `calls` if it is distributed."""
         self._trajectory, self._calls = trajectory, calls
-        # What has no energy, and room for steps: health checks then share their kernel.
-        self._terms_of: Without[Model] = Without('damping', 'drag', 'magnet')
-        self._loads_of: Without[Loads] = Without('tractions')
-        self._room_of: Without[Work] = Without('trail', 'breakage', 'external', 'kinks')
 
     def refresh(self) -> None:
         """Compute the accelerations of the state."""
@@ -55,8 +49,8 @@ class WholeState:
         # A state that comes from ranks or a device comes without its attachment points.
         trajectory.place_points()
         monitor.examine(
-            self._terms_of(trajectory.model), self._loads_of(trajectory.loads), trajectory.state,
-            self._room_of(trajectory.work), trajectory.time, numbers)
+            trajectory.model, trajectory.loads, trajectory.state, trajectory.work,
+            trajectory.time, numbers)
 
     def squares(self) -> float:
         """
