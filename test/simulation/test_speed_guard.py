@@ -16,7 +16,7 @@ import sys
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
-from icofabric_sim.kernels.integrators import embedded, splitting
+from icofabric_sim.kernels.integrators import bodies, embedded, splitting
 from icofabric_sim.kernels.runtime.target import choose, LEVELS
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
@@ -120,8 +120,11 @@ def bare_steps():
     steps = {
         'splitting': (splitting.steps, (
             weights, weights, model, None, None, state, work, team, None, 0.0, 0, 0.0, 1)),
-        'dop8': (embedded.try_step, (
-            embedded.DOP8, model, loads, state, pair, pair.trail, team, None, 0.0, 0.0, 0, 1))}
+        'dop8': (bodies.slope_at, (
+            model, loads, state, pair, pair.trail, 0, team, None, 0.0, 0, 1)),
+        'stages of dop8': (bodies.try_step, (
+            bodies.bodies_of(model, loads, state, state, pair, team, None, is_called=False),
+            embedded.DOP8, 0.0, 0.0, False))}
     return {name: (kernel.__module__, kernel.__name__, tuple(map(numba.typeof, arguments)))
             for name, (kernel, arguments) in steps.items()}
 

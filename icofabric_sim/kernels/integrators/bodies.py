@@ -193,6 +193,22 @@ def end_lengths(
     return int(is_breaking(model, work.breakage, state, work, trail, team, h, first, last))
 
 
+@compiled
+def copy_last(
+    model: Model, loads: Loads, work: Work, trail: Trail, first: int, last: int
+) -> None:
+    """Copy slopes and powers at the end of a step to its start, for blocks first to last."""
+    slot, power = model.blocks.slot, loads.power
+    for block in range(first, last):
+        s = slot[block]
+        for k in range(trail.slopes.shape[1]):
+            store(trail.slopes[0], k, s, load(trail.slopes[LAST], k, s))
+    for m in range(LANES * loads.start[first], LANES * loads.start[last], LANES):
+        store(power, 0, m, load(power, LAST, m))
+    repeat_flow(work.spent, slot, first, last)
+    repeat_flow(work.given, slot, first, last)
+
+
 # -- what the control asks ------------------------------------------------------------------------
 
 @compiled
@@ -244,16 +260,7 @@ def find_slope(bodies: Bodies, index: int, of_stage: bool, time: float) -> None:
 def repeat_slope(bodies: Bodies) -> None:
     """Copy the last slope of a step to the first of the next."""
     first, last = own(bodies)
-    slot, trail, power = bodies.model.blocks.slot, bodies.trail, bodies.loads.power
-    start = bodies.loads.start
-    for block in range(first, last):
-        s = slot[block]
-        for k in range(trail.slopes.shape[1]):
-            store(trail.slopes[0], k, s, load(trail.slopes[LAST], k, s))
-    for m in range(LANES * start[first], LANES * start[last], LANES):
-        store(power, 0, m, load(power, LAST, m))
-    repeat_flow(bodies.work.spent, slot, first, last)
-    repeat_flow(bodies.work.given, slot, first, last)
+    copy_last(bodies.model, bodies.loads, bodies.work, bodies.trail, first, last)
     repeat_stretches(losses_of(bodies.contacts), bodies.team)
 
 

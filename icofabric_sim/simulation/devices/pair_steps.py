@@ -20,7 +20,7 @@ from icofabric_sim.kernels.contact.losses import (
 )
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.embedded import repeat_slope
+from icofabric_sim.kernels.integrators.bodies import copy_last
 from icofabric_sim.kernels.integrators.tableau import DENSE, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
@@ -232,7 +232,7 @@ class PairPart:
 
     def _repeat(self, arrays: PairArrays) -> None:
         """Copy the last slope of a step to the first slope of the next."""
-        repeat_slope(
+        copy_last(
             self._model, arrays.loads, arrays.work, arrays.trail, self._exchange.first,
             self._exchange.last)
         if arrays.contacts is not None:
@@ -295,7 +295,7 @@ class PairPart:
         keep_work(loads, 0, 0)
         add_work(loads, 0.0, pair.step, 0, 0)
         add_flow(work.spent, slot, 0.0, pair.step, 0, 0)
-        repeat_slope(self._model, loads, work, trail, 0, 0)
+        copy_last(self._model, loads, work, trail, 0, 0)
         if contacts is not None:
             touch_moving(contacts, state, number, self._team)
             note_touch(loads.drives, contacts, False, 0)

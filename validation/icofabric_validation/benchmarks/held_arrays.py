@@ -19,7 +19,8 @@ def arrays_of(simulation: Simulation) -> dict[str, int]:
 
 
 def _walk(name: str, value: Any, seen: set[int]) -> Iterator[tuple[str, np.ndarray]]:
-    if id(value) in seen:
+    # Kernels hold nothing of a simulation.
+    if id(value) in seen or isinstance(value, type) or hasattr(value, 'py_func'):
         return
     seen.add(id(value))
     if isinstance(value, np.ndarray):
