@@ -12,6 +12,7 @@ methods of these names of an object that stands for the bodies.
 """
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import find_clear
@@ -104,6 +105,11 @@ class Bodies(Record):
 
 # Addresses in `Bodies` by the types of the records that the kernels take.
 _known: dict[tuple[type, ...], tuple[int, ...]] = {}
+# The last bodies of each thread, and the records that they were made of, by the work arrays. The
+# bodies do not keep the work arrays, which keep them.
+_made: WeakKeyDictionary[Work, dict[int, tuple[tuple[Any, ...], Bodies]]] = WeakKeyDictionary()
+# Threads whose bodies are kept.
+_MAX_THREAD_COUNT = 256
 
 
 def bodies_of(
@@ -115,6 +121,12 @@ def bodies_of(
 
     Unless a kernel `is_called` with them: for their type alone no kernels are needed.
     """
+    given = model, loads, state, saved, team, watch
+    kept = _made.setdefault(work, {}) if is_called else {}
+    if id(team) in kept:
+        before, bodies = kept[id(team)]
+        if all(one is other for one, other in zip(before, given)):
+            return bodies
     trail = work.trail
     assert trail is not None
     kinds = type(model), type(loads), type(state), type(work), type(team), type(watch)
@@ -122,9 +134,13 @@ def bodies_of(
         _known[kinds] = tuple(
             address_of(*call) if call else 0
             for call in calls_of(model, loads, state, work, team, watch))
-    return Bodies(
+    bodies = Bodies(
         model.common(), model.contacts, loads.common(), state, saved, work.common(), trail, team,
         watch, *(_known[kinds] if is_called else 6 * (0,)))
+    if len(kept) >= _MAX_THREAD_COUNT:
+        kept.clear()
+    kept[id(team)] = given, bodies
+    return bodies
 
 
 def calls_of(

@@ -57,11 +57,6 @@ class _Common(_Address):
 
     _numba_type: ClassVar[RecordType]
 
-    def __init__(self, record: 'Record') -> None:
-        """Keep the record, whose address this is."""
-        self._record = record
-        self._address = record._address
-
     @classmethod
     def numba_type(cls) -> RecordType:
         """Return the Numba type of the first fields."""
@@ -227,7 +222,8 @@ class Record(_Address):
         Return this record for kernels that serve all records of the class: only its first fields.
 
         Those are the fields before the first one that may be None. The address is that of the
-        record, so a kernel can hand it on to one that reads all fields.
+        record, so a kernel can hand it on to one that reads all fields. The caller keeps the
+        record.
         """
         if is_compiling_disabled():
             return self
@@ -240,7 +236,9 @@ class Record(_Address):
                 '_numba_type': RecordType(
                     f'{kind.__name__}Common', tuple((name, all_fields[name]) for name in names),
                     optional=self._is_optional)})
-        return kind._common_kind(self)
+        common: Any = kind._common_kind()
+        common._address = self._address
+        return common
 
     @classmethod
     def numba_type(cls) -> RecordType:
