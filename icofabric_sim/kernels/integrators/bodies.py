@@ -12,7 +12,7 @@ methods of these names of an object that stands for the bodies.
 """
 
 from typing import Any
-from weakref import WeakKeyDictionary
+from weakref import finalize
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
 from icofabric_sim.kernels.contact.clearance import find_clear
@@ -105,9 +105,9 @@ class Bodies(Record):
 
 # Addresses in `Bodies` by the types of the records that the kernels take.
 _known: dict[tuple[type, ...], tuple[int, ...]] = {}
-# The last bodies of each thread, and the records that they were made of, by the work arrays. The
-# bodies do not keep the work arrays, which keep them.
-_made: WeakKeyDictionary[Work, dict[int, tuple[tuple[Any, ...], Bodies]]] = WeakKeyDictionary()
+# The last bodies of each thread, and the records that they were made of, as long as the work
+# arrays exist. The bodies do not keep those.
+_made: dict[int, dict[int, tuple[tuple[Any, ...], Bodies]]] = {}
 # Threads whose bodies are kept.
 _MAX_THREAD_COUNT = 256
 
@@ -122,7 +122,7 @@ def bodies_of(
     Unless a kernel `is_called` with them: for their type alone no kernels are needed.
     """
     given = model, loads, state, saved, team, watch
-    kept = _made.setdefault(work, {}) if is_called else {}
+    kept = _made_with(work) if is_called else {}
     if id(team) in kept:
         before, bodies = kept[id(team)]
         if all(one is other for one, other in zip(before, given)):
@@ -141,6 +141,14 @@ def bodies_of(
         kept.clear()
     kept[id(team)] = given, bodies
     return bodies
+
+
+def _made_with(work: Work) -> dict[int, tuple[tuple[Any, ...], Bodies]]:
+    key = id(work)
+    if key not in _made:
+        _made[key] = {}
+        finalize(work, _made.pop, key, None).atexit = False
+    return _made[key]
 
 
 def calls_of(
