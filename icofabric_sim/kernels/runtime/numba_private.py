@@ -454,7 +454,7 @@ def define_function(function: Any, template: Any) -> None:
     """
     Define the types of a function or operator in compiled code by a `template`.
 
-    The template is asked first. Numba asks in the order of definition, and the templates of its
+    Numba tries this template first. It tries others in the order of definition, and those of its
     operators for arrays take long to refuse other types.
     """
     infer_global(function)(template)

@@ -30,7 +30,7 @@ Steps = tuple[int, int, int]
 
 
 class PairCall(NamedTuple):
-    """What one call for steps is about."""
+    """Arguments of a call that takes steps."""
 
     model: Model
     loads: Loads
