@@ -46,15 +46,10 @@ class PairKernel:
         """Check that no kernel must be compiled for such arguments."""
         *others, watch, ledger = arguments
         calls = [call for call in calls_of(model, loads, state, work, team, watch) if call]
-        return all(_is_ready(*call) for call in calls) and _is_ready(
-            self._kernel,
-            bodies_of(model, loads, state, saved, work, team, watch, is_called=False), self._pair,
-            *others, ledger)
-
-
-def _is_ready(kernel: Any, *arguments: Any) -> bool:
-    # Plain Python is always ready.
-    return not hasattr(kernel, 'is_ready') or bool(kernel.is_ready(*arguments))
+        return all(kernel.is_ready(*values) for kernel, *values in calls) and bool(
+            self._kernel.is_ready(
+                bodies_of(model, loads, state, saved, work, team, watch, is_called=False),
+                self._pair, *others, ledger))
 
 
 class EmbeddedKernels(NamedTuple):

@@ -12,6 +12,7 @@ from icofabric_sim.kernels.contact.pair import contact_scratch
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
@@ -170,9 +171,11 @@ class MethodCalls:
 
         By the `kernel` that takes them, if that is not the method's own.
         """
+        if is_compiling_disabled():
+            return True
         function, arguments = kernel or self._own_kernel()
         if not hasattr(function, 'is_ready'):
-            # In plain Python nothing ever is.
+            # Steps in Python, of implicit methods.
             return True
         trajectory, phase = self._trajectory, self._contact.broad_phase
         model, team = trajectory.model, trajectory.thread_team.alone()
