@@ -126,6 +126,7 @@ def make_laws(
     `length` [m] is the woven length L of all connectors, or of each, (c,). `members` are the masks
     (c,) of `connector_groups`; later groups take precedence.
     """
+    _require_effect(parameters, ['connector', *(f'connector_groups.{name}' for name in members)])
     general = _law(parameters, 'connector', length, None)
     if not members and not isinstance(general[2], np.ndarray) and general[3] is None:
         return ConnectorLaws(*(np.array([value]) for value in general[:3])), NO_CURVES
@@ -147,6 +148,21 @@ def make_laws(
     number = np.array([
         -1 if curve is None else list(found).index(curve.text) for curve in curves])
     return laws, ConnectorCurves(tuple(found.values()), number[curve_of], stops)
+
+
+def _require_effect(parameters: Parameters, prefixes: list[str]) -> None:
+    """Raise ParameterError for a value that only a law reads which these connectors lack."""
+    for name, law in NAMED_LAWS.items():
+        users = [prefix for prefix in prefixes if parameters[f'{prefix}.law'] == name]
+        for key, _, unit, _ in law.module('parameters').PARAMETERS:
+            for prefix in prefixes:
+                value = parameters[f'{prefix}.{key}']
+                # Groups with the law take what they lack from connector.*.
+                if value and prefix not in users and not (users and prefix == 'connector'):
+                    raise ParameterError(
+                        f'{prefix}.{key}',
+                        f'{prefix}.{key} {value!r} {unit} has no effect without the law: set '
+                        f'{prefix}.law to {name}, or leave out {key}')
 
 
 def property_by_connector(

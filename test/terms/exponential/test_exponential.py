@@ -213,7 +213,11 @@ def test_a_device_moves_as_the_processor_does(solver):
 
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'connector.alpha': 0.0}, 'connector.law exponential: alpha is 0'),
-    ({'connector.stiffness_extension': 3.0}, 'give connector.stiffness')])
+    ({'connector.stiffness_extension': 3.0}, 'give connector.stiffness'),
+    ({'connector.law': ''}, 'connector.alpha .* has no effect .* connector.law to exponential'),
+    ({'groups.low': 'z_min', 'connector_groups.g.between': 'low all',
+      'connector_groups.g.alpha': 5.0},
+     'connector_groups.g.alpha 5.0 1/m has no effect')])
 def test_what_contradicts_the_law_is_refused(changes, words):
     with pytest.raises(ParameterError, match=words):
         make_scene((2, 2, 2), {**LAW, **changes})
