@@ -134,7 +134,7 @@ def falsify(stack: contextlib.ExitStack) -> None:
     accelerate, add_pull = flows.accelerate, anchors.add_pull
     # Without compilation a composed function finds the functions of terms in its namespace.
     terms = flows.add_accelerations.__globals__
-    add_gravity = terms['gravity_acceleration']
+    add_gravity = terms['gravity_add_acceleration']
     more = 1.1
 
     def stronger(supports, mass, inertia, force, s):
@@ -149,7 +149,7 @@ def falsify(stack: contextlib.ExitStack) -> None:
         return add_pull(model, loads, velocity, spin, pull, m, s, more * h)
 
     stack.enter_context(mock.patch.object(flows, 'accelerate', stronger))
-    stack.enter_context(mock.patch.dict(terms, gravity_acceleration=heavier))
+    stack.enter_context(mock.patch.dict(terms, gravity_add_acceleration=heavier))
     stack.enter_context(mock.patch.object(anchors, 'add_pull', harder))
 
 
