@@ -48,9 +48,10 @@ from collections.abc import Collection
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 _FOLDER = Path(__file__).parent
 # Ways of computing a scene that may lack a term: ranks of MPI, GPUs, implicit steps, methods with
@@ -133,11 +134,11 @@ class Curve(Protocol):
         """True if the slope of the tension has corners."""
 
     def evaluate(
-        self, length: np.ndarray, stiffness: np.ndarray, natural_length: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, length: 'np.ndarray', stiffness: 'np.ndarray', natural_length: 'np.ndarray'
+    ) -> 'tuple[np.ndarray, np.ndarray]':
         """Return tensions [N] and energies [J] at lengths [m]."""
 
     def slope(
-        self, length: np.ndarray, stiffness: np.ndarray, natural_length: np.ndarray
-    ) -> np.ndarray:
+        self, length: 'np.ndarray', stiffness: 'np.ndarray', natural_length: 'np.ndarray'
+    ) -> 'np.ndarray':
         """Return slopes of the tension [N/m] at lengths [m]."""

@@ -38,6 +38,9 @@ NEEDED = {
     'connector.break_length_extension': _DISSIPATIVE,
     'connector.break_length_compression': _DISSIPATIVE,
     'connector_groups.it.damping': _DISSIPATIVE,
+    'connector.alpha': {'connector.law': 'exponential', 'connector.alpha': 5.0},
+    'connector_groups.it.alpha': {
+        'connector_groups.it.law': 'exponential', 'connector_groups.it.alpha': 5.0},
     'connector.maxwell_stiffness': _DISSIPATIVE | {'connector.maxwell_time': 0.01},
     'connector.maxwell_time': _DISSIPATIVE,
     'connector_groups.it.maxwell_stiffness': _DISSIPATIVE | {'connector.maxwell_time': 0.01},

@@ -3,7 +3,7 @@
 """
 Kernels of an embedded Runge-Kutta pair on a GPU: slopes, stages, errors and energy flows.
 
-The formulas are those of kernels/rhs.py, viscous.py and probable_error.py, with one thread per
+The formulas are those of kernels/rhs.py, probable_error.py and terms, with one thread per
 body. A stage is written to separate arrays, which the next launch reads, so that no thread reads
 what another thread writes.
 """
