@@ -36,7 +36,7 @@ class Instructions(NamedTuple):
         if self.package is None or self.springs_only is None:
             return None
         if self.springs_only < _LEAST_COUNT:
-            # The compiler put a part of the loop elsewhere, which is not counted.
+            # A function that unwinds nothing has no .cfi_startproc: only its entrance was found.
             return None
         return self.package / self.springs_only - 1.0
 
