@@ -19,8 +19,6 @@ import numpy as np
 # Takes a number of steps from a state, with work arrays.
 Kernel = Callable[[State, Work, int], None]
 _NEVER = 2**62
-# Fewest instructions of a whole loop: a body takes 40 products and 18 points.
-_LEAST_COUNT = 200
 
 
 class Instructions(NamedTuple):
@@ -34,9 +32,6 @@ class Instructions(NamedTuple):
     def difference(self) -> float | None:
         """Relative excess of instructions over the springs-only kernel."""
         if self.package is None or self.springs_only is None:
-            return None
-        if self.springs_only < _LEAST_COUNT:
-            # A function that unwinds nothing has no .cfi_startproc: only its entrance was found.
             return None
         return self.package / self.springs_only - 1.0
 

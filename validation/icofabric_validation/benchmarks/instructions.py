@@ -42,12 +42,11 @@ def functions_in_loops(listing: str) -> dict[str, int]:
     for Python and C are left out.
     """
     found: dict[str, int] = {}
-    before, *bodies = listing.split('.cfi_startproc')
-    for body in bodies:
-        symbol, before = _SYMBOL.findall(before)[-1], body
+    _, *parts = _SYMBOL.split(listing)
+    for symbol, body in zip(parts[::2], parts[1::2]):
         if not symbol.startswith(('_ZN7cpython', 'cfunc.')):
             name = _plain_name(symbol)
-            found[name] = found.get(name, 0) + (count_in_loops(f'.cfi_startproc{body}') or 0)
+            found[name] = found.get(name, 0) + (count_in_loops(f'{symbol}:{body}') or 0)
     return {name: count for name, count in found.items() if count}
 
 
@@ -69,9 +68,11 @@ def count_in_loops(listing: str) -> int | None:
     instructions, places, loops = 0, {}, []
     started = False
     for line in listing.splitlines():
-        if '.cfi_endproc' in line:
-            break
-        started = started or '.cfi_startproc' in line
+        # Not every function has .cfi_startproc.
+        if _SYMBOL.match(line):
+            if instructions:
+                break
+            started = True
         label = _LABEL.match(line)
         if not started:
             continue

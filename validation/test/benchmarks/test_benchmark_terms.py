@@ -104,7 +104,7 @@ def test_bare_scene_has_the_instructions_of_springs_alone(costs):
         # springs alone would mean that the loop was not found.
         # With 16 registers in place of 32 the addresses of more arrays wait in memory. In the loop
         # of `push` the branches of weight and supports are listed too, which a bare scene passes.
-        most = 0.26 if entry.kernel == 'push' else 0.04 if LANES == 8 else 0.07
+        most = 0.26 if entry.kernel == 'push' else 0.06 if LANES == 8 else 0.07
         assert difference is None or -0.2 < difference <= most, entry
         assert entry.package is None or entry.package > 100
 
