@@ -83,7 +83,7 @@ class EventLoop:
         loads, half_edge = self._loads(), scene.geometry.half_edge
         apart = None
         if ranks is not None:
-            from icofabric_sim.simulation.devices.shared_start import begin_apart
+            from icofabric_sim.simulation.devices.shared_method import begin_apart
             try:
                 apart = begin_apart(ranks, packed, scene.initial, loads, half_edge=half_edge)
             except ElsewhereError as error:

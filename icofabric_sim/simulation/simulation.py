@@ -612,7 +612,7 @@ class Simulation:
     @property
     def _is_elsewhere(self) -> bool:
         """True if ranks or a device take the steps."""
-        return self._trajectory.method.holder is not None
+        return self._trajectory.executor.is_remote
 
     def _compile_ahead(self) -> subprocess.Popen[bytes] | None:
         return compile_ahead(

@@ -24,7 +24,6 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.pair_leader import SharedPair
 from icofabric_sim.simulation.devices.server import Server
-from icofabric_sim.simulation.devices.shared_state import SharedState
 from icofabric_sim.simulation.stepping import accuracy_probe
 import numpy as np
 
@@ -261,12 +260,12 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
         'weave.size': [15, 15, 15], 'contact.mode': 'never', **changes,
         'initial_random': COMMON['initial_random'], 'solver': solver})
     calls, measured, found = [], [], []
-    gather, largest = SharedSteps._gather, SharedState.largest
+    gather, largest = SharedSteps._gather, SharedSteps.largest_frequency
     # Else none of so few steps would be measured.
     part, accuracy_probe._KINKED_COST_PART = accuracy_probe._KINKED_COST_PART, math.inf
     SharedSteps._gather = lambda self, *words, **named: (
         calls.append(words), gather(self, *words, **named))
-    SharedState.largest = lambda self: (found.append(1), largest(self))[1]
+    SharedSteps.largest_frequency = lambda self: (found.append(1), largest(self))[1]
     try:
         simulation = ico.compile_scene(scene, ranks=ranks)
         simulation.advance_steps(1)
@@ -282,7 +281,7 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
         whole = [*states[0].rows(), work.acceleration, work.points.reshape(18, -1)]
         other = np.delete(
             np.arange(whole[0].shape[1]).reshape(-1, LANES),
-            driver.trajectory.method.holder.slots_of_first, axis=0).ravel()
+            driver.trajectory.executor.slots_of_first, axis=0).ravel()
         there = sum(int(np.count_nonzero(rows[:, other])) for rows in whole)
         counts = [
             len(calls), int(driver.trajectory.ledger.numbers[CHECK_COUNT] - looks), len(measured),
@@ -295,7 +294,7 @@ def gathered(ranks, steps, changes=MappingProxyType({}), **solver):
         driver.monitor.examine()
         return [*counts, len(calls)]
     finally:
-        SharedSteps._gather, SharedState.largest = gather, largest
+        SharedSteps._gather, SharedSteps.largest_frequency = gather, largest
         accuracy_probe._KINKED_COST_PART = part
 
 

@@ -96,7 +96,7 @@ def test_a_device_moves_as_the_processor_does(name):
     assert abs(simulation.balance.error - expected.balance.error) <= ROUNDING * scale
     if name == 'kinks, srkn6':
         # Some connector has crossed its natural length, and its step was mended.
-        assert simulation._driver.trajectory.method.holder._fabric.active.numpy().max() == 2
+        assert simulation._driver.trajectory.executor._fabric.active.numpy().max() == 2
     for kind, energy in one.energy.items():
         assert other.energy[kind] == pytest.approx(energy, abs=ROUNDING * scale), kind
 
@@ -415,7 +415,7 @@ def test_the_saved_state_stays_on_the_device_until_somebody_asks():
     simulation.apply_wrench('l', force=(0.0, 0.02, 0.0))
     # The first checks look into shells as well, which is done here.
     simulation.advance_steps(3 * simulation._driver.monitor.interval)
-    holder = trajectory.method.holder
+    holder = trajectory.executor
     assert holder.has_saved
     saved = trajectory.saved
     assert not holder.has_saved
@@ -464,7 +464,7 @@ def test_bytes_of_the_pair_are_counted_too():
     from icofabric_sim.simulation.devices.gpu import pair
     names = ('_slopes', '_spent', '_done', '_stage', '_start', '_errors')
     for name in ('damped, dop8', 'free, dop8'):
-        holder = compiled(name)._driver.trajectory.method.holder
+        holder = compiled(name)._driver.trajectory.executor
         assert isinstance(holder, pair.DevicePair)
         fabric, state = holder._fabric, holder._state
         arrays = [

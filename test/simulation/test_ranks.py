@@ -400,7 +400,7 @@ def test_windows_that_a_machine_has_no_memory_for_are_refused_before_any_is_made
     assert transport.orders == [('room',)]
     enough = Answering(3, ('far', 10**9), ('near', 10**9))
     steps = SharedSteps(enough, packed, ico.METHODS['leapfrog'], **words)
-    assert steps.holder.rank_count == 3 and steps.holder.halo_bytes > 0
+    assert steps.rank_count == 3 and steps.halo_bytes > 0
     del steps
     gc.collect()
     # Noted for the next order, and not sent by the collector of garbage.

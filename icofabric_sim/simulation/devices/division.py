@@ -107,8 +107,13 @@ def halo_bytes(layout: Layout, links: Links | None, part: Part) -> HaloBytes:
             needed[links.place[own][there] % layout.slot_count + lane] = True
     own_slots = layout.blocks.slot[part.first:part.last, None] + np.arange(LANES)
     needed[own_slots.ravel()] = False
-    each = POSE * np.dtype(float).itemsize
-    return HaloBytes(each * LANES * len(part.halo), each * int(np.count_nonzero(needed)))
+    return HaloBytes(
+        received_bytes(part), POSE * np.dtype(float).itemsize * int(np.count_nonzero(needed)))
+
+
+def received_bytes(part: Part) -> int:
+    """Return the bytes that a rank receives per evaluation."""
+    return POSE * np.dtype(float).itemsize * LANES * len(part.halo)
 
 
 def _within(blocks: np.ndarray, first: int, last: int) -> np.ndarray:

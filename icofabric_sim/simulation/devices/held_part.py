@@ -96,18 +96,18 @@ class HeldPart:
                 requests.append(self._transport.send(arrays.contacts.pushes[own], 0))
             self._transport.wait(requests)
 
-    def begin_beside(self) -> None:
+    def begin_trial(self) -> None:
         """Start trial steps at the state of the run."""
         if AHEAD not in self._beside:
             # Only one kind of trials goes on at a time.
             self._beside = {AHEAD: _copied(*self._states[True]), HALF: self._states[False]}
         _copy(self._states[True], self._beside[AHEAD])
 
-    def branch(self) -> None:
+    def branch_trial(self) -> None:
         """Start trial steps of half the length at the state of the others."""
         _copy(self._beside[AHEAD], self._beside[HALF])
 
-    def apart(self) -> None:
+    def trial_distance(self) -> None:
         """Send the distance of both trials to the first rank."""
         (ahead, _), (half, _) = self._beside[AHEAD], self._beside[HALF]
         self._answer(squares_apart(ahead, half, self._rows))

@@ -19,6 +19,7 @@ from icofabric_sim.kernels.contact.displacement import farthest, SOON
 from icofabric_sim.kernels.contact.losses import save_stretches
 from icofabric_sim.kernels.contact.rebuild_check import judge_ways
 from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
     coarse_up_to,
@@ -30,7 +31,15 @@ from icofabric_sim.kernels.monitor import (
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state, fastest_square
+from icofabric_sim.simulation.devices.beside import (
+    AHEAD,
+    bodies_of,
+    bounds_of_state,
+    fastest_square,
+    HALF,
+    meter_room,
+    squares_apart,
+)
 from icofabric_sim.simulation.devices.executor import Call, Interval, take_steps
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
@@ -41,22 +50,32 @@ from icofabric_sim.simulation.devices.shared_contacts import (
     REPORT_SIZE,
     wake,
 )
+from icofabric_sim.simulation.devices.shared_iteration import SharedIteration
 from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import complete, Unpacked
 from icofabric_sim.simulation.devices.window import bytes_of, exchange_of
 from icofabric_sim.simulation.errors import RankError
-from icofabric_sim.simulation.model.layout import has_jumps
+from icofabric_sim.simulation.model.layout import aligned_empty, has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.stability import (
+    converge,
+    Frequency,
+    has_bounded_terms,
+    is_springy,
+    most_steps,
+)
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
 
 
-class SharedSteps:
+class SharedSteps(Sharing):
     """Steps of a method that all ranks of a transport take; created on the first rank."""
+
+    tries_steps = True
 
     def __init__(
         self, transport: Transport, packed: PackedScene, method: Method, *, given: bool,
@@ -68,17 +87,15 @@ class SharedSteps:
         `unpacked` is the initial state of the run if it is not packed. Raises ValueError if ranks
         are too many or lack memory.
         """
-        self._transport, self._packed = transport, packed
-        self._kicks, self._drifts = np.array(method.kicks), np.array(method.drifts)
         links, contact = packed.model.links, packed.contact
         differences = differences_of(method, links, given=given, estimated=estimated)
         self._weights = Weights(
-            self._kicks, self._drifts, differences,
+            np.array(method.kicks), np.array(method.drifts), differences,
             np.array([float(math.comb(differences, k)) for k in range(differences + 1)]),
             half_edge**-2, method.mends_kinks and has_jumps(links))
-        self.holder = self._sharing = Sharing(transport, packed, partial(
+        super().__init__(transport, packed, partial(
             bytes_of, kinked=self._weights.mends_kinks, touching=contact is not None,
-            spends=contact is not None and contact.spends), self._take_over)
+            spends=contact is not None and contact.spends))
         # The pairs of the run; whether steps with any were ready.
         self._contacts: Contacts | None = None
         self._touches = False
@@ -94,6 +111,9 @@ class SharedSteps:
         self._acted: Loads | None = None  # also where they are empty
         self._is_gathered = False  # whether the state at the last step of a call is here
         self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
+        self._can_iterate = False  # whether kernels of iterations are ready
+        self._tried_by: PartSteps | None = None
+        self._trials: dict[str, Arrays] = {}
 
     def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
         """Take steps with all ranks, as `splitting` of kernels/integrators/splitting.py."""
@@ -104,16 +124,16 @@ class SharedSteps:
     @contextmanager
     def together(self) -> Iterator[None]:
         """Let all ranks fail if this one fails in the block."""
-        self._transport.require_health()
-        if self._transport.has_ended:
+        self.transport.require_health()
+        if self.transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
-        with self._transport.alone():
+        with self.transport.alone():
             try:
                 yield
             except BaseException as error:
                 self.forget()
                 # Others wait for poses from here.
-                self._transport.fail(error)
+                self.transport.fail(error)
                 raise
 
     def count_evaluations(self) -> int:
@@ -121,88 +141,217 @@ class SharedSteps:
         return 0 if self._own is None else self._own.take_crossed()
 
     @property
-    def is_apart(self) -> bool:
+    def _is_apart(self) -> bool:
         """True if only the ranks have the state of the run."""
         return self._is_out and self._is_stale
 
     def forget(self) -> None:
         """Discard the state that the ranks have."""
         self._is_out = self._is_stale = False
-        self._sharing.forget_saved()
+        self.forget_saved()
+
+    # Queries about all bodies of a run without contacts.
+
+    def can_sum(self, model: Model, loads: Loads, work: Work) -> bool:
+        """Return True if the first rank alone has no term of the sums over all bodies."""
+        return model.contacts is None and loads.anchors is None and loads.drives is None and (
+            work.spent is None and work.given is None)
 
     def hold(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> tuple[PartSteps, Arrays]:
-        """
-        Distribute the state of a run without contacts, and its loads.
+    ) -> None:
+        """Distribute the state of a run without contacts, and its loads."""
+        with self.together():
+            self._hold(model, loads, state, work, watch)
 
-        Returns what takes steps of this rank's part, and the arrays of the run.
-        """
-        if not self._sharing.contacts.is_shared(None):
+    def _hold(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        if not self.shared.is_shared(None):
             self._share(None)
-        own = self._begin(model, loads, state, work, watch)
-        if self._sharing.send_loads(loads, stages=0):
+        self._begin(model, loads, state, work, watch)
+        if self.send_loads(loads, stages=0):
             self._is_out = False
-        run = Arrays(loads if self._sharing.acts else None, state, work, None, watch)
+        run = Arrays(loads if self.acts else None, state, work, None, watch)
         self._acted = loads
         if not self._is_out:
             self._run, self._contacts = run, None
             self._scatter(run, None, of_run=True)
             self._is_out = True
-        return own, run
 
     @property
-    def held(self) -> tuple[PartSteps, Arrays]:
+    def _held(self) -> tuple[PartSteps, Arrays]:
         """Steps of this rank's blocks, and the arrays of the run that ranks hold."""
         assert self._own is not None and self._run is not None
         return self._own, self._run
 
     def refresh(self, time: float) -> None:
         """Compute the accelerations at `time` [s] on the ranks, which hold the state."""
-        own, run = self.held
-        self._sharing.order('refresh', time)
-        own.refresh(run, time)
-        self._is_stale = True
+        own, run = self._held
+        with self.together():
+            self.order('refresh', time)
+            own.refresh(run, time)
+            self._is_stale = True
 
-    def fill_figures(self, time: float, ledger: np.ndarray) -> None:
-        """Write the figures of a health check at `time` [s] to `ledger`."""
-        self._ledger = Ledger.over(ledger)
-        self._examine(self.held[1], time, self._ledger)
+    def fill_figures(self, time: float, numbers: np.ndarray) -> None:
+        """Write the figures of a health check at `time` [s] to the `numbers` of a ledger."""
+        with self.together():
+            self._ledger = Ledger.over(numbers)
+            self._examine(self._held[1], time, self._ledger)
+
+    def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
+        """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
+        own, run = self._held
+        with self.together():
+            self.order('squares', fall)
+            self.gather_sums(own.squares(run.work, fall), sums)
+
+    def velocity_sums(self, sums: np.ndarray) -> None:
+        """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
+        own, run = self._held
+        with self.together():
+            self.order('velocity_sums')
+            self.gather_sums(own.velocity_sums(run), sums)
+
+    def fastest_square(self, velocity: np.ndarray) -> float:
+        """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
+        with self.together():
+            self.order('fastest_square', velocity)
+            return float(self.largest_of(fastest_square(
+                self._held[1].state, self._bodies, velocity))[0])
+
+    def bounds(self) -> np.ndarray | None:
+        """Return the bounds of the start or of the state on the ranks; None: the state is here."""
+        if self.unpacked is not None:
+            return self.unpacked.bounds()
+        if not self._is_apart:
+            return None
+        with self.together():
+            self.order('bounds')
+            return self.largest_of(bounds_of_state(self._held[1].state, self._bodies))
+
+    def largest_frequency(self) -> Frequency | None:
+        """
+        Return the largest frequency of the fabric, as `largest_frequency` of model/stability.py.
+
+        The result is None if a term requires sums in a single process.
+        """
+        model, count = self.packed.model, self.packed.layout.body_count
+        if has_bounded_terms(model):
+            return None
+        if not is_springy(model):
+            return Frequency(0.0, (), 0)
+        own, arrays = self._held
+        if not self._can_iterate:
+            # By then all ranks find it.
+            own.make_iteration_ready(arrays)
+            self._can_iterate = True
+        with self.together():
+            run = SharedIteration(self, own, arrays, most_steps(count))
+            try:
+                if run.is_held:
+                    return Frequency(0.0, (), 0)
+                if not np.isfinite(run.bound):
+                    # Numbers too large to multiply: nothing is safe.
+                    return Frequency(np.inf, (), 0)
+                found = converge(run, run.bound, count)
+                return Frequency(
+                    float(np.sqrt(max(found.value, 0.0))), (), run.matrix.done)
+            finally:
+                run.end()
+
+    # The saved state.
 
     def save_run(self, saved: State) -> bool:
         """Save the state of the run on the ranks; return False if it is here."""
         # If ranks fail where a run restarts, the state here is the one that is left.
-        is_restarted = not self._is_moved and self._sharing.begun is None
-        if not self.is_apart or self._run is None or self._acted is None or (
+        is_restarted = not self._is_moved and self.begun is None
+        if not self._is_apart or self._run is None or self._acted is None or (
                 self._contacts is not None) or is_restarted:
             return False
-        self._sharing.save(
-            self._run.state, self._run.work, self._acted, saved, keeps_work=True)
+        with self.together():
+            self.save_parts(
+                self._run.state, self._run.work, self._acted, saved, keeps_work=True)
         return True
 
-    def own_fastest_square(self, velocity: np.ndarray) -> np.ndarray:
-        """Return `fastest_square` of beside.py for this rank's bodies."""
-        return fastest_square(self.held[1].state, self._bodies, velocity)
+    def put_begun(self, saved: State) -> bool:
+        """Write the start of the run to `saved`; return False if a later state was here."""
+        if self.begun is None:
+            return False
+        self.begun.put(room=saved)
+        return True
 
-    def own_bounds(self) -> np.ndarray:
-        """Return `bounds_of_state` for this rank's bodies."""
-        assert self._run is not None
-        return bounds_of_state(self._run.state, self._bodies)
+    # Trial steps, whose result is a largest difference, so the first rank needs no state.
+
+    def begin_trial(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
+    ) -> None:
+        """Begin at the state of the run; the work of its loads does not change."""
+        with self.together():
+            self._hold(model, loads, state, work, watch)
+            if self._own is not self._tried_by:
+                # Windows are other ones, and read other slots.
+                self._tried_by, self._trials = self._own, {}
+            self.order('begin_trial')
+            acts = loads._replace(work=np.zeros_like(loads.work)) if self.acts else None
+            for name in (AHEAD, HALF):
+                if name not in self._trials:
+                    self._trials[name] = self._trial_room(state, work)
+                self._trials[name] = self._trials[name]._replace(loads=acts)
+            self._copy_trial(model, self._held[1], self._trials[AHEAD])
+
+    def branch_trial(self, model: Model) -> None:
+        """Start trial steps of half the length at the state of the others."""
+        with self.together():
+            self.order('branch_trial')
+            self._copy_trial(model, self._trials[AHEAD], self._trials[HALF])
+
+    def take_trial(self, which: str, origin: float, first: int, step: float, count: int) -> None:
+        """Take `count` steps of `step` [s] from number `first` after `origin` [s] on."""
+        interval = Interval(origin, first, step, count, 0, NEVER, beside=which)
+        with self.together():
+            self.order('take', interval)
+            self._held[0].take(self._trials[which], interval)
+
+    def trial_distance(self) -> tuple[float, float]:
+        """Return the largest squared distance [m^2] and squared difference of orientations."""
+        with self.together():
+            self.order('trial_distance')
+            place, turn = self.largest_of(squares_apart(
+                self._trials[AHEAD].state, self._trials[HALF].state, self.rows[0]))
+        return float(place), float(turn)
+
+    def _trial_room(self, state: State, work: Work) -> Arrays:
+        # Slots that vectors pass over hold ordinary numbers, too; all others take no memory.
+        rows, read = [aligned_empty(values.shape) for values in state.rows()], SlotRows(
+            LANES * self.slots_of_first)
+        for values, target in zip(state.rows(), rows):
+            read.copy(values, target)
+        acceleration = aligned_empty(work.acceleration.shape)
+        spent = None if work.spent is None else meter_room(acceleration.shape[1])
+        return Arrays(
+            None, State(*rows), work._replace(acceleration=acceleration, spent=spent))
+
+    def _copy_trial(self, model: Model, source: Arrays, target: Arrays) -> None:
+        """Copy the state of this rank's bodies."""
+        part = self.parts[0]
+        save(model, source.state, target.state, part.first, part.last)
+        self.rows[0].copy(source.work.acceleration, target.work.acceleration)
 
     @cached_property
     def _bodies(self) -> np.ndarray:
         """Slots of this rank's bodies, which other windows do not change."""
-        part = self._sharing.parts[0]
-        return bodies_of(self._packed.model.blocks, part.first, part.last)
+        part = self.parts[0]
+        return bodies_of(self.packed.model.blocks, part.first, part.last)
 
-    def _take_over(self) -> bool:
+    def gather(self) -> bool:
         """Gather the state of the run; return True if the ranks had it."""
         if self.unpacked is not None:
             self.unpacked.put()
             self.unpacked = None
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
-            with self._transport.alone():
+            with self.transport.alone():
                 self._gather(self._run, self._contacts, of_run=True, whole=True)
             return True
         return False
@@ -210,15 +359,15 @@ class SharedSteps:
     def begin(self, call: Call) -> None:
         """Distribute the state of the call, unless the ranks hold it already."""
         contacts, loads, of_run = call.model.contacts, call.loads, call.steps.is_checked
-        if not self._sharing.contacts.is_shared(contacts):
+        if not self.shared.is_shared(contacts):
             self._share(contacts)
         self._begin(call.model, loads, call.state, call.work, call.watch)
-        if self._sharing.send_loads(loads, stages=0):
+        if self.send_loads(loads, stages=0):
             self._is_out = False
         arrays = self._arrays = Arrays(
-            loads if self._sharing.acts else None, call.state, call.work,
-            None if contacts is None else self._sharing.contacts.own(
-                contacts, self._sharing.parts[0], of_run=of_run),
+            loads if self.acts else None, call.state, call.work,
+            None if contacts is None else self.shared.own(
+                contacts, self.parts[0], of_run=of_run),
             call.watch if of_run else None)
         if of_run:
             self._run, self._ledger, self._contacts = arrays, Ledger.over(call.ledger), contacts
@@ -232,7 +381,7 @@ class SharedSteps:
         """Take the steps of an interval with all ranks."""
         assert self._own is not None
         self._is_gathered = False
-        self._sharing.order('take', interval)
+        self.order('take', interval)
         self._own.take(self._arrays, interval)
         if call.model.contacts is not None:
             call.model.contacts.tests[0] += self._own.take_touches() * len(
@@ -252,9 +401,9 @@ class SharedSteps:
         """Save the state that was just examined, on the ranks or after it was gathered."""
         contacts, blocks = call.model.contacts, len(call.model.blocks.slot)
         if contacts is None:
-            self._sharing.save(call.state, call.work, call.loads, call.saved, keeps_work=True)
+            self.save_parts(call.state, call.work, call.loads, call.saved, keeps_work=True)
             return
-        self._sharing.forget_saved()
+        self.forget_saved()
         save(call.model, call.state, call.saved, 0, blocks)
         save_stretches(contacts.losses, team_of_one())
         keep_work(call.loads, 0, blocks)
@@ -276,14 +425,14 @@ class SharedSteps:
         """
         assert self._own is not None
         limit, inside = float(coarse_up_to(book.numbers)), bool(looks_inside(book.numbers))
-        self._sharing.order('examine', now, limit, inside)
+        self.order('examine', now, limit, inside)
         own = self._own.examine(arrays, now, limit, inside=inside)
-        roughest = self._sharing.gather_figures(own, arrays.work.figures)
+        roughest = self.gather_figures(own, arrays.work.figures)
         book.roughest = max(book.roughest, roughest)
         # Any number that is too large is none.
         with np.errstate(all='ignore'):
             return int(conclude(
-                self._packed.model, arrays.state, arrays.work.figures, book.numbers))
+                self.packed.model, arrays.state, arrays.work.figures, book.numbers))
 
     def exchange(self, call: Call, *, is_guarded: bool) -> None:
         """Collect displacements, overlaps and impulses of contacts from all ranks."""
@@ -292,15 +441,15 @@ class SharedSteps:
             contacts.deepest[0] = 0.0
             note_look(contacts, None, look_at(own, None))
             if is_guarded:
-                mine = slice(self._sharing.parts[0].first, self._sharing.parts[0].last)
+                mine = slice(self.parts[0].first, self.parts[0].last)
                 contacts.pushes[mine] = own.pushes[mine]
-        for rank in self._sharing.others:
+        for rank in self.others:
             look = np.zeros(REPORT_SIZE)
-            self._sharing.receive(look, rank)
+            self.receive(look, rank)
             note_look(contacts, call.watch, look)
             if is_guarded and contacts is not None:
-                part = self._sharing.parts[rank]
-                self._sharing.receive(contacts.pushes[part.first:part.last], rank)
+                part = self.parts[rank]
+                self.receive(contacts.pushes[part.first:part.last], rank)
 
     def search(self, call: Call, time: float) -> int:
         """Return the status of `judge_ways`; after its search, ranks watch from there on."""
@@ -312,7 +461,7 @@ class SharedSteps:
         self._gather_run(call)
         status = int(judge_ways(watch, most, call.state, time, call.steps.step))
         if not status:
-            self._sharing.order('watch', watch.frame.copy())
+            self.order('watch', watch.frame.copy())
         return status
 
     def _share(self, contacts: Contacts | None) -> None:
@@ -320,7 +469,7 @@ class SharedSteps:
         if self._is_out and self._run is not None:
             self._gather(self._run, self._contacts, of_run=True, whole=True)
             self._is_out = self._is_stale = False
-        if self._sharing.share(contacts):
+        if self.share(contacts):
             self._own = None
 
     def _begin(
@@ -333,21 +482,21 @@ class SharedSteps:
         """
         if self._own is None:
             self._own = self._send_windows(model, loads, state, work, watch)
-        if not self._sharing.is_told:
+        if not self.is_told:
             if model.contacts is not None and not self._touches:
                 self._own.make_ready(Arrays(
                     loads if len(loads.wrench) else None, state, work,
-                    no_contacts(model.contacts, model.blocks, self._packed.layout), watch))
+                    no_contacts(model.contacts, model.blocks, self.packed.layout), watch))
                 self._touches = True
-            self._sharing.tell_contacts(model.contacts)
+            self.tell_contacts(model.contacts)
             self._is_out = False
         return self._own
 
     def _send_windows(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
     ) -> PartSteps:
-        model, parts = model._replace(contacts=None), self._sharing.parts
-        layout = self._packed.layout
+        model, parts = model._replace(contacts=None), self.parts
+        layout = self.packed.layout
         count = work.difference.shape[1] // LANES if self._weights.differences else 0
         blocks = np.arange(count) * len(layout.blocks.slot) // max(count, 1)
         chosen = [
@@ -355,11 +504,11 @@ class SharedSteps:
         self._samples = [
             (LANES * one[:, None] + np.arange(LANES)).ravel() for one in chosen]
         own = PartSteps(
-            self._transport, model, exchange_of(layout, parts[0], blocks[chosen[0]]),
+            self.transport, model, exchange_of(layout, parts[0], blocks[chosen[0]]),
             self._weights)
         own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work, None, watch))
 
-        self._sharing.send_windows(
+        self.send_windows(
             model, watch, self._weights, spends=work.spent is not None,
             samples=[blocks[one] for one in chosen])
         return own
@@ -370,7 +519,7 @@ class SharedSteps:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
         assert self._own is not None
         loads, state, work, mine, watch = arrays
-        self._sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
+        self.order('scatter', of_run, None if watch is None else watch.frame.copy())
         tables = tables_of(state, work, contacts, whole=True)
         if watch is not None:
             tables += [watch.reference, watch.turned]
@@ -379,33 +528,33 @@ class SharedSteps:
         if unpacked is not None:
             tables = tables[len(state.rows()):]
             # Also slots that vectors of this rank pass over.
-            unpacked.put(SlotRows(LANES * self._sharing.slots_of_first))
+            unpacked.put(SlotRows(LANES * self.slots_of_first))
             self.unpacked, self._is_stale, self._is_partial = None, True, True
-            self._sharing.begun = unpacked
-        for rank in self._sharing.others:
-            rows = self._sharing.rows[rank]
+            self.begun = unpacked
+        for rank in self.others:
+            rows = self.rows[rank]
             if unpacked is not None:
-                self._transport.wait([
-                    self._transport.send(row, rank) for row in unpacked.rows(rows.index)])
-            requests += rows.send(self._transport, tables, rank)
-            more = [] if loads is None else [loads.work[self._sharing.rows_of_loads(loads, rank)]]
+                self.transport.wait([
+                    self.transport.send(row, rank) for row in unpacked.rows(rows.index)])
+            requests += rows.send(self.transport, tables, rank)
+            more = [] if loads is None else [loads.work[self.rows_of_loads(loads, rank)]]
             if contacts is not None:
-                more += self._sharing.contacts.remembered(contacts, rank)
+                more += self.shared.remembered(contacts, rank)
             if of_run:
                 more += [
                     np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
-            requests += [self._transport.send(row, rank) for row in more]
-        self._transport.wait(requests)
+            requests += [self.transport.send(row, rank) for row in more]
+        self.transport.wait(requests)
         if unpacked is not None:
             unpacked.set_aside()
         self._is_moved = self._is_moved and not of_run
         if contacts is not None and mine is not None:
-            own = self._sharing.contacts.remembered(contacts, 0)
+            own = self.shared.remembered(contacts, 0)
             for target, values in zip(remembered_by(mine), own):
                 target[:] = values
             wake(mine, slice(None), remembered_by(mine))
             if mine.losses is not None and contacts.losses is not None:
-                self._sharing.rows[0].copy(contacts.losses.lost, mine.losses.lost)
+                self.rows[0].copy(contacts.losses.lost, mine.losses.lost)
         if of_run:
             self._own.difference[:] = work.difference[:, self._samples[0]]
             self._own.roughest = 0.0
@@ -419,40 +568,40 @@ class SharedSteps:
         `contacts`: those of the whole fabric.
         """
         assert self._own is not None
-        self._sharing.order('gather', of_run, whole)
+        self.order('gather', of_run, whole)
         loads, state, work, mine, watch = arrays
         if self._is_partial and of_run:
-            complete(self._packed.layout, state)
+            complete(self.packed.layout, state)
             self._is_partial = False
         tables = tables_of(state, work, contacts, whole=whole)
         if contacts is not None and mine is not None:
             note_look(contacts, None, look_at(mine, None))
-            self._sharing.contacts.take_back(contacts, 0, remembered_by(mine))
+            self.shared.take_back(contacts, 0, remembered_by(mine))
             if mine.losses is not None and contacts.losses is not None:
-                self._sharing.rows[0].copy(mine.losses.lost, contacts.losses.lost)
+                self.rows[0].copy(mine.losses.lost, contacts.losses.lost)
         roughest = self._own.take_roughest()
-        for rank in self._sharing.others:
-            self._sharing.rows[rank].receive(self._transport, tables, rank)
+        for rank in self.others:
+            self.rows[rank].receive(self.transport, tables, rank)
             if loads is not None:
-                self._sharing.receive(loads.work[self._sharing.rows_of_loads(loads, rank)], rank)
+                self.receive(loads.work[self.rows_of_loads(loads, rank)], rank)
             if contacts is not None:
-                values = self._sharing.contacts.remembered(contacts, rank)
+                values = self.shared.remembered(contacts, rank)
                 for row in values:
-                    self._sharing.receive(row, rank)
-                self._sharing.contacts.take_back(contacts, rank, values)
+                    self.receive(row, rank)
+                self.shared.take_back(contacts, rank, values)
             look = np.zeros(REPORT_SIZE)
-            self._sharing.receive(look, rank)
+            self.receive(look, rank)
             note_look(contacts, watch, look)
             if not of_run:
                 continue
             rough = np.zeros(1)
-            self._sharing.receive(rough, rank)
+            self.receive(rough, rank)
             roughest = max(roughest, float(rough[0]))
             if whole:
                 samples = self._samples[rank]
                 for row in work.difference:
                     sampled = np.empty(len(samples))
-                    self._sharing.receive(sampled, rank)
+                    self.receive(sampled, rank)
                     row[samples] = sampled
         if of_run:
             self._ledger.roughest = max(self._ledger.roughest, roughest)

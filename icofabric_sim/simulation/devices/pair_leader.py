@@ -52,19 +52,18 @@ import numpy as np
 _NO_BLOCKS = np.zeros(0, np.int64)
 
 
-class SharedPair(DistantBodies):
+class SharedPair(DistantBodies, Sharing):
     """
     Steps of an embedded pair that all ranks of a transport take; created on the first rank.
     """
 
     def __init__(self, transport: Transport, packed: PackedScene, pair: Pair) -> None:
         """Divide the fabric; raise ValueError if ranks are too many or lack memory."""
-        self._transport, self._packed = transport, packed
         contact = packed.contact
-        self.holder = self._sharing = Sharing(transport, packed, partial(
+        Sharing.__init__(self, transport, packed, partial(
             pair_bytes_of, touching=contact is not None,
-            spends=contact is not None and contact.spends), self._take_over)
-        super().__init__(pair)
+            spends=contact is not None and contact.spends))
+        DistantBodies.__init__(self, pair)
         self._own: PairPart | None = None
         self._touches = False  # whether steps with contacts were ready
         self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
@@ -78,20 +77,20 @@ class SharedPair(DistantBodies):
         self._whole: Contacts | None = None
         self._of_run = self._is_here = False
 
-    def _take_over(self) -> bool:
+    def gather(self) -> bool:
         """Copy the whole state of the run to this rank; return True if it was on the ranks."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
-            with self._transport.alone():
+            with self.transport.alone():
                 self._gather(self._run, self._contacts, of_run=True, whole=True)
             return True
         return False
 
     def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
-        self._transport.require_health()
-        if self._transport.has_ended:
+        self.transport.require_health()
+        if self.transport.has_ended:
             raise RankError("the ranks have ended with their 'with' block")
-        with self._transport.alone():
+        with self.transport.alone():
             try:
                 self._begin(call)
                 taken = self._control(kernel, *arguments)
@@ -101,21 +100,21 @@ class SharedPair(DistantBodies):
                 return taken
             except BaseException as error:
                 self._is_out = self._is_stale = False
-                self._sharing.forget_saved()
+                self.forget_saved()
                 # Others wait for poses from here.
-                self._transport.fail(error)
+                self.transport.fail(error)
                 raise
 
     def _begin(self, call: PairCall) -> None:
         """Send fabric, candidate pairs, loads and state to all ranks, as far as changed."""
         self._call = call
         model, loads, state, _, work, watch, of_run, _ = call
-        sharing, contacts, layout = self._sharing, model.contacts, self._packed.layout
-        if not sharing.contacts.is_shared(contacts):
+        contacts, layout = model.contacts, self.packed.layout
+        if not self.shared.is_shared(contacts):
             if self._is_out and self._run is not None:
                 self._gather(self._run, self._contacts, of_run=True, whole=True)
                 self._is_out = self._is_stale = False
-            if sharing.share(contacts):
+            if self.share(contacts):
                 self._own = None
         links = model.links
         if links is not None and work.breakage is not None and not np.array_equal(
@@ -125,22 +124,22 @@ class SharedPair(DistantBodies):
         if self._own is None:
             plain = model._replace(contacts=None)
             self._own = PairPart(
-                self._transport, plain, exchange_of(layout, sharing.parts[0], _NO_BLOCKS),
+                self.transport, plain, exchange_of(layout, self.parts[0], _NO_BLOCKS),
                 self._pair)
             self._own.make_ready(PairArrays(loads, state, work, None, watch))
-            sharing.send_windows(plain, watch, self._pair, spends=work.spent is not None)
+            self.send_windows(plain, watch, self._pair, spends=work.spent is not None)
             self._is_out = False
-        if not sharing.is_told:
+        if not self.is_told:
             if contacts is not None and not self._touches:
                 self._own.make_ready(PairArrays(
                     loads, state, work, no_contacts(contacts, model.blocks, layout), watch))
                 self._touches = True
-            sharing.tell_contacts(contacts)
+            self.tell_contacts(contacts)
             self._is_out = False
-        if sharing.send_loads(loads, stages=len(loads.power)):
+        if self.send_loads(loads, stages=len(loads.power)):
             self._is_out = False
-        mine = None if contacts is None else sharing.contacts.own(
-            contacts, sharing.parts[0], of_run=of_run)
+        mine = None if contacts is None else self.shared.own(
+            contacts, self.parts[0], of_run=of_run)
         now = PairArrays(loads, state, work, mine, watch if of_run else None)
         self._now, self._whole, self._of_run = now, contacts, of_run
         if of_run:
@@ -154,7 +153,7 @@ class SharedPair(DistantBodies):
     def _order(self, what: str, *words: Any) -> np.ndarray | None:
         """Let all ranks execute a part of a step; return the result of this rank."""
         assert self._own is not None and self._now is not None
-        self._sharing.order('pair', self._of_run, what, words)
+        self.order('pair', self._of_run, what, words)
         found = self._own.do(what, self._now, *words)
         if self._whole is not None:
             self._whole.tests[0] += self._own.take_touches() * len(self._whole.pairs)
@@ -164,10 +163,10 @@ class SharedPair(DistantBodies):
         """Let all ranks execute a part of a step; return the results of all ranks, (r, n)."""
         own = self._order(what, *words)
         assert own is not None
-        found = np.empty((self._transport.size, len(own)))
+        found = np.empty((self.transport.size, len(own)))
         found[0] = own
-        for rank in self._sharing.others:
-            self._sharing.receive(found[rank], rank)
+        for rank in self.others:
+            self.receive(found[rank], rank)
         return found
 
     def _have_state(self, slopes: range = range(0)) -> None:
@@ -272,7 +271,7 @@ class SharedPair(DistantBodies):
                 before = watch.frame.tobytes()
                 status |= judge_ways(watch, most, state, time, step)
                 if watch.frame.tobytes() != before:
-                    self._sharing.order('watch', watch.frame.copy())
+                    self.order('watch', watch.frame.copy())
         if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP
         if examined:
@@ -280,9 +279,9 @@ class SharedPair(DistantBodies):
             if not status & (UNSOUND | TOO_DEEP | MISSED):
                 ledger[SAVED_AT] = done
                 if in_parts:
-                    self._sharing.save(state, work, loads, saved, keeps_work=False)
+                    self.save_parts(state, work, loads, saved, keeps_work=False)
                     return int(status), since_check
-                self._sharing.forget_saved()
+                self.forget_saved()
                 save(model, state, saved, 0, last)
                 if contacts is not None:
                     save_stretches(contacts.losses, team_of_one())
@@ -295,29 +294,29 @@ class SharedPair(DistantBodies):
         assert self._own is not None and self._now is not None
         work = self._now.work
         limit, inside = float(coarse_up_to(ledger)), bool(looks_inside(ledger))
-        self._sharing.order('examine', time, limit, inside)
+        self.order('examine', time, limit, inside)
         own = self._own.examine(self._now, time, limit, inside=inside)
-        self._sharing.gather_figures(own, work.figures)
-        return int(conclude(self._packed.model, self._now.state, work.figures, ledger))
+        self.gather_figures(own, work.figures)
+        return int(conclude(self.packed.model, self._now.state, work.figures, ledger))
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
-        sharing, transport, watch = self._sharing, self._transport, now.watch
-        sharing.order('scatter', of_run, None if watch is None else watch.frame.copy())
+        transport, watch = self.transport, now.watch
+        self.order('scatter', of_run, None if watch is None else watch.frame.copy())
         tables = now.tables(END, with_start=False)
         if watch is not None:
             tables += [watch.reference, watch.turned]
         rows = remembered_of(contacts, END, with_start=False)
         requests: list[Any] = []
-        for rank in sharing.others:
-            requests += sharing.rows[rank].send(transport, tables, rank)
-            more = done_by(now.loads, sharing.rows_of_loads(now.loads, rank), END)
-            more += [row[sharing.contacts.which[rank]] for row in rows]
+        for rank in self.others:
+            requests += self.rows[rank].send(transport, tables, rank)
+            more = done_by(now.loads, self.rows_of_loads(now.loads, rank), END)
+            more += [row[self.shared.which[rank]] for row in rows]
             requests += [transport.send(row, rank) for row in more]
         transport.wait(requests)
         mine = now.remembered(END, with_start=False)
         for target, row in zip(mine, rows):
-            target[:] = row[sharing.contacts.which[0]]
+            target[:] = row[self.shared.which[0]]
         if now.contacts is not None and mine:
             wake(now.contacts, slice(None), (mine[0], mine[2]))
         if of_run:
@@ -335,23 +334,22 @@ class SharedPair(DistantBodies):
         with_start = whole and self._has_stepped
         if slopes is None:
             slopes = ALL if with_start else END
-        sharing = self._sharing
-        sharing.order('gather', of_run, (slopes.start, slopes.stop), with_start)
+        self.order('gather', of_run, (slopes.start, slopes.stop), with_start)
         tables = now.tables(slopes, with_start=with_start)
         rows = remembered_of(contacts, slopes, with_start=with_start)
         self._take_back(now.remembered(slopes, with_start=with_start), rows, contacts, 0)
         if now.contacts is not None:
             note_look(contacts, None, look_at(now.contacts, None))
-        for rank in sharing.others:
-            sharing.rows[rank].receive(self._transport, tables, rank)
-            for row in done_by(now.loads, sharing.rows_of_loads(now.loads, rank), slopes):
-                sharing.receive(row, rank)
-            values = [np.empty((len(sharing.contacts.which[rank]), 4)) for _ in rows]
+        for rank in self.others:
+            self.rows[rank].receive(self.transport, tables, rank)
+            for row in done_by(now.loads, self.rows_of_loads(now.loads, rank), slopes):
+                self.receive(row, rank)
+            values = [np.empty((len(self.shared.which[rank]), 4)) for _ in rows]
             for row in values:
-                sharing.receive(row, rank)
+                self.receive(row, rank)
             self._take_back(values, rows, contacts, rank)
             look = np.zeros(REPORT_SIZE)
-            sharing.receive(look, rank)
+            self.receive(look, rank)
             note_look(contacts, now.watch, look)
 
     def _take_back(
@@ -361,7 +359,7 @@ class SharedPair(DistantBodies):
         """Copy the history of the pairs of a rank to the rows of all pairs."""
         if not rows or contacts is None:
             return
-        which = self._sharing.contacts.which[rank]
+        which = self.shared.which[rank]
         for row, value in zip(rows, values):
             row[which] = value
         # Stretches, and those that were held.

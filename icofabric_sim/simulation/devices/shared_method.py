@@ -1,15 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Methods whose steps all ranks take."""
+"""Methods whose steps all ranks take, and the start of their runs."""
 
+from icofabric_sim.kernels.records import Loads
+from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.devices.leader import SharedSteps
 from icofabric_sim.simulation.devices.pair_leader import SharedPair
 from icofabric_sim.simulation.devices.refusals import require_shareable_method
-from icofabric_sim.simulation.devices.shared_state import SharedState
-from icofabric_sim.simulation.devices.shared_trials import SharedTrials
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.stability import Frequency
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
 
 
@@ -31,12 +32,33 @@ def shared_method(
             unpacked.put()
         pair = SharedPair(transport, packed, method.embedded.pair)
         return method._replace(
-            advance=pair.advance, holder=pair.holder,
+            advance=pair.advance, executor=pair,
             embedded=method.embedded._replace(take=pair.take))
     steps = SharedSteps(
         transport, packed, method, given=given, estimated=estimated, half_edge=half_edge,
         unpacked=unpacked)
     return method._replace(
-        advance=steps.advance, count_evaluations=steps.count_evaluations, holder=steps.holder,
-        beside=SharedTrials(steps),
-        elsewhere=SharedState(steps))
+        advance=steps.advance, count_evaluations=steps.count_evaluations, executor=steps)
+
+
+def begin_apart(
+    transport: Transport, packed: PackedScene, initial: InitialState, loads: Loads, *,
+    half_edge: float
+) -> tuple[Unpacked, Frequency] | None:
+    """
+    Return the state of a run and its largest frequency, before its method is known.
+
+    No process has the state as a whole. The result is None if a term requires sums in a single
+    process.
+    """
+    if loads.anchors is not None or loads.drives is not None or packed.model.maxwell is not None:
+        return None
+    unpacked = Unpacked(packed.layout, initial)
+    # No step is taken.
+    none = facts_of('leapfrog')._replace(kicks=(), drifts=())
+    steps = SharedSteps(
+        transport, packed, none, given=True, estimated=False, half_edge=half_edge,
+        unpacked=unpacked)
+    steps.hold(packed.model, loads, unpacked.state, packed.layout.room(packed.model.links), None)
+    frequency = steps.largest_frequency()
+    return None if frequency is None else (unpacked, frequency)

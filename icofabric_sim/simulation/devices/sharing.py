@@ -15,7 +15,7 @@ from icofabric_sim.kernels.figures import group_size
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
-from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes
+from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes, received_bytes
 from icofabric_sim.simulation.devices.near_pairs import watch_stub
 from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
@@ -24,37 +24,33 @@ from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, window_of
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.executor import Executor
 import numpy as np
 
 _numbers = iter(range(2**62))
 
 
-class Sharing:
-    """
-    Parts of a fabric, and the data that ranks have received.
+class Sharing(Executor):
+    """Executor that divides a fabric among ranks, and the data that these have received."""
 
-    As a holder of the state of a run (stepping/methods.py), this object has no state itself.
-    """
+    is_remote = True
 
     def __init__(
-        self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int],
-        bring: Callable[[], bool]
+        self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int]
     ) -> None:
         """
-        Divide a fabric; a window of n slots needs `bytes_of(n)`, and `bring` gathers the state.
+        Divide a fabric; a window of n slots needs `bytes_of(n)`.
 
         Raises ValueError if ranks are too many or lack memory.
         """
         self.transport, self.packed, self._bytes_of = transport, packed, bytes_of
-        # Who steps the fabric goes with its run, and not when garbage is collected.
-        self._bring = weakref.WeakMethod(bring)
-        layout, links = packed.layout, packed.model.links
+        self.rank_count, layout = transport.size, packed.layout
         # By which the ranks know it.
         self.number = next(_numbers)
-        self.parts = divide(layout, links, transport.size)
-        self.contacts = SharedContacts(layout, transport.size)
+        self.shared = SharedContacts(layout, transport.size)
         # Blocks of others that bodies of each rank may touch, or might before.
-        self._near = [np.zeros(0, np.int64) for _ in self.parts]
+        self._near = [np.zeros(0, np.int64) for _ in range(transport.size)]
+        self._divide()
         slot = layout.blocks.slot
         self.rows = [SlotRows(slot[part.first:part.last]) for part in self.parts]
         # Of the windows of the other ranks, once they are cut.
@@ -76,32 +72,17 @@ class Sharing:
         # At the end of the interpreter there is no further order that it could go with.
         weakref.finalize(self, transport.dropped.append, self.number).atexit = False
 
-    @property
-    def rank_count(self) -> int:
-        """Number of ranks."""
-        return self.transport.size
-
-    @property
-    def device(self) -> str:
-        """Empty name: processes compute."""
-        return ''
-
-    @property
-    def halo_bytes(self) -> int:
-        """Bytes that the rank with the largest halo receives per force evaluation."""
-        return max(halo.received for halo in self.halos)
-
-    @property
-    def device_bytes(self) -> int:
-        """Bytes on a device: 0."""
-        return 0
+    def _divide(self) -> None:
+        self.parts = divide(
+            self.packed.layout, self.packed.model.links, self.rank_count, self._near)
+        self.halo_bytes = max(map(received_bytes, self.parts))
 
     @property
     def has_saved(self) -> bool:
         """True if each rank has its part of the state that was saved last."""
         return self._saved_for is not None
 
-    def take_saved(self) -> dict[str, np.ndarray]:
+    def gather_saved(self) -> dict[str, np.ndarray]:
         """Gather the saved state; return the energies that had flowed by then [J], by name."""
         try:
             with self.transport.alone():
@@ -110,7 +91,7 @@ class Sharing:
             self.forget_saved()
         return self._flows
 
-    def save(
+    def save_parts(
         self, state: State, work: Work, loads: Loads, saved: State, *, keeps_work: bool
     ) -> None:
         """
@@ -187,18 +168,9 @@ class Sharing:
 
     def bring_all(self) -> None:
         """Gather the present and the saved state, before the ranks end."""
-        self.take_over()
+        self.gather()
         with self.transport.alone():
             self._bring_saved()
-
-    def take_over(self) -> bool:
-        """
-        Gather the whole state of the run, to be read or changed.
-
-        Returns whether it was with the ranks until then.
-        """
-        bring = self._bring()
-        return bring is not None and bring()
 
     @property
     def group_count(self) -> int:
@@ -228,7 +200,7 @@ class Sharing:
 
     def share(self, contacts: Contacts | None) -> bool:
         """Assign pairs to ranks; return True if windows change."""
-        needed = self.contacts.split(contacts)
+        needed = self.shared.split(contacts)
         self.is_told = False
         if not any(
                 len(np.setdiff1d(blocks, part.halo))
@@ -236,8 +208,7 @@ class Sharing:
             return False
         # What was near once may be so again.
         self._near = [np.union1d(*pair) for pair in zip(self._near, needed)]
-        self.parts = divide(
-            self.packed.layout, self.packed.model.links, self.transport.size, self._near)
+        self._divide()
         return True
 
     def send_windows(
@@ -265,7 +236,7 @@ class Sharing:
     def tell_contacts(self, contacts: Contacts | None) -> None:
         """Send each rank its pairs."""
         for rank in self.others:
-            near = None if contacts is None else self.contacts.near(
+            near = None if contacts is None else self.shared.near(
                 contacts, rank, self._slots[rank])
             self.transport.send_order(('contacts', self.number, near), rank)
         self.is_told = True

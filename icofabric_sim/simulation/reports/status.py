@@ -141,26 +141,22 @@ class SimulationStatus:
     @property
     def rank_count(self) -> int:
         """Number of MPI processes that share the steps; 1: this process alone."""
-        holder = self._trajectory.method.holder
-        return 1 if holder is None else holder.rank_count
+        return self._trajectory.executor.rank_count
 
     @property
     def device(self) -> str:
         """Name of the GPU that computes the steps; empty without one."""
-        holder = self._trajectory.method.holder
-        return '' if holder is None else holder.device
+        return self._trajectory.executor.device
 
     @property
     def device_bytes(self) -> int:
         """Approximate memory [bytes] of the run on the GPU without its loads; 0 without a GPU."""
-        holder = self._trajectory.method.holder
-        return 0 if holder is None else holder.device_bytes
+        return self._trajectory.executor.device_bytes
 
     @property
     def halo_bytes(self) -> int:
         """Bytes that the rank with the largest halo receives per force evaluation."""
-        holder = self._trajectory.method.holder
-        return 0 if holder is None else holder.halo_bytes
+        return self._trajectory.executor.halo_bytes
 
     @property
     def next_step_time(self) -> float:

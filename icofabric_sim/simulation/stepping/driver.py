@@ -38,7 +38,6 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 from icofabric_sim.simulation.stepping.trajectory import RunSetup, Start, Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
-from icofabric_sim.simulation.stepping.whole_state import WholeState
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -81,9 +80,8 @@ class Driver:
             control=EmbeddedControl(start.time) if is_embedded else None)
         self.contact = ContactScheduler(self.trajectory, broad_phase)
         self.calls = MethodCalls(self.trajectory, self.contact)
-        self._whole = WholeState(self.trajectory, self.calls)
         self.rates = MotionRates(
-            self.trajectory, self.contact, self._whole, start, setup.inputs.pulse_step)
+            self.trajectory, self.contact, self.calls, start, setup.inputs.pulse_step)
         self.trials = TrialSteps(self.trajectory, self.contact, self.calls)
         self.shown = ShownEnergies(self.trajectory, self.contact)
         probe = AccuracyProbe(
@@ -99,7 +97,7 @@ class Driver:
                 self.trajectory, self.contact, self.rates, self.trials, probe.distance,
                 probe.slip, any_time=any_time), is_estimated=estimates_errors)
         self.monitor = StepMonitor(
-            self.trajectory, self.rates, self._whole, setup.obstruction, tolerance=tolerance,
+            self.trajectory, self.rates, self.calls, setup.obstruction, tolerance=tolerance,
             differences=differences)
         self.controller: StepController = make_controller(self, StepChoice(
             method, fixed_step, is_embedded, 1.0 / parameters['publish_rate']))
@@ -180,7 +178,7 @@ class Driver:
         tables, trajectory = self._tables, self.trajectory
         if not tables.is_watching:
             return
-        if trajectory.method.holder is not None:
+        if trajectory.executor.is_remote:
             # Each rank sees the lengths of its own connectors only. A run that stops does so at
             # the step at which one process stops.
             is_due = self.monitor.since_check == 0 or (
@@ -514,14 +512,14 @@ class Driver:
         self.contact.calm()
         if self.contact.is_possible:
             self.contact.search(trajectory.time, *self.controller.outlook())
-        self._whole.refresh()
+        self.calls.refresh()
         trajectory.clear_meters()
         ledger.restart()
         trajectory.save()
         self.monitor.restart(exact=exact)
         self.contact.require_room()
         ledger.open(
-            self.shown.moving(), self._whole.squares(), self.rates.frequency.rate,
+            self.shown.moving(), self.calls.squares(), self.rates.frequency.rate,
             self._allowed_speed)
         self.shown.restart()
         self.errors.probe.restart()

@@ -19,7 +19,6 @@ from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.records import Model, State, Team
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.stepping.events import make_events
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import EventLocator, Pieces, Stepping
@@ -287,13 +286,11 @@ class EmbeddedStepping:
         # Do not read trajectory.loads: that gathers the whole state from ranks or a GPU.
         loads, *_ = trajectory.for_steps()
         self._before = None if loads.drives is None else trajectory.ledger.numbers[_LASTING]
-        try:
+        with trajectory.or_lost():
             status, done, checks.since_check = pieces.calls.timed(
                 lambda team: self._kernels.take(
                     trajectory.model, *trajectory.for_steps(), team, control.numbers, count,
                     checks.since_check, checks.interval, watch, trajectory.ledger.numbers))
-        except ElsewhereError as error:
-            trajectory.lose_steps(error)
         trajectory.evaluations.add(pieces.calls.count_embedded(control))
         if done and checks.since_check == 0:
             checks.interval = checks.interval_with(control.next)

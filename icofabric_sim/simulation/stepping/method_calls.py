@@ -5,21 +5,27 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+import math
 from time import perf_counter
 from typing import Any
 
 from icofabric_sim.kernels.contact.pair import contact_scratch
 from icofabric_sim.kernels.integrators.splitting import NEVER
+from icofabric_sim.kernels.lanczos import added_up
+from icofabric_sim.kernels.masses import units_of
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.errors import ElsewhereError
+from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
-from icofabric_sim.simulation.stepping.methods import Beside, Elsewhere
+from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.portions import Portions
+from icofabric_sim.simulation.stepping.threads import Threads
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+import numpy as np
 
 # Steps of a trial, at least, in one call where others take them.
 _SHARED_TRIAL = 32
@@ -32,7 +38,7 @@ class MethodCalls:
 
     def __init__(self, trajectory: Trajectory, contact: ContactScheduler) -> None:
         """Call the method of the `trajectory`."""
-        self._trajectory, self._contact = trajectory, contact
+        self._trajectory, self._contact, self._here = trajectory, contact, Threads(trajectory)
         model, method = trajectory.model, trajectory.method
         self.portions = Portions(
             len(model.blocks.slot) * LANES * method.stages
@@ -51,11 +57,9 @@ class MethodCalls:
         arguments = (
             origin, index, step, count, since_check, interval, self._contact.watching(),
             trajectory.ledger.numbers)
-        try:
+        with trajectory.or_lost():
             status, done, since_check = self.timed(partial(
                 self._advance, trajectory.model, *trajectory.for_steps(), arguments))
-        except ElsewhereError as error:
-            trajectory.lose_steps(error)
         trajectory.evaluations.add(self._evaluations(int(done)))
         return status, done, since_check
 
@@ -77,64 +81,120 @@ class MethodCalls:
                 # The trajectory stays where it is, or its user takes it back there.
                 trajectory.fail(
                     f'{error}; the last good state, of t = {trajectory.time:.9g} s, is kept')
-            self.portions.note(portion, perf_counter() - started)
-            with trajectory.evaluations.estimating():
-                trajectory.evaluations.add(self._evaluations(portion))
+            self._count_trial(portion, started)
             done += portion
-            exit_request.check()
 
-    def begin_beside(self, beside: Beside) -> None:
+    def begin_trial(self) -> None:
         """Start trial steps where the state of the trajectory is."""
         trajectory = self._trajectory
         loads, state, _, work = trajectory.for_steps()
-        with self.or_lost():
-            beside.begin(trajectory.model, loads, state, work, self._contact.watching())
+        with trajectory.or_lost():
+            trajectory.executor.begin_trial(
+                trajectory.model, loads, state, work, self._contact.watching())
 
-    def compare_beside(
-        self, beside: Beside, start: float, step: float, count: int
-    ) -> tuple[float, float]:
+    def compare_trials(self, start: float, step: float, count: int) -> tuple[float, float]:
         """
         Take `count` steps of `step` [s] from `start` [s] on, and twice as many of half of it.
 
-        Returns the distance of both ends, as `Beside.apart`.
+        Returns the distance of both ends, as `Executor.trial_distance`.
         """
-        with self.or_lost():
-            beside.branch(self._trajectory.model)
-        for which, length, total in (('half', 0.5 * step, 2 * count), ('ahead', step, count)):
-            done = 0
-            while done < total:
-                started, portion = perf_counter(), min(total - done, self._trial_portion())
-                with self.or_lost():
-                    beside.take(which, start, done, length, portion)
-                self.portions.note(portion, perf_counter() - started)
-                evaluations = self._trajectory.evaluations
-                with evaluations.estimating():
-                    evaluations.add(self._evaluations(portion))
-                done += portion
-                exit_request.check()
-        with self.or_lost():
-            return beside.apart()
+        trajectory, executor = self._trajectory, self._trajectory.executor
+        with trajectory.or_lost():
+            executor.branch_trial(trajectory.model)
+            for which, length, total in (
+                    ('half', 0.5 * step, 2 * count), ('ahead', step, count)):
+                done = 0
+                while done < total:
+                    started, portion = perf_counter(), min(total - done, self._trial_portion())
+                    executor.take_trial(which, start, done, length, portion)
+                    self._count_trial(portion, started)
+                    done += portion
+            return executor.trial_distance()
 
-    def hold(self, elsewhere: Elsewhere) -> None:
-        """Distribute the state of the trajectory to the processes that answer queries."""
-        trajectory = self._trajectory
-        loads, state, _, work = trajectory.for_steps()
-        with self.or_lost():
-            elsewhere.hold(trajectory.model, loads, state, work, self._contact.watching())
+    def _count_trial(self, steps: int, started: float) -> None:
+        """Count trial steps that `started` at a time [s] of the clock."""
+        self.portions.note(steps, perf_counter() - started)
+        evaluations = self._trajectory.evaluations
+        with evaluations.estimating():
+            evaluations.add(self._evaluations(steps))
+        exit_request.check()
+
+    # Queries about all bodies.
 
     @contextmanager
-    def or_lost(self) -> Iterator[None]:
-        """End the run if ranks or the device fail."""
-        try:
-            yield
-        except ElsewhereError as error:
-            self._trajectory.lose_steps(error)
+    def _asking(self) -> Iterator[Executor]:
+        """Yield the executor that answers queries: this process where only it has all terms."""
+        trajectory, executor = self._trajectory, self._trajectory.executor
+        loads, state, _, work = trajectory.for_steps()
+        with trajectory.or_lost():
+            if executor.can_sum(trajectory.model, loads, work):
+                executor.hold(trajectory.model, loads, state, work, self._contact.watching())
+                yield executor
+            else:
+                yield self._here
+
+    def refresh(self) -> None:
+        """Compute the accelerations of the state."""
+        with self._asking() as executor:
+            executor.refresh(self._trajectory.time)
+            if executor.is_remote:
+                self._trajectory.evaluations.add()
+
+    def examine(self) -> None:
+        """Write the figures of a health check to the ledger."""
+        with self._asking() as executor:
+            executor.fill_figures(self._trajectory.time, self._trajectory.ledger.numbers)
+
+    def squares(self) -> float:
+        """
+        Return the sum of squared forces and torques over masses and inertias [N^2/kg].
+
+        Forces of anchors are included, and the weight in free fall is not, because it does not
+        return. Accelerations are those of `refresh`.
+        """
+        packed, model = self._trajectory.packed, self._trajectory.model
+        fall, sums = np.zeros(3), self._sums(2)
+        if model.gravity is not None and not packed.held:
+            fall = model.gravity.acceleration
+        with self._asking() as executor:
+            executor.squares(fall, sums)
+        mass, inertia = units_of(model.masses, model.inverse_mass, model.inverse_inertia)
+        return float(mass * added_up(sums[0]) + inertia * added_up(sums[1]))
+
+    def relative_speed(self) -> float:
+        """Return the largest speed [m/s] of a body relative to the mean velocity."""
+        sums = self._sums(3)
+        with self._asking() as executor:
+            executor.velocity_sums(sums)
+            mean = np.array([added_up(row) for row in sums])
+            return math.sqrt(executor.fastest_square(
+                mean / self._trajectory.packed.layout.body_count))
+
+    def frequency(self, *, locate: bool = False) -> Frequency:
+        """
+        Return the largest frequency of the fabric; `locate` adds the bodies of its vibration.
+        """
+        trajectory, found = self._trajectory, None
+        if not locate:
+            with self._asking() as executor:
+                found = executor.largest_frequency()
+        if found is not None:
+            return found
+        packed, state = trajectory.packed, trajectory.state
+        return with_anchors(
+            largest_frequency(packed, state, locate=locate), packed, trajectory.loads, state,
+            trajectory.time)
+
+    def _sums(self, rows: int) -> np.ndarray:
+        """Return rows of zeros for sums over groups of blocks."""
+        blocks, work = self._trajectory.model.blocks, self._trajectory.for_steps()[3]
+        return np.zeros((rows, -(-len(blocks.slot) // work.group)))
 
     def _trial_portion(self) -> int:
         """
         Return the steps of a trial in one call: ranks and devices receive and return its state.
         """
-        least = 1 if self._trajectory.method.holder is None else _SHARED_TRIAL
+        least = _SHARED_TRIAL if self._trajectory.executor.is_remote else 1
         return max(self.portions.count, least)
 
     def _evaluations(self, steps: int) -> int:

@@ -5,123 +5,22 @@
 from collections.abc import Callable
 from functools import partial
 import math
-from typing import Any, NamedTuple, Protocol, TYPE_CHECKING
+from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
 from icofabric_sim.kernels.integrators.tableau import Pair, pair_of
-from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
 from icofabric_sim.simulation.stepping import tsit5
 from icofabric_sim.simulation.stepping.embedded_kernels import (
     EmbeddedKernels,
     kernels_of,
     PairKernel,
 )
+from icofabric_sim.simulation.stepping.executor import Executor
 import numpy as np
-
-if TYPE_CHECKING:
-    from icofabric_sim.simulation.model.stability import Frequency
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
 KINK_ORDER = 4
-
-
-class StateHolder(Protocol):
-    """Storage of the state of a run on ranks or a device between calls."""
-
-    @property
-    def rank_count(self) -> int:
-        """Number of processes that share the steps."""
-
-    @property
-    def halo_bytes(self) -> int:
-        """Largest number of bytes that a process receives per force evaluation."""
-
-    @property
-    def device(self) -> str:
-        """Name of the device that computes the steps; empty for processes."""
-
-    @property
-    def device_bytes(self) -> int:
-        """Approximate memory [bytes] of the run on the device, without its loads."""
-
-    @property
-    def has_saved(self) -> bool:
-        """True if the state that was saved last is not in this process."""
-
-    def take_saved(self) -> dict[str, np.ndarray]:
-        """
-        Gather the saved state, and the work that loads had done.
-
-        Returns what had flowed by then [J], by name: `work` of the loads, and what meters showed.
-        """
-
-    def take_over(self) -> bool:
-        """
-        Gather the whole state in the arrays of this process, which may change it.
-
-        Returns whether it was elsewhere until then.
-        """
-
-
-class Beside(Protocol):
-    """Trial steps where the state of a run is stored."""
-
-    def begin(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> None:
-        """Start at the state of the run."""
-
-    def branch(self, model: Model) -> None:
-        """Start trial steps of half the length at the state of the others."""
-
-    def take(self, which: str, origin: float, first: int, step: float, count: int) -> None:
-        """Take steps of one of both sequences, `ahead` or `half`."""
-
-    def apart(self) -> tuple[float, float]:
-        """
-        Return the largest squared distance [m^2] and the largest squared quaternion difference.
-        """
-
-
-class Elsewhere(Protocol):
-    """Processes that hold the state of a run and answer queries about all of it."""
-
-    def save(self, saved: State) -> bool:
-        """Save the state of the run if it is stored only there; return True if saved."""
-
-    def put_begun(self, saved: State) -> bool:
-        """Write the start of the run to `saved`; return False if a later state was here."""
-
-    def bounds(self) -> np.ndarray | None:
-        """
-        Return largest and minus least velocities [m/s] and the largest coordinate [m], (7,).
-
-        The result is None if the state is in the arrays of this process.
-        """
-
-    def hold(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> None:
-        """Distribute the state of a run without contacts, for the queries below."""
-
-    def refresh(self, time: float) -> None:
-        """Compute the accelerations of the state at `time` [s]."""
-
-    def examine(self, time: float, ledger: np.ndarray) -> None:
-        """Write the figures of a health check at `time` [s] to `ledger`."""
-
-    def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
-        """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
-
-    def velocity_sums(self, sums: np.ndarray) -> None:
-        """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
-
-    def fastest_square(self, velocity: np.ndarray) -> float:
-        """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
-
-    def largest(self) -> 'Frequency | None':
-        """Return the largest frequency of the fabric; None if it cannot be computed there."""
 
 
 def _no_more() -> int:
@@ -155,12 +54,7 @@ class Method(NamedTuple):
     count_evaluations: Callable[[], int] = _no_more
     # What accepts or refuses the steps of an adaptive one.
     embedded: EmbeddedKernels | None = None
-    # Who holds the state between two calls, where other processes or a device take the steps.
-    holder: 'StateHolder | None' = None
-    # Who takes trial steps there; None: the state comes here for them.
-    beside: 'Beside | None' = None
-    # Who answers for the state there; None: it comes here whatever is asked.
-    elsewhere: 'Elsewhere | None' = None
+    executor: Executor = Executor()  # holder of the state between two calls
 
     @property
     def runs_through_contacts(self) -> bool:

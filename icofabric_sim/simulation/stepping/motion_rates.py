@@ -14,8 +14,8 @@ from icofabric_sim.simulation.model.stability import (
 )
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.faults import fastest_term, stiffest_term, unsafe_step
+from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Start, Trajectory
-from icofabric_sim.simulation.stepping.whole_state import WholeState
 import numpy as np
 
 # A step below this part of the stability limit would never come to an end.
@@ -32,11 +32,11 @@ class MotionRates:
     """Rates [rad/s] that steps must resolve, in the configuration examined last."""
 
     def __init__(
-        self, trajectory: Trajectory, contact: ContactScheduler, whole: WholeState,
+        self, trajectory: Trajectory, contact: ContactScheduler, calls: MethodCalls,
         start: Start, pulse_step: Callable[[], float]
     ) -> None:
         """Start at `start`; `pulse_step` returns the longest step [s] that resolves the loads."""
-        self._trajectory, self._contact, self._whole = trajectory, contact, whole
+        self._trajectory, self._contact, self._calls = trajectory, contact, calls
         # The largest frequency of the fabric alone, and the rate of the loads alone.
         self.fabric, self.load_rate = start.frequency, start.load_rate
         self.pulse_step = pulse_step
@@ -57,7 +57,7 @@ class MotionRates:
 
     def measure(self) -> None:
         """Compute the largest frequency of the fabric again."""
-        self.fabric = self._whole.frequency()
+        self.fabric = self._calls.frequency()
 
     def fastest(self, *, contacts: bool = True, losses: bool = True) -> float:
         """
@@ -88,7 +88,7 @@ class MotionRates:
 
     def relative_speed(self) -> float:
         """Return the largest speed [m/s] of a body relative to the mean velocity."""
-        return self._whole.relative_speed()
+        return self._calls.relative_speed()
 
     def fastest_term(self) -> str:
         """Return the name of the fastest motion or vibration, with its parameters."""
@@ -102,7 +102,7 @@ class MotionRates:
 
     def fastest_bodies(self) -> tuple[int, ...]:
         """Return the bodies with the largest amplitudes in the fastest vibration of the fabric."""
-        return self._whole.frequency(locate=True).bodies
+        return self._calls.frequency(locate=True).bodies
 
     def _terms(self) -> dict[str, float]:
         """Return rates [rad/s] by the names of their terms, in the order of `Term`."""
@@ -148,7 +148,7 @@ class MotionRates:
                 f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
                 'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
                 'never lets shells pass through each other')
-        trajectory.fail(unsafe_step(step, self.limit, self._whole.frequency(locate=True), time))
+        trajectory.fail(unsafe_step(step, self.limit, self._calls.frequency(locate=True), time))
 
 
 def _is_anchored(loads: Loads) -> bool:

@@ -11,11 +11,11 @@ from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.stepping.charge_meetings import meeting_between
 from icofabric_sim.simulation.stepping.faults import find_fault, shorter_steps
+from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.motion_rates import MotionRates
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
-from icofabric_sim.simulation.stepping.whole_state import WholeState
 from icofabric_sim.simulation.stepping.wrap_jumps import jumps_between
 import numpy as np
 
@@ -52,7 +52,7 @@ class StepMonitor:
     """Checks for finite states, energy balance, and connectors in shells."""
 
     def __init__(
-        self, trajectory: Trajectory, rates: MotionRates, whole: WholeState,
+        self, trajectory: Trajectory, rates: MotionRates, calls: MethodCalls,
         obstruction: Obstruction, *, tolerance: float, differences: int
     ) -> None:
         """
@@ -61,7 +61,7 @@ class StepMonitor:
         `differences` is the order of the differences that measure the roughness of the motion.
         """
         self._trajectory, self._rates, self.obstruction = trajectory, rates, obstruction
-        self._whole = whole
+        self._calls = calls
         self._tolerance, self._differences = tolerance, differences
         # Steps since the last check, and from one to the next.
         self.since_check = 0
@@ -129,7 +129,7 @@ class StepMonitor:
             self._rates.measure()
         # Any rate is low, so the bound is a close one.
         ledger.high, ledger.low, ledger.spin_weight = math.inf, math.inf, 1.0
-        self._whole.examine()
+        self._calls.examine()
         ledger.low = 0.0
         if self._trajectory.is_given:
             # Below this the bound proves the step safe. Above it the exact value is computed at

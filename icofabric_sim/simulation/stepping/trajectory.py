@@ -6,7 +6,8 @@ Trajectory of a run: its state and time, and a saved state to return to.
 The steps are chosen elsewhere; see `driver.py`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import math
 from typing import Any, NamedTuple, NoReturn
 
@@ -45,7 +46,7 @@ from icofabric_sim.simulation.stepping.broken import Broken
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.evaluations import Evaluations
 from icofabric_sim.simulation.stepping.ledger import Ledger
-from icofabric_sim.simulation.stepping.methods import Elsewhere, KINK_ORDER, Method
+from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
 import numpy as np
@@ -91,6 +92,7 @@ class Trajectory:
         """
         packed, state = setup.packed, start.state
         self.packed, self.model, self.method = packed, packed.model, method
+        self.executor = method.executor
         self._state, self._loads = state, start.loads
         # Unit of errors of positions: a [m].
         self.thread_team, self.half_edge = setup.thread_team, setup.scene.geometry.half_edge
@@ -142,12 +144,9 @@ class Trajectory:
     @property
     def saved(self) -> State:
         """State that was saved last."""
-        holder = self.method.holder
-        if holder is not None and holder.has_saved:
-            try:
-                self._flows |= holder.take_saved()
-            except ElsewhereError as error:
-                self.lose_steps(error)
+        if self.executor.has_saved:
+            with self.or_lost():
+                self._flows |= self.executor.gather_saved()
             self._saved_here = self._saved_time
         return self._saved
 
@@ -159,7 +158,7 @@ class Trajectory:
     @saved_time.setter
     def saved_time(self, time: float) -> None:
         self._saved_time = time
-        if self.method.holder is None or not self.method.holder.has_saved:
+        if not self.executor.has_saved:
             self._saved_here = time
 
     @property
@@ -193,19 +192,24 @@ class Trajectory:
         return self._loads, self._state, self._saved, self._work
 
     def _take_over(self) -> None:
-        if self.method.holder is not None:
-            try:
-                was_elsewhere = self.method.holder.take_over()
-            except ElsewhereError as error:
-                self.lose_steps(error)
+        if self.executor.is_remote:
+            with self.or_lost():
+                was_elsewhere = self.executor.gather()
             if was_elsewhere:
                 # To go on from, should those who had it fail from here on.
                 _ = self.saved
 
-    def lose_steps(self, error: ElsewhereError) -> NoReturn:
+    @contextmanager
+    def or_lost(self) -> Iterator[None]:
+        """End the run if ranks or the device fail."""
+        try:
+            yield
+        except ElsewhereError as error:
+            self._lose_steps(error)
+
+    def _lose_steps(self, error: ElsewhereError) -> NoReturn:
         """End the run at its saved state: later steps of ranks or a device are lost."""
-        elsewhere = self.method.elsewhere
-        if elsewhere is not None and elsewhere.put_begun(self._saved):
+        if self.executor.put_begun(self._saved):
             # Nothing has flowed by then.
             self._flows_at = math.nan, None
         # A later one was lost with them.
@@ -217,7 +221,8 @@ class Trajectory:
     @property
     def velocity_spread(self) -> float:
         """Largest difference of the velocities of bodies [m/s], over all axes."""
-        bounds = self._bounds()
+        with self.or_lost():
+            bounds = self.executor.bounds()
         if bounds is None:
             velocity = self.state.linear_velocity[:, self.packed.layout.slot]
             return float(np.linalg.norm(np.ptp(velocity, axis=1)))
@@ -226,17 +231,9 @@ class Trajectory:
     @property
     def extent(self) -> float:
         """Largest coordinate of a body [m]."""
-        bounds = self._bounds()
+        with self.or_lost():
+            bounds = self.executor.bounds()
         return float(np.abs(self.state.position).max()) if bounds is None else float(bounds[6])
-
-    def _bounds(self) -> np.ndarray | None:
-        elsewhere = self.method.elsewhere
-        if elsewhere is None:
-            return None
-        try:
-            return elsewhere.bounds()
-        except ElsewhereError as error:
-            self.lose_steps(error)
 
     @property
     def order(self) -> int:
@@ -265,28 +262,20 @@ class Trajectory:
 
     def save(self, time: float | None = None) -> None:
         """Save the state, at the present or at a given `time` [s]."""
-        elsewhere = self.method.elsewhere
-        if elsewhere is not None and self._is_saved_there(elsewhere):
-            self.note_saved(self.time if time is None else time)
-            return
-        copy_state(self.state, self.saved)
-        # Under an embedded control each step keeps the work of loads where it begins.
-        if self.control is None:
-            np.copyto(self.loads.earlier_work, self.loads.work)
-        self._save_stretches()
+        with self.or_lost():
+            is_saved = self.executor.save_run(self._saved)
+        if not is_saved:
+            copy_state(self.state, self.saved)
+            # Under an embedded control each step keeps the work of loads where it begins.
+            if self.control is None:
+                np.copyto(self.loads.earlier_work, self.loads.work)
+            self._save_stretches()
         self.note_saved(self.time if time is None else time)
-
-    def _is_saved_there(self, elsewhere: Elsewhere) -> bool:
-        """Save the state on its ranks; return False if it is here."""
-        try:
-            return elsewhere.save(self._saved)
-        except ElsewhereError as error:
-            self.lose_steps(error)
 
     def note_saved(self, time: float) -> None:
         """Store the energies that have flowed until the present state, saved at `time` [s]."""
         self.saved_time, self._flows_at = time, (time, self._loads)
-        if self.method.holder is not None and self.method.holder.has_saved:
+        if self.executor.has_saved:
             # What had flowed comes with it.
             return
         for name, values in self._flowing().items():

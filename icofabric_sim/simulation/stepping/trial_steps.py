@@ -130,15 +130,15 @@ class TrialSteps:
         elsewhere.
         """
         found: list[float] = []
-        trajectory, beside = self._trajectory, self._trajectory.method.beside
-        if beside is None or trajectory.model.contacts is not None:
+        trajectory = self._trajectory
+        if not trajectory.executor.tries_steps or trajectory.model.contacts is not None:
             done = self.compare_ahead(
                 step, counts, lambda one, other: found.append(distance(one, other)))
             return found[:done]
         time, self.touched = trajectory.time, False
-        self._calls.begin_beside(beside)
+        self._calls.begin_trial()
         for count in counts:
-            found.append(joined(*self._calls.compare_beside(beside, time, step, count)))
+            found.append(joined(*self._calls.compare_trials(time, step, count)))
             time += count * step
         with trajectory.evaluations.estimating():
             # As one process does where it takes the state back, so that counts are the same.

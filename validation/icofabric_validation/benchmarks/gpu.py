@@ -103,7 +103,7 @@ def measure(
             one.snapshot().position - other.snapshot().position).max())
         error /= one.scene.geometry.half_edge
         count = one.scene.body_count
-        steps: Any = other._driver.trajectory.method.holder
+        steps: Any = other._driver.trajectory.executor
         layout, model = other.packed.layout, other.packed.model
         tasks = [
             partial(_rate, count, partial(one.advance_steps, _TIMED)),

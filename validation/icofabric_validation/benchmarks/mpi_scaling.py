@@ -125,7 +125,7 @@ def take_part(arguments: argparse.Namespace) -> None:
             gathering.of(sharing.Sharing, 'gather_figures')
             for part in (part_steps.PartSteps, pair_steps.PairPart):
                 checking.of(part, 'examine')
-            checking.of(sharing.Sharing, 'save')
+            checking.of(sharing.Sharing, 'save_parts')
             for name in ('place_all', 'examine', 'save', 'conclude'):
                 for module in (leader, pair_leader):
                     checking.of(module, name)
@@ -136,10 +136,10 @@ def take_part(arguments: argparse.Namespace) -> None:
             found['check'] = checking.seconds / steps
             found['steps_memory'] = peak() - before
             digest = hashlib.sha256(simulation.snapshot().position.tobytes())
-            holder: Any = simulation._driver.trajectory.method.holder
+            holder: Any = simulation._driver.trajectory.executor
             found.update(
                 bodies=scene.body_count, digest=digest.hexdigest()[:12],
-                halos=[] if holder is None else [tuple(halo) for halo in holder.halos])
+                halos=[tuple(halo) for halo in getattr(holder, 'halos', [])])
     found.update(rank=ranks.rank, memory=peak() - before)
     print(json.dumps(found), flush=True)
 

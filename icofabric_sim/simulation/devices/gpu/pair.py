@@ -56,6 +56,7 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
 from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.executor import Executor
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -68,13 +69,17 @@ _NOTHING_NEAR = Nearness()
 _Run = tuple[Loads, State, Work]
 
 
-class DevicePair(DistantBodies):
+class DevicePair(DistantBodies, Executor):
     """Steps of an embedded pair on a GPU."""
+
+    is_remote = True
 
     def __init__(self, device: Device, packed: PackedScene, pair: Pair) -> None:
         """Copy the fabric to the device; raise ValueError if memory is insufficient."""
         super().__init__(pair)
-        self._device, self._packed = device, packed
+        self._device, self._packed, self.device = device, packed, device.name
+        self.device_bytes = pair_bytes_of(
+            packed.model, packed.layout, touching=packed.contact is not None)
         require_room(device, packed.layout.body_count, self.device_bytes)
         model, slots = packed.model, packed.layout.slot_count
         self._fabric = fabric_of(model, packed.layout, device)
@@ -108,7 +113,7 @@ class DevicePair(DistantBodies):
         self._is_out = self._is_stale = self._has_stepped = False
         self._run: _Run | None = None
         # True if a state was saved in the present call.
-        self._has_saved = False
+        self._saves = False
         # Candidate pairs, once displacements are checked; time of the evaluated slope.
         self._near: DeviceContacts | None = None
         self._clock = Clock()
@@ -125,37 +130,7 @@ class DevicePair(DistantBodies):
     def _zeros(self, shape: Any) -> Any:
         return wp.zeros(shape, dtype=wp.float64, device=self._device.handle)
 
-    @property
-    def rank_count(self) -> int:
-        """Number of processes that take the steps: 1."""
-        return 1
-
-    @property
-    def halo_bytes(self) -> int:
-        """Bytes exchanged between processes: 0."""
-        return 0
-
-    @property
-    def device(self) -> str:
-        """Name of the device."""
-        return self._device.name
-
-    @property
-    def device_bytes(self) -> int:
-        """Approximate memory [bytes] of the run on the device, without its loads."""
-        packed = self._packed
-        return pair_bytes_of(packed.model, packed.layout, touching=packed.contact is not None)
-
-    @property
-    def has_saved(self) -> bool:
-        """True if the last saved state is only on the device: never."""
-        return False
-
-    def take_saved(self) -> dict[str, np.ndarray]:
-        """Return no arrays, because the saved state is in this process already."""
-        return {}
-
-    def take_over(self) -> bool:
+    def gather(self) -> bool:
         """Copy the whole state to this process; return True if it was only on the device."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
@@ -166,13 +141,13 @@ class DevicePair(DistantBodies):
 
     def _forget(self) -> None:
         """Discard the state on the device."""
-        self._is_out = self._is_stale = self._has_saved = False
+        self._is_out = self._is_stale = self._saves = False
 
     def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
         model, loads, state, saved, work, watch, of_run, _ = self._call = call
         now = loads, state, work
         if not of_run:
-            self.take_over()
+            self.gather()
         with TURN, named_failure(self.device, self._forget):
             anew = not (of_run and self._is_out)
             if anew:
@@ -187,12 +162,12 @@ class DevicePair(DistantBodies):
                 self._run = now
                 self._is_out = self._is_stale = True
             taken = self._control(kernel, *arguments)
-            if self._has_saved:
+            if self._saves:
                 # After the run knows the time of the saved state.
                 self._copy_rows(
                     saved, self._state.saved_pose, self._state.saved_motion, back=True)
                 self._gather_flows(now)
-                self._has_saved = False
+                self._saves = False
             if not of_run:
                 self._gather(now, whole=False)
             return taken
@@ -403,7 +378,7 @@ class DevicePair(DistantBodies):
         if examined and not status & (UNSOUND | TOO_DEEP | MISSED):
             ledger[SAVED_AT] = done
             self._state.save(0, None)
-            self._has_saved = True
+            self._saves = True
         return int(status), 0 if examined else since_check
 
     def _examine(self, ledger: np.ndarray, time: float) -> int:

@@ -53,6 +53,7 @@ from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.devices.refusals import require_method_on_device
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
@@ -66,8 +67,10 @@ _STORED_SOURCE, _EVALUATED_SOURCE = 1, 2
 _NOTHING_NEAR = Nearness()
 
 
-class DeviceSteps:
+class DeviceSteps(Executor):
     """Steps of a method on a GPU."""
+
+    is_remote = True
 
     def __init__(
         self, device: Device, packed: PackedScene, method: Method, *, given: bool, estimated: bool
@@ -79,6 +82,9 @@ class DeviceSteps:
         """
         self._device, self._packed, self._method = device, packed, method
         self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
+        self.device, self.device_bytes = device.name, bytes_of(
+            packed.model, packed.layout, kinked=self._follows_kinks,
+            touching=packed.contact is not None)
         require_room(device, packed.layout.body_count, self.device_bytes)
         self._fabric = fabric_of(packed.model, packed.layout, device)
         self._state = StateArrays(packed.layout.slot_count, device)
@@ -113,28 +119,13 @@ class DeviceSteps:
         # Where the saved state belongs here, while it is on the device alone.
         self._saved_for: tuple[State, Loads] | None = None
 
-    @property
-    def rank_count(self) -> int:
-        """Number of processes that take the steps: 1."""
-        return 1
-
-    @property
-    def halo_bytes(self) -> int:
-        """Bytes exchanged between processes: 0."""
-        return 0
-
-    @property
-    def device(self) -> str:
-        """Name of the device."""
-        return self._device.name
-
     def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
         """Take steps on the device, as `splitting` of kernels/integrators/splitting.py."""
         with TURN, self._named_failure():
             return take_steps(
                 self, self._differences, self._method.stages, model, *arguments)
 
-    def take_over(self) -> bool:
+    def gather(self) -> bool:
         """Copy the whole state to this process; return True if it was only on the device."""
         is_stale, self._is_out, self._is_stale = self._is_stale, False, False
         if is_stale and self._run is not None:
@@ -144,19 +135,11 @@ class DeviceSteps:
         return False
 
     @property
-    def device_bytes(self) -> int:
-        """Approximate memory [bytes] of the run on the device, without its loads."""
-        packed = self._packed
-        return bytes_of(
-            packed.model, packed.layout, kinked=self._follows_kinks,
-            touching=packed.contact is not None)
-
-    @property
     def has_saved(self) -> bool:
         """True if the last saved state is only on the device."""
         return self._saved_for is not None
 
-    def take_saved(self) -> dict[str, np.ndarray]:
+    def gather_saved(self) -> dict[str, np.ndarray]:
         """Copy the saved state to this process; return the work of loads at that time."""
         if self._saved_for is None:
             return {}
@@ -187,7 +170,7 @@ class DeviceSteps:
         """Copy the state of the call to the device, unless the device holds it already."""
         of_run, loads, watch = call.steps.is_checked, call.loads, call.watch
         if not of_run:
-            self.take_over()
+            self.gather()
         is_new = not (of_run and self._is_out)
         if is_new:
             self._put(call.model, loads, call.state, call.work)
@@ -463,6 +446,6 @@ def device_method(
     if method.embedded is not None and method.embedded.pair is not None:
         pair = DevicePair(device, packed, method.embedded.pair)
         return method._replace(
-            advance=pair.advance, holder=pair, embedded=method.embedded._replace(take=pair.take))
+            advance=pair.advance, executor=pair, embedded=method.embedded._replace(take=pair.take))
     steps = DeviceSteps(device, packed, method, given=given, estimated=estimated)
-    return method._replace(advance=steps.advance, holder=steps)
+    return method._replace(advance=steps.advance, executor=steps)
