@@ -9,8 +9,6 @@ checks with contacts. Sums over all bodies are formed over groups of blocks (ker
 so they equal those of a single process.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cached_property, partial
 import math
 from typing import Any
@@ -22,11 +20,8 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
-    coarse_up_to,
-    conclude,
     examine,
     LEDGER_COUNT,
-    looks_inside,
     save,
 )
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
@@ -41,7 +36,7 @@ from icofabric_sim.simulation.devices.beside import (
     squares_apart,
 )
 from icofabric_sim.simulation.devices.executor import Call, Interval, take_steps
-from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
+from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
     look_at,
@@ -56,7 +51,6 @@ from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import complete, Unpacked
 from icofabric_sim.simulation.devices.window import bytes_of, exchange_of
-from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.layout import aligned_empty, has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.stability import (
@@ -96,20 +90,12 @@ class SharedSteps(Sharing):
         super().__init__(transport, packed, partial(
             bytes_of, kinked=self._weights.mends_kinks, touching=contact is not None,
             spends=contact is not None and contact.spends))
-        # The pairs of the run; whether steps with any were ready.
-        self._contacts: Contacts | None = None
-        self._touches = False
-        # Whether the state of the run is with the ranks, and whether only there.
-        self._is_out = self._is_stale = False
         # Whether a step was taken since the ranks got it.
         self._is_moved = False
         # The state before it is with the ranks; whether some slots of it have never been here.
         self.unpacked, self._is_partial = unpacked, False
-        self._own: PartSteps | None = None
         self._samples: list[np.ndarray] = []
-        self._run: Arrays | None = None
         self._acted: Loads | None = None  # also where they are empty
-        self._is_gathered = False  # whether the state at the last step of a call is here
         self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
         self._can_iterate = False  # whether kernels of iterations are ready
         self._tried_by: PartSteps | None = None
@@ -121,21 +107,6 @@ class SharedSteps(Sharing):
             return take_steps(
                 self, self._weights.differences, self._weights.stages, model, *arguments)
 
-    @contextmanager
-    def together(self) -> Iterator[None]:
-        """Let all ranks fail if this one fails in the block."""
-        self.transport.require_health()
-        if self.transport.has_ended:
-            raise RankError("the ranks have ended with their 'with' block")
-        with self.transport.alone():
-            try:
-                yield
-            except BaseException as error:
-                self.forget()
-                # Others wait for poses from here.
-                self.transport.fail(error)
-                raise
-
     def count_evaluations(self) -> int:
         """Return the number of force evaluations that crossings of kinks added."""
         return 0 if self._own is None else self._own.take_crossed()
@@ -144,11 +115,6 @@ class SharedSteps(Sharing):
     def _is_apart(self) -> bool:
         """True if only the ranks have the state of the run."""
         return self._is_out and self._is_stale
-
-    def forget(self) -> None:
-        """Discard the state that the ranks have."""
-        self._is_out = self._is_stale = False
-        self.forget_saved()
 
     # Queries about all bodies of a run without contacts.
 
@@ -162,63 +128,40 @@ class SharedSteps(Sharing):
     ) -> None:
         """Distribute the state of a run without contacts, and its loads."""
         with self.together():
-            self._hold(model, loads, state, work, watch)
-
-    def _hold(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> None:
-        if not self.shared.is_shared(None):
-            self._share(None)
-        self._begin(model, loads, state, work, watch)
-        if self.send_loads(loads, stages=0):
-            self._is_out = False
-        run = Arrays(loads if self.acts else None, state, work, None, watch)
-        self._acted = loads
-        if not self._is_out:
-            self._run, self._contacts = run, None
-            self._scatter(run, None, of_run=True)
-            self._is_out = True
-
-    @property
-    def _held(self) -> tuple[PartSteps, Arrays]:
-        """Steps of this rank's blocks, and the arrays of the run that ranks hold."""
-        assert self._own is not None and self._run is not None
-        return self._own, self._run
+            self._acted = loads
+            self._enter(model, loads, state, work, watch, of_run=True)
 
     def refresh(self, time: float) -> None:
         """Compute the accelerations at `time` [s] on the ranks, which hold the state."""
-        own, run = self._held
         with self.together():
             self.order('refresh', time)
-            own.refresh(run, time)
+            self._own.refresh(self._run, time)
             self._is_stale = True
 
     def fill_figures(self, time: float, numbers: np.ndarray) -> None:
         """Write the figures of a health check at `time` [s] to the `numbers` of a ledger."""
         with self.together():
             self._ledger = Ledger.over(numbers)
-            self._examine(self._held[1], time, self._ledger)
+            self._sum_figures(self._run, time, numbers)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
         """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
-        own, run = self._held
         with self.together():
             self.order('squares', fall)
-            self.gather_sums(own.squares(run.work, fall), sums)
+            self.gather_sums(self._own.squares(self._run.work, fall), sums)
 
     def velocity_sums(self, sums: np.ndarray) -> None:
         """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
-        own, run = self._held
         with self.together():
             self.order('velocity_sums')
-            self.gather_sums(own.velocity_sums(run), sums)
+            self.gather_sums(self._own.velocity_sums(self._run), sums)
 
     def fastest_square(self, velocity: np.ndarray) -> float:
         """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
         with self.together():
             self.order('fastest_square', velocity)
             return float(self.largest_of(fastest_square(
-                self._held[1].state, self._bodies, velocity))[0])
+                self._run.state, self._bodies, velocity))[0])
 
     def bounds(self) -> np.ndarray | None:
         """Return the bounds of the start or of the state on the ranks; None: the state is here."""
@@ -228,7 +171,7 @@ class SharedSteps(Sharing):
             return None
         with self.together():
             self.order('bounds')
-            return self.largest_of(bounds_of_state(self._held[1].state, self._bodies))
+            return self.largest_of(bounds_of_state(self._run.state, self._bodies))
 
     def largest_frequency(self) -> Frequency | None:
         """
@@ -241,13 +184,12 @@ class SharedSteps(Sharing):
             return None
         if not is_springy(model):
             return Frequency(0.0, (), 0)
-        own, arrays = self._held
         if not self._can_iterate:
             # By then all ranks find it.
-            own.make_iteration_ready(arrays)
+            self._own.make_iteration_ready(self._run)
             self._can_iterate = True
         with self.together():
-            run = SharedIteration(self, own, arrays, most_steps(count))
+            run = SharedIteration(self, self._own, self._run, most_steps(count))
             try:
                 if run.is_held:
                     return Frequency(0.0, (), 0)
@@ -288,17 +230,18 @@ class SharedSteps(Sharing):
     ) -> None:
         """Begin at the state of the run; the work of its loads does not change."""
         with self.together():
-            self._hold(model, loads, state, work, watch)
+            self._acted = loads
+            self._enter(model, loads, state, work, watch, of_run=True)
             if self._own is not self._tried_by:
                 # Windows are other ones, and read other slots.
                 self._tried_by, self._trials = self._own, {}
             self.order('begin_trial')
-            acts = loads._replace(work=np.zeros_like(loads.work)) if self.acts else None
+            acts = loads._replace(work=np.zeros_like(loads.work)) if len(loads.wrench) else None
             for name in (AHEAD, HALF):
                 if name not in self._trials:
                     self._trials[name] = self._trial_room(state, work)
                 self._trials[name] = self._trials[name]._replace(loads=acts)
-            self._copy_trial(model, self._held[1], self._trials[AHEAD])
+            self._copy_trial(model, self._run, self._trials[AHEAD])
 
     def branch_trial(self, model: Model) -> None:
         """Start trial steps of half the length at the state of the others."""
@@ -311,7 +254,7 @@ class SharedSteps(Sharing):
         interval = Interval(origin, first, step, count, 0, NEVER, beside=which)
         with self.together():
             self.order('take', interval)
-            self._held[0].take(self._trials[which], interval)
+            self._own.take(self._trials[which], interval)
 
     def trial_distance(self) -> tuple[float, float]:
         """Return the largest squared distance [m^2] and squared difference of orientations."""
@@ -349,40 +292,23 @@ class SharedSteps(Sharing):
         if self.unpacked is not None:
             self.unpacked.put()
             self.unpacked = None
-        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
-        if is_stale and self._run is not None:
-            with self.transport.alone():
-                self._gather(self._run, self._contacts, of_run=True, whole=True)
-            return True
-        return False
+        return super().gather()
 
     def begin(self, call: Call) -> None:
         """Distribute the state of the call, unless the ranks hold it already."""
-        contacts, loads, of_run = call.model.contacts, call.loads, call.steps.is_checked
-        if not self.shared.is_shared(contacts):
-            self._share(contacts)
-        self._begin(call.model, loads, call.state, call.work, call.watch)
-        if self.send_loads(loads, stages=0):
-            self._is_out = False
-        arrays = self._arrays = Arrays(
-            loads if self.acts else None, call.state, call.work,
-            None if contacts is None else self.shared.own(
-                contacts, self.parts[0], of_run=of_run),
-            call.watch if of_run else None)
+        of_run = call.steps.is_checked
         if of_run:
-            self._run, self._ledger, self._contacts = arrays, Ledger.over(call.ledger), contacts
-            self._acted = loads
-        if not (of_run and self._is_out):
-            self._scatter(arrays, contacts, of_run=of_run)
+            self._ledger, self._acted = Ledger.over(call.ledger), call.loads
+        self._enter(
+            call.model, call.loads, call.state, call.work, call.watch, of_run=of_run)
         if of_run:
-            self._is_out = self._is_stale = self._is_moved = True
+            self._is_stale = self._is_moved = True
 
     def take(self, call: Call, interval: Interval) -> None:
         """Take the steps of an interval with all ranks."""
-        assert self._own is not None
-        self._is_gathered = False
+        self._is_here = False
         self.order('take', interval)
-        self._own.take(self._arrays, interval)
+        self._own.take(self._now, interval)
         if call.model.contacts is not None:
             call.model.contacts.tests[0] += self._own.take_touches() * len(
                 call.model.contacts.pairs)
@@ -390,7 +316,7 @@ class SharedSteps(Sharing):
     def examine(self, call: Call, time: float) -> int:
         """Return the status of a health check at `time` [s]."""
         if call.model.contacts is None:
-            return self._examine(self._arrays, time, self._ledger)
+            return self._sum_figures(self._now, time, call.ledger)
         # Only the first rank sums over contacts.
         self._gather_run(call)
         place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))
@@ -411,32 +337,17 @@ class SharedSteps(Sharing):
     def end(self, call: Call) -> None:
         """Gather the state of a trial."""
         if not call.steps.is_checked:
-            self._gather(self._arrays, call.model.contacts, of_run=False, whole=True)
+            self._gather(self._now, call.model.contacts, of_run=False, whole=True)
 
     def _gather_run(self, call: Call) -> None:
         """Gather the state of the run at a step end, without what only later steps need."""
-        if not self._is_gathered:
-            self._gather(self._arrays, call.model.contacts, of_run=True, whole=False)
-            self._is_gathered = True
-
-    def _examine(self, arrays: Arrays, now: float, book: Ledger) -> int:
-        """
-        Return the status bits of the state at `now` [s], as `examine`; ranks keep their states.
-        """
-        assert self._own is not None
-        limit, inside = float(coarse_up_to(book.numbers)), bool(looks_inside(book.numbers))
-        self.order('examine', now, limit, inside)
-        own = self._own.examine(arrays, now, limit, inside=inside)
-        roughest = self.gather_figures(own, arrays.work.figures)
-        book.roughest = max(book.roughest, roughest)
-        # Any number that is too large is none.
-        with np.errstate(all='ignore'):
-            return int(conclude(
-                self.packed.model, arrays.state, arrays.work.figures, book.numbers))
+        if not self._is_here:
+            self._gather(self._now, call.model.contacts, of_run=True, whole=False)
+            self._is_here = True
 
     def exchange(self, call: Call, *, is_guarded: bool) -> None:
         """Collect displacements, overlaps and impulses of contacts from all ranks."""
-        contacts, own = call.model.contacts, self._arrays.contacts
+        contacts, own = call.model.contacts, self._now.contacts
         if own is not None and contacts is not None:
             contacts.deepest[0] = 0.0
             note_look(contacts, None, look_at(own, None))
@@ -464,40 +375,15 @@ class SharedSteps(Sharing):
             self.order('watch', watch.frame.copy())
         return status
 
-    def _share(self, contacts: Contacts | None) -> None:
-        """Assign pairs to ranks; windows grow if they lack bodies."""
-        if self._is_out and self._run is not None:
-            self._gather(self._run, self._contacts, of_run=True, whole=True)
-            self._is_out = self._is_stale = False
-        if self.share(contacts):
-            self._own = None
+    def _arrays_of(
+        self, loads: Loads, state: State, work: Work, contacts: Contacts | None,
+        watch: Watch | None
+    ) -> Arrays:
+        return Arrays(loads if len(loads.wrench) else None, state, work, contacts, watch)
 
-    def _begin(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> PartSteps:
-        """
-        Send windows before the first steps, and the candidate pairs.
-
-        All kernels that they need are compiled here before.
-        """
-        if self._own is None:
-            self._own = self._send_windows(model, loads, state, work, watch)
-        if not self.is_told:
-            if model.contacts is not None and not self._touches:
-                self._own.make_ready(Arrays(
-                    loads if len(loads.wrench) else None, state, work,
-                    no_contacts(model.contacts, model.blocks, self.packed.layout), watch))
-                self._touches = True
-            self.tell_contacts(model.contacts)
-            self._is_out = False
-        return self._own
-
-    def _send_windows(
-        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None
-    ) -> PartSteps:
-        model, parts = model._replace(contacts=None), self.parts
-        layout = self.packed.layout
-        count = work.difference.shape[1] // LANES if self._weights.differences else 0
+    def _send_windows(self, model: Model, arrays: Arrays) -> PartSteps:
+        parts, layout = self.parts, self.packed.layout
+        count = arrays.work.difference.shape[1] // LANES if self._weights.differences else 0
         blocks = np.arange(count) * len(layout.blocks.slot) // max(count, 1)
         chosen = [
             np.flatnonzero((blocks >= part.first) & (blocks < part.last)) for part in parts]
@@ -506,18 +392,15 @@ class SharedSteps(Sharing):
         own = PartSteps(
             self.transport, model, exchange_of(layout, parts[0], blocks[chosen[0]]),
             self._weights)
-        own.make_ready(Arrays(loads if len(loads.wrench) else None, state, work, None, watch))
-
-        self.send_windows(
-            model, watch, self._weights, spends=work.spent is not None,
-            samples=[blocks[one] for one in chosen])
+        own.make_ready(arrays)
+        self._cut_windows(
+            model, arrays, self._weights, samples=[blocks[one] for one in chosen])
         return own
 
     def _scatter(
         self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool
     ) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
-        assert self._own is not None
         loads, state, work, mine, watch = arrays
         self.order('scatter', of_run, None if watch is None else watch.frame.copy())
         tables = tables_of(state, work, contacts, whole=True)
@@ -567,7 +450,6 @@ class SharedSteps(Sharing):
 
         `contacts`: those of the whole fabric.
         """
-        assert self._own is not None
         self.order('gather', of_run, whole)
         loads, state, work, mine, watch = arrays
         if self._is_partial and of_run:

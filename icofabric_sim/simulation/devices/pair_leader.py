@@ -18,20 +18,15 @@ from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.monitor import (
-    coarse_up_to,
-    conclude,
     DEEPEST_LIMIT,
     examine,
-    looks_inside,
     save,
     SAVED_AT,
     TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import (
-    Contacts,
-)
-from icofabric_sim.simulation.devices.near_pairs import no_contacts, team_of_one
+from icofabric_sim.kernels.records import Contacts, Model
+from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
@@ -45,7 +40,6 @@ from icofabric_sim.simulation.devices.shared_contacts import look_at, note_look,
 from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import exchange_of, pair_bytes_of
-from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.packing import PackedScene
 import numpy as np
 
@@ -57,6 +51,8 @@ class SharedPair(DistantBodies, Sharing):
     Steps of an embedded pair that all ranks of a transport take; created on the first rank.
     """
 
+    _stores_powers, _arrays_of = True, PairArrays
+
     def __init__(self, transport: Transport, packed: PackedScene, pair: Pair) -> None:
         """Divide the fabric; raise ValueError if ranks are too many or lack memory."""
         contact = packed.contact
@@ -64,99 +60,45 @@ class SharedPair(DistantBodies, Sharing):
             pair_bytes_of, touching=contact is not None,
             spends=contact is not None and contact.spends))
         DistantBodies.__init__(self, pair)
-        self._own: PairPart | None = None
-        self._touches = False  # whether steps with contacts were ready
         self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
-        # Whether the state of the run is with the ranks, and whether only there; and whether steps
-        # were taken since they got it.
-        self._is_out = self._is_stale = self._has_stepped = False
-        self._run: PairArrays | None = None
-        self._contacts: Contacts | None = None  # of the run
-        # What is stepped now, of the run or beside it; whether its state is here, too.
-        self._now: PairArrays | None = None
-        self._whole: Contacts | None = None
-        self._of_run = self._is_here = False
-
-    def gather(self) -> bool:
-        """Copy the whole state of the run to this rank; return True if it was on the ranks."""
-        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
-        if is_stale and self._run is not None:
-            with self.transport.alone():
-                self._gather(self._run, self._contacts, of_run=True, whole=True)
-            return True
-        return False
+        self._has_stepped = False  # whether steps were taken since ranks got the state
 
     def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
-        self.transport.require_health()
-        if self.transport.has_ended:
-            raise RankError("the ranks have ended with their 'with' block")
-        with self.transport.alone():
-            try:
-                self._begin(call)
-                taken = self._control(kernel, *arguments)
-                assert self._now is not None
-                if not call.of_run:
-                    self._gather(self._now, self._whole, of_run=False, whole=False)
-                return taken
-            except BaseException as error:
-                self._is_out = self._is_stale = False
-                self.forget_saved()
-                # Others wait for poses from here.
-                self.transport.fail(error)
-                raise
+        with self.together():
+            self._begin(call)
+            taken = self._control(kernel, *arguments)
+            if not call.of_run:
+                self._gather(self._now, call.model.contacts, of_run=False, whole=False)
+            return taken
 
     def _begin(self, call: PairCall) -> None:
         """Send fabric, candidate pairs, loads and state to all ranks, as far as changed."""
         self._call = call
         model, loads, state, _, work, watch, of_run, _ = call
-        contacts, layout = model.contacts, self.packed.layout
-        if not self.shared.is_shared(contacts):
-            if self._is_out and self._run is not None:
-                self._gather(self._run, self._contacts, of_run=True, whole=True)
-                self._is_out = self._is_stale = False
-            if self.share(contacts):
-                self._own = None
         links = model.links
         if links is not None and work.breakage is not None and not np.array_equal(
                 links.present, self._present):
             # Connectors have broken, or a run begins in which they are whole.
             self._own, self._present = None, links.present.copy()
-        if self._own is None:
-            plain = model._replace(contacts=None)
-            self._own = PairPart(
-                self.transport, plain, exchange_of(layout, self.parts[0], _NO_BLOCKS),
-                self._pair)
-            self._own.make_ready(PairArrays(loads, state, work, None, watch))
-            self.send_windows(plain, watch, self._pair, spends=work.spent is not None)
-            self._is_out = False
-        if not self.is_told:
-            if contacts is not None and not self._touches:
-                self._own.make_ready(PairArrays(
-                    loads, state, work, no_contacts(contacts, model.blocks, layout), watch))
-                self._touches = True
-            self.tell_contacts(contacts)
-            self._is_out = False
-        if self.send_loads(loads, stages=len(loads.power)):
-            self._is_out = False
-        mine = None if contacts is None else self.shared.own(
-            contacts, self.parts[0], of_run=of_run)
-        now = PairArrays(loads, state, work, mine, watch if of_run else None)
-        self._now, self._whole, self._of_run = now, contacts, of_run
+        self._enter(model, loads, state, work, watch, of_run=of_run)
         if of_run:
-            self._run, self._contacts = now, contacts
-        self._is_here = not (of_run and self._is_out)
-        if self._is_here:
-            self._scatter(now, contacts, of_run=of_run)
-        if of_run:
-            self._is_out = self._is_stale = True
+            self._is_stale = True
+
+    def _send_windows(self, model: Model, arrays: PairArrays) -> PairPart:
+        own = PairPart(
+            self.transport, model, exchange_of(self.packed.layout, self.parts[0], _NO_BLOCKS),
+            self._pair)
+        own.make_ready(arrays)
+        self._cut_windows(model, arrays, self._pair)
+        return own
 
     def _order(self, what: str, *words: Any) -> np.ndarray | None:
         """Let all ranks execute a part of a step; return the result of this rank."""
-        assert self._own is not None and self._now is not None
-        self.order('pair', self._of_run, what, words)
-        found = self._own.do(what, self._now, *words)
-        if self._whole is not None:
-            self._whole.tests[0] += self._own.take_touches() * len(self._whole.pairs)
+        contacts = self._call.model.contacts
+        self.order('pair', self._call.of_run, what, words)
+        found: np.ndarray | None = self._own.do(what, self._now, *words)
+        if contacts is not None:
+            contacts.tests[0] += self._own.take_touches() * len(contacts.pairs)
         return found
 
     def _asked(self, what: str, *words: Any) -> np.ndarray:
@@ -171,10 +113,10 @@ class SharedPair(DistantBodies, Sharing):
 
     def _have_state(self, slopes: range = range(0)) -> None:
         """Gather the state of all ranks, and some slopes."""
-        assert self._now is not None
         if not self._is_here or slopes:
             self._gather(
-                self._now, self._whole, of_run=self._of_run, whole=False, slopes=slopes)
+                self._now, self._call.model.contacts, of_run=self._call.of_run, whole=False,
+                slopes=slopes)
             self._is_here = True
 
     # What the control asks.
@@ -209,7 +151,7 @@ class SharedPair(DistantBodies, Sharing):
 
     def try_step(self, pair: Pair, time: float, h: float, is_judged: bool) -> None:
         """Compute the other slopes of a step from `time` [s], and its end."""
-        if is_judged and self._of_run and self._call.watch is not None:
+        if is_judged and self._call.of_run and self._call.watch is not None:
             self._call.watch.far[0] = 0.0
         self._order('try', float(time), float(h), is_judged)
 
@@ -224,7 +166,7 @@ class SharedPair(DistantBodies, Sharing):
             float(number) for number in found.max(axis=0))
         if touched:
             largest = max(largest, of_paths)
-        if self._of_run and watch is not None:
+        if self._call.of_run and watch is not None:
             watch.far[0] = max(watch.far[0], far)
             if far > watch.limits[LATE] and largest < LEFT_REGION:
                 largest = LEFT_REGION
@@ -235,7 +177,7 @@ class SharedPair(DistantBodies, Sharing):
         self._order('accept', float(h), keeps_start)
         # Steps of a given length leave nothing behind of where they began.
         self._is_here, self._has_stepped = False, self._has_stepped or (
-            self._of_run and keeps_start)
+            self._call.of_run and keeps_start)
 
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
         """Return the result of `fastest_points` over all ranks."""
@@ -251,15 +193,15 @@ class SharedPair(DistantBodies, Sharing):
         model, loads, state, saved, work, watch, *_ = self._call
         last = len(model.blocks.slot)
         examined, status, contacts = since_check >= check_interval, 0, model.contacts
-        if watch is not None and self._of_run:
+        if watch is not None and self._call.of_run:
             if contacts is not None:
                 contacts.deepest[0] = 0.0
             for found in self._asked('look'):
                 note_look(contacts, watch, found)
         # What contacts add up to is known here alone.
-        in_parts = examined and contacts is None and self._of_run
+        in_parts = examined and contacts is None and self._call.of_run
         if in_parts:
-            status = self._examine(time, ledger)
+            status = self._sum_figures(self._now, time, ledger)
         elif examined:
             self._have_state()
             place_all(model, state, work, 0, last)
@@ -286,18 +228,6 @@ class SharedPair(DistantBodies, Sharing):
                 if contacts is not None:
                     save_stretches(contacts.losses, team_of_one())
         return int(status), since_check
-
-    def _examine(self, time: float, ledger: np.ndarray) -> int:
-        """
-        Return the status bits of the state at `time` [s], as `examine`; ranks keep their states.
-        """
-        assert self._own is not None and self._now is not None
-        work = self._now.work
-        limit, inside = float(coarse_up_to(ledger)), bool(looks_inside(ledger))
-        self.order('examine', time, limit, inside)
-        own = self._own.examine(self._now, time, limit, inside=inside)
-        self.gather_figures(own, work.figures)
-        return int(conclude(self.packed.model, self._now.state, work.figures, ledger))
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""

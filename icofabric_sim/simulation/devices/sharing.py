@@ -6,34 +6,41 @@ Distribution of a fabric on the first rank: parts, windows of other ranks, and l
 All methods use it: splitting methods (leader.py) and the embedded pair (pair_leader.py).
 """
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import socket
 from typing import Any
 import weakref
 
 from icofabric_sim.kernels.figures import group_size
+from icofabric_sim.kernels.monitor import coarse_up_to, conclude, looks_inside
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes, received_bytes
-from icofabric_sim.simulation.devices.near_pairs import watch_stub
+from icofabric_sim.simulation.devices.near_pairs import no_contacts, watch_stub
 from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, window_of
+from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.executor import Executor
+from icofabric_sim.simulation.stepping.ledger import Ledger
 import numpy as np
 
 _numbers = iter(range(2**62))
 
 
-class Sharing(Executor):
+class Sharing(Executor, ABC):
     """Executor that divides a fabric among ranks, and the data that these have received."""
 
     is_remote = True
+    _stores_powers = False  # at the stages of a Runge-Kutta step
+    _arrays_of: Callable[..., Any]  # returns the arrays that steps of this rank change
 
     def __init__(
         self, transport: Transport, packed: PackedScene, bytes_of: Callable[[int], int]
@@ -48,6 +55,16 @@ class Sharing(Executor):
         # By which the ranks know it.
         self.number = next(_numbers)
         self.shared = SharedContacts(layout, transport.size)
+        # Steps of this rank, and whether those with contacts were ready.
+        self._own: Any = None
+        self._touches = False
+        # Arrays of the present call, and of the run that the ranks hold, with its candidate pairs.
+        self._now: Any = None
+        self._run: Any = None
+        self._contacts: Contacts | None = None
+        # Whether the state of the run is with the ranks, and whether only there; and whether that
+        # of the present call is here, too.
+        self._is_out = self._is_stale = self._is_here = False
         # Blocks of others that bodies of each rank may touch, or might before.
         self._near = [np.zeros(0, np.int64) for _ in range(transport.size)]
         self._divide()
@@ -56,10 +73,9 @@ class Sharing(Executor):
         # Of the windows of the other ranks, once they are cut.
         self._slots: list[Slots] = []
         # Whether ranks know the pairs that were shared last.
-        self.is_told = True
+        self._is_told = True
         self._acting: tuple[Any, ...] = ()
         self._written: list[np.ndarray] = []
-        self.acts = False  # whether anything acts on any body
         self._has_loads = False  # whether ranks have loads, if only empty ones
         self._saved = SavedPart(self.rows[0])
         # Where what ranks have saved belongs here; what had flowed, once it has been brought.
@@ -76,6 +92,98 @@ class Sharing(Executor):
         self.parts = divide(
             self.packed.layout, self.packed.model.links, self.rank_count, self._near)
         self.halo_bytes = max(map(received_bytes, self.parts))
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Let all ranks fail if this one fails in the block."""
+        self.transport.require_health()
+        if self.transport.has_ended:
+            raise RankError("the ranks have ended with their 'with' block")
+        with self.transport.alone():
+            try:
+                yield
+            except BaseException as error:
+                self._is_out = self._is_stale = False
+                self.forget_saved()
+                # Others wait for poses from here.
+                self.transport.fail(error)
+                raise
+
+    def gather(self) -> bool:
+        """Gather the state of the run; return True if the ranks had it."""
+        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
+        if is_stale and self._run is not None:
+            with self.transport.alone():
+                self._gather(self._run, self._contacts, of_run=True, whole=True)
+            return True
+        return False
+
+    def _enter(
+        self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None, *,
+        of_run: bool
+    ) -> None:
+        """
+        Send fabric, candidate pairs, loads and state to all ranks, as far as changed.
+
+        All kernels that this rank needs are compiled before.
+        """
+        contacts = model.contacts
+        if not self.shared.is_shared(contacts):
+            if self._is_out and self._run is not None:
+                self._gather(self._run, self._contacts, of_run=True, whole=True)
+                self._is_out = self._is_stale = False
+            if self._share(contacts):
+                self._own = None
+        if self._own is None:
+            self._own = self._send_windows(
+                model._replace(contacts=None), self._arrays_of(loads, state, work, None, watch))
+        if not self._is_told:
+            if contacts is not None and not self._touches:
+                self._own.make_ready(self._arrays_of(
+                    loads, state, work, no_contacts(contacts, model.blocks, self.packed.layout),
+                    watch))
+                self._touches = True
+            self._tell_contacts(contacts)
+            self._is_out = False
+        if self._send_loads(loads):
+            self._is_out = False
+        now = self._now = self._arrays_of(
+            loads, state, work, None if contacts is None else self.shared.own(
+                contacts, self.parts[0], of_run=of_run), watch if of_run else None)
+        self._is_here = not (of_run and self._is_out)
+        if of_run:
+            self._run, self._contacts = now, contacts
+        if self._is_here:
+            self._scatter(now, contacts, of_run=of_run)
+            self._is_out = self._is_out or of_run
+
+    @abstractmethod
+    def _send_windows(self, model: Model, arrays: Any) -> Any:
+        """Cut the windows of all ranks; return what takes steps of this rank."""
+
+    @abstractmethod
+    def _scatter(self, arrays: Any, contacts: Contacts | None, *, of_run: bool) -> None:
+        """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
+
+    @abstractmethod
+    def _gather(
+        self, arrays: Any, contacts: Contacts | None, *, of_run: bool, whole: bool
+    ) -> None:
+        """Gather the state of all ranks; `whole`: with all data of the next step."""
+
+    def _sum_figures(self, arrays: Any, time: float, numbers: np.ndarray) -> int:
+        """
+        Return the status bits of the state at `time` [s], as `examine`; ranks keep their states.
+        """
+        limit, inside = float(coarse_up_to(numbers)), bool(looks_inside(numbers))
+        self.order('examine', time, limit, inside)
+        own = self._own.examine(arrays, time, limit, inside=inside)
+        book = Ledger.over(numbers)
+        book.roughest = max(
+            book.roughest, self.gather_figures(own, arrays.work.figures))
+        # Any number that is too large is none.
+        with np.errstate(all='ignore'):
+            return int(conclude(self.packed.model, arrays.state, arrays.work.figures, numbers))
 
     @property
     def has_saved(self) -> bool:
@@ -198,10 +306,10 @@ class Sharing(Executor):
         """Send all other ranks an order for this fabric."""
         self.transport.order((name, self.number, *rest))
 
-    def share(self, contacts: Contacts | None) -> bool:
+    def _share(self, contacts: Contacts | None) -> bool:
         """Assign pairs to ranks; return True if windows change."""
         needed = self.shared.split(contacts)
-        self.is_told = False
+        self._is_told = False
         if not any(
                 len(np.setdiff1d(blocks, part.halo))
                 for blocks, part in zip(needed, self.parts)):
@@ -211,15 +319,14 @@ class Sharing(Executor):
         self._divide()
         return True
 
-    def send_windows(
-        self, model: Model, watch: Watch | None, what: Any, *, spends: bool,
+    def _cut_windows(
+        self, model: Model, arrays: Any, what: Any, *,
         samples: Sequence[np.ndarray] | None = None
     ) -> None:
         """
         Send each rank its window, and `what` it needs for steps.
 
-        `samples` are blocks of each part that sample the roughness; `spends` means dissipative
-        forces.
+        `samples` are blocks of each part that sample the roughness.
         """
         # With their windows ranks lose what they have saved.
         self._bring_saved()
@@ -229,25 +336,22 @@ class Sharing(Executor):
             chosen = np.zeros(0, np.int64) if samples is None else samples[rank]
             window = window_of(model, layout, self.parts[rank], self._slots[rank], chosen)
             window = window._replace(
-                watch=None if watch is None else watch_stub(watch), spends=spends)
+                watch=None if arrays.watch is None else watch_stub(arrays.watch),
+                spends=arrays.work.spent is not None)
             self.transport.send_order(('window', self.number, window, what), rank)
-        self.is_told = False
+        self._is_told = False
 
-    def tell_contacts(self, contacts: Contacts | None) -> None:
+    def _tell_contacts(self, contacts: Contacts | None) -> None:
         """Send each rank its pairs."""
         for rank in self.others:
             near = None if contacts is None else self.shared.near(
                 contacts, rank, self._slots[rank])
             self.transport.send_order(('contacts', self.number, near), rank)
-        self.is_told = True
+        self._is_told = True
 
-    def send_loads(self, loads: Loads, *, stages: int) -> bool:
-        """
-        Send each rank the loads on its bodies if they have changed; return True if sent.
-
-        `stages` is the number of stages of a Runge-Kutta step whose powers are stored.
-        """
-        anchors = loads.anchors
+    def _send_loads(self, loads: Loads) -> bool:
+        """Send each rank the loads on its bodies if they have changed; return True if sent."""
+        anchors, stages = loads.anchors, len(loads.power) if self._stores_powers else 0
         acting = loads.start, loads.wrench, loads.force, anchors, loads.drives, loads.tractions
         # Forces of pulls, and slopes of anchors that break, are written in place.
         written = [loads.force] if anchors is None else [
@@ -257,8 +361,7 @@ class Sharing(Executor):
                 np.array_equal(one, other) for one, other in zip(written, self._written)):
             return False
         self._acting, self._written = acting, [values.copy() for values in written]
-        self.acts = len(loads.wrench) > 0
-        self._has_loads = self.acts or stages > 0
+        self._has_loads = len(loads.wrench) > 0 or stages > 0
         for rank in self.others:
             own = None
             if self._has_loads:
