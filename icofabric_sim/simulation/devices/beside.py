@@ -44,7 +44,7 @@ def bounds_of_state(state: State, bodies: np.ndarray) -> np.ndarray:
         velocity.max(axis=1), (-velocity).max(axis=1), [np.abs(place).max()]])
 
 
-def fastest_square(state: State, bodies: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2], (1,)."""
+def fastest_square(state: State, bodies: np.ndarray, velocity: np.ndarray) -> float:
+    """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
     apart = state.linear_velocity[:, bodies] - velocity[:, None]
-    return np.array([(apart**2).sum(axis=0).max(initial=0.0)])
+    return float((apart**2).sum(axis=0).max(initial=0.0))

@@ -2,53 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data of a fabric on a rank other than the first, for steps of an embedded pair."""
 
-from typing import Any
-
 from icofabric_sim.kernels.integrators.tableau import Pair, SLOPE_COUNT
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
-from icofabric_sim.simulation.devices.held_window import Surroundings
-from icofabric_sim.simulation.devices.near_pairs import NearPairs
+from icofabric_sim.simulation.devices.held import Held
 from icofabric_sim.simulation.devices.pair_steps import done_by, END, PairArrays, PairPart
-from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
-from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import aligned_empty
 import numpy as np
 
 
-class HeldPair:
+class HeldPair(Held):
     """A window with its states, of the run and of trial steps."""
 
     def __init__(self, transport: Transport, window: Window, pair: Pair) -> None:
         """Prepare to allocate a state when it is first needed."""
-        self._transport, self._window = transport, window
-        slot, exchange = window.model.blocks.slot, window.exchange
-        self._steps = PairPart(transport, window.model, exchange, pair)
-        self._rows = SlotRows(slot[exchange.first:exchange.last])
+        super().__init__(
+            transport, window, PairPart(transport, window.model, window.exchange, pair))
         self._points = aligned_empty(
             (0 if window.model.links is None else 18 * window.slot_count,))
         self._points[:] = 0.0
         # By whether it is the run's.
         self._states: dict[bool, tuple[State, Work]] = {}
         self._acting: dict[bool, Loads] = {}
-        self._around = Surroundings(window)
-        self._saved = SavedPart(self._rows)
-
-    def contacts(self, near: NearPairs | None) -> None:
-        """Use these pairs from now on."""
-        self._around.take_pairs(near)
 
     def loads(self, loads: Loads) -> None:
         """Use these loads from now on."""
         self._acting = {True: loads, False: loads._replace(
             work=np.zeros_like(loads.work), earlier_work=np.zeros_like(loads.earlier_work),
             power=np.zeros_like(loads.power))}
-
-    def watch(self, frame: np.ndarray) -> None:
-        """Record displacements from the present poses."""
-        self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
         """Receive the state from the first rank."""
@@ -64,26 +47,6 @@ class HeldPair:
         self._transport.wait([self._transport.receive(row, 0) for row in more])
         if now.contacts is not None and remembered:
             wake(now.contacts, slice(None), (remembered[0], remembered[2]))
-
-    def pair(self, of_run: bool, what: str, words: tuple[Any, ...]) -> None:
-        """Execute a part of a step, and send its result, if any."""
-        answer = self._steps.do(what, self._arrays(of_run), *words)
-        if answer is not None:
-            self._transport.wait([self._transport.send(answer, 0)])
-
-    def examine(self, time: float, limit: float, inside: bool) -> None:
-        """Send the figures of a health check to the first rank."""
-        figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
-        self._transport.wait([self._transport.send(figures, 0)])
-
-    def save(self) -> None:
-        """Save the state and the work of loads."""
-        now = self._arrays(True)
-        self._saved.save(now.state, now.work, now.loads.work)
-
-    def give_saved(self) -> None:
-        """Send the saved state to the first rank."""
-        self._saved.give(self._transport)
 
     def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
         """Send the state and some slopes to the first rank."""
@@ -101,8 +64,8 @@ class HeldPair:
             self._states[of_run] = self._room()
         state, work = self._states[of_run]
         return PairArrays(
-            self._acting[of_run], state, work, self._around.contacts.get(of_run),
-            self._around.watch if of_run else None)
+            self._acting[of_run], state, work, self._contacts.get(of_run),
+            self._watch if of_run else None)
 
     def _room(self) -> tuple[State, Work]:
         window, count = self._window, self._window.slot_count

@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data of a fabric on a rank other than the first, for splitting steps: window and states."""
 
-from functools import cached_property
 from typing import Any
 
 from icofabric_sim.kernels.records import Loads, State, Work
 from icofabric_sim.simulation.devices.beside import (
     AHEAD,
-    bodies_of,
-    bounds_of_state,
-    fastest_square,
     HALF,
     meter_room,
     squares_apart,
 )
 from icofabric_sim.simulation.devices.executor import Interval
-from icofabric_sim.simulation.devices.held_window import Surroundings
-from icofabric_sim.simulation.devices.near_pairs import NearPairs
+from icofabric_sim.simulation.devices.held import Held
 from icofabric_sim.simulation.devices.part_iteration import PartIteration
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
-from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
-from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
+from icofabric_sim.simulation.devices.slot_rows import tables_of
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import (
@@ -34,38 +28,25 @@ from icofabric_sim.simulation.model.layout import (
 import numpy as np
 
 
-class HeldPart:
+class HeldPart(Held):
     """Window of a rank with the states of a run and of its trials."""
 
     def __init__(self, transport: Transport, window: Window, weights: Weights) -> None:
         """Allocate both states."""
-        self._transport = transport
-        slot, exchange = window.model.blocks.slot, window.exchange
-        self._steps = PartSteps(transport, window.model, exchange, weights)
-        self._rows = SlotRows(slot[exchange.first:exchange.last])
+        super().__init__(
+            transport, window, PartSteps(transport, window.model, window.exchange, weights))
         self._states = _states_of(window, weights)  # by whether it is the run's
         # Of trial steps that are judged where they are, once there are some.
         self._beside: dict[str, tuple[State, Work]] = {}
-        self._blocks = window.model.blocks
         self._loads: Loads | None = None
         self._works: dict[bool, np.ndarray] = {}
-        self._around = Surroundings(window)
-        self._saved = SavedPart(self._rows)
         self._iteration: PartIteration | None = None
-
-    def contacts(self, near: NearPairs | None) -> None:
-        """Use these candidate pairs."""
-        self._around.take_pairs(near)
 
     def loads(self, loads: Loads | None) -> None:
         """Use these loads."""
         self._loads = loads
         if loads is not None:
             self._works = {True: loads.work, False: np.zeros_like(loads.work)}
-
-    def watch(self, frame: np.ndarray) -> None:
-        """Record displacements from the present poses."""
-        self._around.watch_from(self._states[True][0], frame)
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
         """Receive the state from the first rank."""
@@ -112,40 +93,6 @@ class HeldPart:
         (ahead, _), (half, _) = self._beside[AHEAD], self._beside[HALF]
         self._answer(squares_apart(ahead, half, self._rows))
 
-    def bounds(self) -> None:
-        """Send the bounds of velocities and positions of the run to the first rank."""
-        self._answer(bounds_of_state(self._states[True][0], self._bodies))
-
-    @cached_property
-    def _bodies(self) -> np.ndarray:
-        """Slots of the bodies of this rank."""
-        own = self._steps.blocks
-        return bodies_of(self._blocks, own.start, own.stop)
-
-    def _answer(self, numbers: np.ndarray) -> None:
-        self._transport.wait([self._transport.send(numbers, 0)])
-
-    def examine(self, time: float, limit: float, inside: bool) -> None:
-        """Send the figures of a health check to the first rank."""
-        figures = self._steps.examine(self._arrays(True), time, limit, inside=inside)
-        self._answer(figures)
-
-    def refresh(self, time: float) -> None:
-        """Compute the accelerations of the run at `time` [s]."""
-        self._steps.refresh(self._arrays(True), time)
-
-    def squares(self, fall: np.ndarray) -> None:
-        """Send sums of squared accelerations to the first rank."""
-        self._answer(self._steps.squares(self._arrays(True).work, fall))
-
-    def velocity_sums(self) -> None:
-        """Send sums of velocities to the first rank."""
-        self._answer(self._steps.velocity_sums(self._arrays(True)))
-
-    def fastest_square(self, velocity: np.ndarray) -> None:
-        """Send the largest squared velocity relative to `velocity` to the first rank."""
-        self._answer(fastest_square(self._states[True][0], self._bodies, velocity))
-
     def begin_iteration(self) -> None:
         """Start an iteration for the largest frequency; send its first sums."""
         self._iteration = self._steps.iteration(self._arrays(True))
@@ -155,22 +102,11 @@ class HeldPart:
 
     def iterate(self, name: str, *numbers: float) -> None:
         """Continue the iteration; send the sums, if any."""
-        found = getattr(self._iteration, name)(*numbers)
-        if found is not None:
-            self._answer(found)
+        self._answer(getattr(self._iteration, name)(*numbers))
 
     def end_iteration(self) -> None:
         """Discard the vectors of the iteration."""
         self._iteration = None
-
-    def save(self) -> None:
-        """Save the state and the work of loads."""
-        loads, state, work, *_ = self._arrays(True)
-        self._saved.save(state, work, None if loads is None else loads.work)
-
-    def give_saved(self) -> None:
-        """Send the saved state to the first rank."""
-        self._saved.give(self._transport)
 
     def gather(self, of_run: bool, whole: bool) -> None:
         """Send the state to the first rank."""
@@ -192,7 +128,7 @@ class HeldPart:
         loads = self._loads
         return Arrays(
             None if loads is None else loads._replace(work=self._works[of_run]), state, work,
-            self._around.contacts.get(of_run), self._around.watch if of_run else None)
+            self._contacts.get(of_run), self._watch if of_run else None)
 
 
 def _states_of(window: Window, weights: Weights) -> dict[bool, tuple[State, Work]]:

@@ -9,7 +9,7 @@ checks with contacts. Sums over all bodies are formed over groups of blocks (ker
 so they equal those of a single process.
 """
 
-from functools import cached_property, partial
+from functools import partial
 import math
 from typing import Any
 
@@ -28,9 +28,6 @@ from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, 
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.beside import (
     AHEAD,
-    bodies_of,
-    bounds_of_state,
-    fastest_square,
     HALF,
     meter_room,
     squares_apart,
@@ -134,34 +131,29 @@ class SharedSteps(Sharing):
     def refresh(self, time: float) -> None:
         """Compute the accelerations at `time` [s] on the ranks, which hold the state."""
         with self.together():
-            self.order('refresh', time)
-            self._own.refresh(self._run, time)
+            self._do('refresh', time)
             self._is_stale = True
 
     def fill_figures(self, time: float, numbers: np.ndarray) -> None:
         """Write the figures of a health check at `time` [s] to the `numbers` of a ledger."""
         with self.together():
             self._ledger = Ledger.over(numbers)
-            self._sum_figures(self._run, time, numbers)
+            self._sum_figures(time, numbers)
 
     def squares(self, fall: np.ndarray, sums: np.ndarray) -> None:
         """Write sums (2, g) of squared accelerations, as `note_squares` of group_sums.py."""
         with self.together():
-            self.order('squares', fall)
-            self.gather_sums(self._own.squares(self._run.work, fall), sums)
+            self.gather_sums(self._do('squares', fall), sums)
 
     def velocity_sums(self, sums: np.ndarray) -> None:
         """Write sums (3, g) of velocities [m/s], as `note_sums` of group_sums.py."""
         with self.together():
-            self.order('velocity_sums')
-            self.gather_sums(self._own.velocity_sums(self._run), sums)
+            self.gather_sums(self._do('velocity_sums'), sums)
 
     def fastest_square(self, velocity: np.ndarray) -> float:
         """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2]."""
         with self.together():
-            self.order('fastest_square', velocity)
-            return float(self.largest_of(fastest_square(
-                self._run.state, self._bodies, velocity))[0])
+            return float(self.largest_of(self._do('fastest_square', velocity))[0])
 
     def bounds(self) -> np.ndarray | None:
         """Return the bounds of the start or of the state on the ranks; None: the state is here."""
@@ -170,8 +162,7 @@ class SharedSteps(Sharing):
         if not self._is_apart:
             return None
         with self.together():
-            self.order('bounds')
-            return self.largest_of(bounds_of_state(self._run.state, self._bodies))
+            return self.largest_of(self._do('bounds'))
 
     def largest_frequency(self) -> Frequency | None:
         """
@@ -281,12 +272,6 @@ class SharedSteps(Sharing):
         save(model, source.state, target.state, part.first, part.last)
         self.rows[0].copy(source.work.acceleration, target.work.acceleration)
 
-    @cached_property
-    def _bodies(self) -> np.ndarray:
-        """Slots of this rank's bodies, which other windows do not change."""
-        part = self.parts[0]
-        return bodies_of(self.packed.model.blocks, part.first, part.last)
-
     def gather(self) -> bool:
         """Gather the state of the run; return True if the ranks had it."""
         if self.unpacked is not None:
@@ -316,7 +301,7 @@ class SharedSteps(Sharing):
     def examine(self, call: Call, time: float) -> int:
         """Return the status of a health check at `time` [s]."""
         if call.model.contacts is None:
-            return self._sum_figures(self._now, time, call.ledger)
+            return self._sum_figures(time, call.ledger)
         # Only the first rank sums over contacts.
         self._gather_run(call)
         place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))

@@ -95,8 +95,7 @@ class SharedPair(DistantBodies, Sharing):
     def _order(self, what: str, *words: Any) -> np.ndarray | None:
         """Let all ranks execute a part of a step; return the result of this rank."""
         contacts = self._call.model.contacts
-        self.order('pair', self._call.of_run, what, words)
-        found: np.ndarray | None = self._own.do(what, self._now, *words)
+        found: np.ndarray | None = self._do(what, *words, of_run=self._call.of_run)
         if contacts is not None:
             contacts.tests[0] += self._own.take_touches() * len(contacts.pairs)
         return found
@@ -143,24 +142,24 @@ class SharedPair(DistantBodies, Sharing):
 
     def repeat_slope(self) -> None:
         """Copy the last slope of a step to the first of the next."""
-        self._order('repeat')
+        self._order('repeat_slope')
 
     def find_slope(self, index: int, of_stage: bool, time: float) -> None:
         """Write slope number `index` at a `time` [s]: of the stage in progress, or the state."""
-        self._order('slope', of_stage, int(index), float(time))
+        self._order('find_slope', of_stage, int(index), float(time))
 
     def try_step(self, pair: Pair, time: float, h: float, is_judged: bool) -> None:
         """Compute the other slopes of a step from `time` [s], and its end."""
         if is_judged and self._call.of_run and self._call.watch is not None:
             self._call.watch.far[0] = 0.0
-        self._order('try', float(time), float(h), is_judged)
+        self._order('try_step', float(time), float(h), is_judged)
 
     def largest_error(
         self, pair: Pair, scales: np.ndarray, smooth: float, h: float
     ) -> tuple[float, float]:
         """Return the error rate of a step, and the probable one."""
         watch = self._call.watch
-        found = self._asked('errors', scales.copy(), smooth)
+        found = self._asked('find_errors', scales.copy(), smooth)
         # The maximum of numpy keeps what is no number; none of them is.
         largest, probable, of_paths, touched, far = (
             float(number) for number in found.max(axis=0))
@@ -174,7 +173,7 @@ class SharedPair(DistantBodies, Sharing):
 
     def accept_step(self, pair: Pair, h: float, keeps_start: bool) -> None:
         """Let the bodies be where the step of `h` [s] ends."""
-        self._order('accept', float(h), keeps_start)
+        self._order('accept_step', float(h), keeps_start)
         # Steps of a given length leave nothing behind of where they began.
         self._is_here, self._has_stepped = False, self._has_stepped or (
             self._call.of_run and keeps_start)
@@ -182,7 +181,7 @@ class SharedPair(DistantBodies, Sharing):
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
         """Return the result of `fastest_points` over all ranks."""
         speed, moved = (float(number) for number in self._asked(
-            'speeds', mean, time).max(axis=0))
+            'find_speeds', mean, time).max(axis=0))
         return speed, moved
 
     def check_health(
@@ -201,7 +200,7 @@ class SharedPair(DistantBodies, Sharing):
         # What contacts add up to is known here alone.
         in_parts = examined and contacts is None and self._call.of_run
         if in_parts:
-            status = self._sum_figures(self._now, time, ledger)
+            status = self._sum_figures(time, ledger)
         elif examined:
             self._have_state()
             place_all(model, state, work, 0, last)

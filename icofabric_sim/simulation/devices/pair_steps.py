@@ -131,13 +131,8 @@ class PairPart:
         found, self.touches = self.touches, 0
         return found
 
-    def do(self, what: str, arrays: PairArrays, *words: Any) -> np.ndarray | None:
-        """Execute a part of a step by name; return the result for the first rank."""
-        found: np.ndarray | None = getattr(self, f'_{what}')(arrays, *words)
-        return found
-
     def examine(
-        self, arrays: PairArrays, time: float, limit: float, *, inside: bool
+        self, arrays: PairArrays, time: float, limit: float, inside: bool
     ) -> np.ndarray:
         """
         Sum the figures of a health check at `time` [s] over this part.
@@ -161,7 +156,7 @@ class PairPart:
             self._touching = self._model._replace(contacts=contacts)
         return self._touching
 
-    def _slope(self, arrays: PairArrays, at_stage: bool, index: int, time: float) -> None:
+    def find_slope(self, arrays: PairArrays, at_stage: bool, index: int, time: float) -> None:
         """Compute slope number `index` at the state or the stage, at a `time` [s]."""
         loads, state, work, contacts, watch = arrays
         model, number = self._model_with(contacts), np.int64(index)
@@ -184,7 +179,7 @@ class PairPart:
         self.touches += 1
         find_slopes(model, loads, state, work, time, slope, number, first, last)
 
-    def _try(self, arrays: PairArrays, time: float, h: float, forget: bool) -> None:
+    def try_step(self, arrays: PairArrays, time: float, h: float, forget: bool) -> None:
         """Compute the other slopes of a step of `h` [s] at `time` [s]; its end is the stage."""
         state, contacts, watch, pair = arrays.state, arrays.contacts, arrays.watch, self._pair
         losses = None if contacts is None else contacts.losses
@@ -197,12 +192,12 @@ class PairPart:
             if losses is not None:
                 combine_stretches(losses, weights, h, False, self._team)
             if not is_end:
-                self._slope(arrays, True, index, time + pair.nodes[index] * h)
+                self.find_slope(arrays, True, index, time + pair.nodes[index] * h)
         if watch is not None:
             # Forces will be evaluated at the end too.
             ways_of(watch, self._model.blocks, arrays.trail.stage, time + h, 0, first, last)
 
-    def _errors(self, arrays: PairArrays, scales: np.ndarray, smooth: float) -> np.ndarray:
+    def find_errors(self, arrays: PairArrays, scales: np.ndarray, smooth: float) -> np.ndarray:
         """
         Return the errors of the step: for step control, probable, and of the work of paths.
 
@@ -217,7 +212,7 @@ class PairPart:
         touched = has_touched(arrays.loads.drives, contacts, 1)
         return np.array([*found, touched, 0.0 if watch is None else watch.far[0]])
 
-    def _accept(self, arrays: PairArrays, h: float, keeps_start: bool) -> None:
+    def accept_step(self, arrays: PairArrays, h: float, keeps_start: bool) -> None:
         """Accept the step: the stage becomes the state."""
         loads, state, work, contacts, _ = arrays
         first, last, pair = self._exchange.first, self._exchange.last, self._pair
@@ -230,7 +225,7 @@ class PairPart:
         add_work(loads, h, pair.step, first, last)
         add_flow(work.spent, self._model.blocks.slot, h, pair.step, first, last)
 
-    def _repeat(self, arrays: PairArrays) -> None:
+    def repeat_slope(self, arrays: PairArrays) -> None:
         """Copy the last slope of a step to the first slope of the next."""
         copy_last(
             self._model, arrays.loads, arrays.work, arrays.trail, self._exchange.first,
@@ -238,7 +233,7 @@ class PairPart:
         if arrays.contacts is not None:
             repeat_stretches(arrays.contacts.losses, self._team)
 
-    def _speeds(
+    def find_speeds(
         self, arrays: PairArrays, mean: tuple[float, float, float], time: float
     ) -> np.ndarray:
         """Return the largest speed at the stages, and the largest squared displacement before."""
@@ -247,7 +242,7 @@ class PairPart:
             arrays.watch, self._model.blocks, arrays.state, arrays.trail,
             self._pair.stage_count, mean, time, self._exchange.first, self._exchange.last))
 
-    def _look(self, arrays: PairArrays) -> np.ndarray:
+    def look(self, arrays: PairArrays) -> np.ndarray:
         """Return and reset recorded displacements and overlaps."""
         return look_at(arrays.contacts, arrays.watch)
 

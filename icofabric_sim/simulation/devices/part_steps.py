@@ -11,6 +11,7 @@ blocks drift first, as in one process, and pairs are evaluated once poses have a
 forces need velocities, too.
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.contact.displacement import ways_of
@@ -32,6 +33,7 @@ from icofabric_sim.kernels.records import (
 )
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state, fastest_square
 from icofabric_sim.simulation.devices.executor import Interval, sampled_batches
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.part_iteration import PartIteration
@@ -140,7 +142,7 @@ class PartSteps:
                 arrays.contacts, self._model, self._exchange.first, self._exchange.last)
 
     def examine(
-        self, arrays: Arrays, time: float, limit: float, *, inside: bool
+        self, arrays: Arrays, time: float, limit: float, inside: bool
     ) -> np.ndarray:
         """
         Sum the figures of a health check at `time` [s] over this part.
@@ -163,9 +165,9 @@ class PartSteps:
         keep_accelerations(
             self._model, arrays.state, arrays.work, time, exchange.first, exchange.last)
 
-    def squares(self, work: Work, fall: np.ndarray) -> np.ndarray:
+    def squares(self, arrays: Arrays, fall: np.ndarray) -> np.ndarray:
         """Return the sums of `note_squares` (group_sums.py) over this part."""
-        exchange, model = self._exchange, self._model
+        exchange, model, work = self._exchange, self._model, arrays.work
         sums = np.zeros((2, -(-(exchange.last - exchange.first) // work.group)))
         note_squares(
             model.blocks, model.masses, work.acceleration, fall, sums, work.group, 0,
@@ -180,6 +182,19 @@ class PartSteps:
             self._model.blocks, state.linear_velocity, sums, work.group, 0, sums.shape[1],
             exchange.last)
         return sums
+
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        """Slots of this rank's bodies."""
+        return bodies_of(self._model.blocks, self._exchange.first, self._exchange.last)
+
+    def bounds(self, arrays: Arrays) -> np.ndarray:
+        """Return largest and minus least velocities [m/s] and the largest coordinate [m], (7,)."""
+        return bounds_of_state(arrays.state, self._bodies)
+
+    def fastest_square(self, arrays: Arrays, velocity: np.ndarray) -> np.ndarray:
+        """Return the largest squared velocity relative to `velocity` (3,) [m^2/s^2], (1,)."""
+        return np.array([fastest_square(arrays.state, self._bodies, velocity)])
 
     def iteration(self, arrays: Arrays) -> PartIteration:
         """Start an iteration for the largest frequency about the present state."""

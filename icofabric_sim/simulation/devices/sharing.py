@@ -171,14 +171,18 @@ class Sharing(Executor, ABC):
     ) -> None:
         """Gather the state of all ranks; `whole`: with all data of the next step."""
 
-    def _sum_figures(self, arrays: Any, time: float, numbers: np.ndarray) -> int:
+    def _do(self, what: str, *words: Any, of_run: bool = True) -> Any:
+        """Let all ranks call a method of their steps; return the result of this rank."""
+        self.order('do', of_run, what, words)
+        return getattr(self._own, what)(self._run if of_run else self._now, *words)
+
+    def _sum_figures(self, time: float, numbers: np.ndarray) -> int:
         """
         Return the status bits of the state at `time` [s], as `examine`; ranks keep their states.
         """
+        arrays = self._run
         limit, inside = float(coarse_up_to(numbers)), bool(looks_inside(numbers))
-        self.order('examine', time, limit, inside)
-        own = self._own.examine(arrays, time, limit, inside=inside)
-        book = Ledger.over(numbers)
+        own, book = self._do('examine', time, limit, inside), Ledger.over(numbers)
         book.roughest = max(
             book.roughest, self.gather_figures(own, arrays.work.figures))
         # Any number that is too large is none.
