@@ -372,10 +372,10 @@ def test_without_a_gpu_cuda_names_the_way_out():
 
 
 def test_a_fabric_beyond_the_memory_of_the_device_is_refused(monkeypatch):
-    from icofabric_sim.simulation.devices.gpu import opening, pair, steps
+    from icofabric_sim.simulation.devices.gpu import opening, run
     monkeypatch.setattr(opening.Device, 'free_bytes', 10_000)
-    for module, name in ((steps, 'slab, leapfrog'), (pair, 'damped, dop8')):
-        monkeypatch.setattr(module, 'fabric_of', lambda *_: pytest.fail('allocated'))
+    monkeypatch.setattr(run, 'fabric_of', lambda *_: pytest.fail('allocated'))
+    for name in ('slab, leapfrog', 'damped, dop8'):
         with pytest.raises(ValueError, match='bodies need about .* GB on the processor, by Warp'):
             compiled(name)
 

@@ -13,14 +13,8 @@ from functools import partial
 import math
 from typing import Any
 
-from icofabric_sim.kernels.contact.displacement import farthest, SOON
-from icofabric_sim.kernels.contact.losses import save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways
-from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
-    examine,
     LEDGER_COUNT,
     save,
 )
@@ -32,8 +26,7 @@ from icofabric_sim.simulation.devices.beside import (
     meter_room,
     squares_apart,
 )
-from icofabric_sim.simulation.devices.executor import Call, Interval, take_steps
-from icofabric_sim.simulation.devices.near_pairs import team_of_one
+from icofabric_sim.simulation.devices.executor import Interval, RemoteSteps
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
 from icofabric_sim.simulation.devices.shared_contacts import (
     look_at,
@@ -63,7 +56,7 @@ from icofabric_sim.simulation.stepping.step_monitor import differences_of
 import numpy as np
 
 
-class SharedSteps(Sharing):
+class SharedSteps(Sharing, RemoteSteps):
     """Steps of a method that all ranks of a transport take; created on the first rank."""
 
     tries_steps = True
@@ -92,17 +85,12 @@ class SharedSteps(Sharing):
         # The state before it is with the ranks; whether some slots of it have never been here.
         self.unpacked, self._is_partial = unpacked, False
         self._samples: list[np.ndarray] = []
+        self._differences, self._stages = differences, self._weights.stages
         self._acted: Loads | None = None  # also where they are empty
         self._ledger = Ledger.over(np.zeros(LEDGER_COUNT))
         self._can_iterate = False  # whether kernels of iterations are ready
         self._tried_by: PartSteps | None = None
         self._trials: dict[str, Arrays] = {}
-
-    def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
-        """Take steps with all ranks, as `splitting` of kernels/integrators/splitting.py."""
-        with self.together():
-            return take_steps(
-                self, self._weights.differences, self._weights.stages, model, *arguments)
 
     def count_evaluations(self) -> int:
         """Return the number of force evaluations that crossings of kinks added."""
@@ -126,7 +114,7 @@ class SharedSteps(Sharing):
         """Distribute the state of a run without contacts, and its loads."""
         with self.together():
             self._acted = loads
-            self._enter(model, loads, state, work, watch, of_run=True)
+            self._distribute(model, loads, state, work, watch, of_run=True)
 
     def refresh(self, time: float) -> None:
         """Compute the accelerations at `time` [s] on the ranks, which hold the state."""
@@ -204,7 +192,7 @@ class SharedSteps(Sharing):
             return False
         with self.together():
             self.save_parts(
-                self._run.state, self._run.work, self._acted, saved, keeps_work=True)
+                self._run.state, self._run.work, self._acted, saved)
         return True
 
     def put_begun(self, saved: State) -> bool:
@@ -222,7 +210,7 @@ class SharedSteps(Sharing):
         """Begin at the state of the run; the work of its loads does not change."""
         with self.together():
             self._acted = loads
-            self._enter(model, loads, state, work, watch, of_run=True)
+            self._distribute(model, loads, state, work, watch, of_run=True)
             if self._own is not self._tried_by:
                 # Windows are other ones, and read other slots.
                 self._tried_by, self._trials = self._own, {}
@@ -279,60 +267,29 @@ class SharedSteps(Sharing):
             self.unpacked = None
         return super().gather()
 
-    def begin(self, call: Call) -> None:
+    def enter(self) -> None:
         """Distribute the state of the call, unless the ranks hold it already."""
-        of_run = call.steps.is_checked
-        if of_run:
-            self._ledger, self._acted = Ledger.over(call.ledger), call.loads
-        self._enter(
-            call.model, call.loads, call.state, call.work, call.watch, of_run=of_run)
-        if of_run:
-            self._is_stale = self._is_moved = True
+        if self._call.of_run:
+            self._ledger, self._acted = Ledger.over(self._call.ledger), self._call.loads
+        super().enter()
+        self._is_moved = self._is_moved or self._call.of_run
 
-    def take(self, call: Call, interval: Interval) -> None:
+    def take(self, interval: Interval) -> None:
         """Take the steps of an interval with all ranks."""
-        self._is_here = False
+        contacts, self._is_here = self._call.model.contacts, False
         self.order('take', interval)
         self._own.take(self._now, interval)
-        if call.model.contacts is not None:
-            call.model.contacts.tests[0] += self._own.take_touches() * len(
-                call.model.contacts.pairs)
+        if contacts is not None:
+            contacts.tests[0] += self._own.take_touches() * len(contacts.pairs)
 
-    def examine(self, call: Call, time: float) -> int:
-        """Return the status of a health check at `time` [s]."""
-        if call.model.contacts is None:
-            return self._sum_figures(time, call.ledger)
-        # Only the first rank sums over contacts.
-        self._gather_run(call)
-        place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))
-        return int(examine(
-            call.model, call.loads, call.state, call.work, time, call.ledger))
-
-    def save(self, call: Call) -> None:
-        """Save the state that was just examined, on the ranks or after it was gathered."""
-        contacts, blocks = call.model.contacts, len(call.model.blocks.slot)
-        if contacts is None:
-            self.save_parts(call.state, call.work, call.loads, call.saved, keeps_work=True)
-            return
-        self.forget_saved()
-        save(call.model, call.state, call.saved, 0, blocks)
-        save_stretches(contacts.losses, team_of_one())
-        keep_work(call.loads, 0, blocks)
-
-    def end(self, call: Call) -> None:
+    def leave(self) -> None:
         """Gather the state of a trial."""
-        if not call.steps.is_checked:
-            self._gather(self._now, call.model.contacts, of_run=False, whole=True)
+        if not self._call.of_run:
+            self._gather(self._now, self._call.model.contacts, of_run=False, whole=True)
 
-    def _gather_run(self, call: Call) -> None:
-        """Gather the state of the run at a step end, without what only later steps need."""
-        if not self._is_here:
-            self._gather(self._now, call.model.contacts, of_run=True, whole=False)
-            self._is_here = True
-
-    def exchange(self, call: Call, *, is_guarded: bool) -> None:
+    def exchange(self, *, is_guarded: bool, is_searched: bool) -> None:
         """Collect displacements, overlaps and impulses of contacts from all ranks."""
-        contacts, own = call.model.contacts, self._now.contacts
+        contacts, own = self._call.model.contacts, self._now.contacts
         if own is not None and contacts is not None:
             contacts.deepest[0] = 0.0
             note_look(contacts, None, look_at(own, None))
@@ -342,23 +299,10 @@ class SharedSteps(Sharing):
         for rank in self.others:
             look = np.zeros(REPORT_SIZE)
             self.receive(look, rank)
-            note_look(contacts, call.watch, look)
+            note_look(contacts, self._call.watch, look)
             if is_guarded and contacts is not None:
                 part = self.parts[rank]
                 self.receive(contacts.pushes[part.first:part.last], rank)
-
-    def search(self, call: Call, time: float) -> int:
-        """Return the status of `judge_ways`; after its search, ranks watch from there on."""
-        watch = call.watch
-        assert watch is not None
-        most = farthest(watch, 1)
-        if not most > watch.limits[SOON]:
-            return 0
-        self._gather_run(call)
-        status = int(judge_ways(watch, most, call.state, time, call.steps.step))
-        if not status:
-            self.order('watch', watch.frame.copy())
-        return status
 
     def _arrays_of(
         self, loads: Loads, state: State, work: Work, contacts: Contacts | None,

@@ -9,19 +9,21 @@ contacts run in this process, which receives the state when necessary. Speeds an
 points of shells are computed where the bodies are.
 """
 
-from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from abc import abstractmethod
+from typing import Any
 
 from icofabric_sim.kernels.contact.clearance import CLEAR, judge_clear, mean_velocity, way_between
 from icofabric_sim.kernels.contact.displacement import FREE, MAX_REACH
 from icofabric_sim.kernels.contact.forces import set_tests, tests_of
 from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, MISSED
 from icofabric_sim.kernels.integrators.embedded import adaptive_pair, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.integrators.tableau import Pair
+from icofabric_sim.kernels.monitor import SAVED_AT, TOO_DEEP, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
 from icofabric_sim.kernels.runtime.compiled import in_python
+from icofabric_sim.simulation.devices.executor import Call, Remote
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 import numpy as np
 
@@ -29,23 +31,11 @@ Mean = tuple[float, float, float]
 Steps = tuple[int, int, int]
 
 
-class PairCall(NamedTuple):
-    """Arguments of a call that takes steps."""
-
-    model: Model
-    loads: Loads
-    state: State
-    saved: State
-    work: Work
-    watch: Watch | None
-    of_run: bool  # not of a trial
-    adapts: bool  # steps may be refused
-
-
-class DistantBodies(ABC):
+class DistantBodies(Remote):
     """Bodies elsewhere, as kernels/integrators/bodies.py asks them."""
 
-    _call: PairCall
+    # Under an embedded control each step keeps the work of loads where it begins.
+    _keeps_work = False
 
     def __init__(self, pair: Pair) -> None:
         """Take the steps of `pair`."""
@@ -57,8 +47,8 @@ class DistantBodies(ABC):
         watch: Watch | None, ledger: np.ndarray
     ) -> Steps:
         """Take steps as `adaptive_pair` does."""
-        call = PairCall(
-            model, loads, state, saved, work, watch, check_interval < NEVER, adapts=True)
+        call = Call(
+            model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
         return self._take(
             call, adaptive_pair, control, count, since_check, check_interval, ledger)
 
@@ -68,23 +58,23 @@ class DistantBodies(ABC):
         watch: Watch | None, ledger: np.ndarray
     ) -> Steps:
         """Take steps as `fixed_pair` does."""
-        call = PairCall(
-            model, loads, state, saved, work, watch, check_interval < NEVER, adapts=False)
+        call = Call(
+            model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
         return self._take(
             call, fixed_pair, origin, index, h, count, since_check, check_interval, ledger)
 
-    @abstractmethod
-    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
-        """Take steps by the control of a `kernel`."""
-
-    def _control(self, kernel: Any, *arguments: Any) -> Steps:
-        """Run the control of a `kernel` in Python; numbers that are too large are infinite."""
-        with np.errstate(all='ignore'):
-            status, done, since_check = in_python(kernel)(self, self._pair, *arguments)
+    def _take(self, call: Call, kernel: Any, *arguments: Any) -> Steps:
+        """Take steps by the control of a `kernel`; numbers that are too large are infinite."""
+        self._call = call
+        with self.together():
+            self.enter()
+            with np.errstate(all='ignore'):
+                status, done, since_check = in_python(kernel)(self, self._pair, *arguments)
+            self.leave()
         return int(status), int(done), int(since_check)
 
     @abstractmethod
-    def _have_state(self, slopes: range = range(0)) -> None:
+    def have_state(self, slopes: range = range(0)) -> None:
         """Copy the state and some slopes to this process."""
 
     @abstractmethod
@@ -101,6 +91,22 @@ class DistantBodies(ABC):
     def finish(self) -> bool:
         """Return True: there is one control."""
         return True
+
+    def check_health(
+        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
+        step: float
+    ) -> tuple[int, int]:
+        """Check the state at `time` [s] if a health check is due, and save a sound state."""
+        examined, status = since_check >= check_interval, 0
+        if self._call.watch is not None and self._call.of_run:
+            self.exchange(is_guarded=False, is_searched=True)
+        if examined:
+            status = self.examine(time)
+        status |= self.search(time, step)
+        if examined and not status & (UNSOUND | TOO_DEEP | MISSED):
+            ledger[SAVED_AT] = done
+            self.save()
+        return status, 0 if examined else since_check
 
     def count_tests(self) -> int:
         """Return the number of pairs tested so far."""
@@ -119,7 +125,7 @@ class DistantBodies(ABC):
         call = self._call
         if call.watch is None:
             return NEVER_MEET
-        self._have_state(range(1))
+        self.have_state(range(1))
         return float(foresee(
             call.model.contacts, call.watch, call.model.blocks, call.state, call.work.trail,
             team_of_one(), time, h, close, meeting, 0, len(call.model.blocks.slot)))
@@ -130,7 +136,7 @@ class DistantBodies(ABC):
         if contacts is None:
             return NEVER_MEET
         assert trail is not None
-        self._have_state(range(1))
+        self.have_state(range(1))
         return float(land(
             contacts, team_of_one(), self._call.state, trail.slopes[0], h, close, meeting))
 
@@ -141,7 +147,7 @@ class DistantBodies(ABC):
             return CLEAR
         mean = (0.0, 0.0, 0.0)
         if watch.nearby.free:
-            self._have_state()
+            self.have_state()
             x, y, z = mean_velocity(state, watch.nearby.slots)
             mean = float(x), float(y), float(z)
         speed, moved = self._quickest(mean, float(time))
@@ -149,5 +155,5 @@ class DistantBodies(ABC):
         if needed <= 0.5 * watch.limits[MAX_REACH] and not (
                 watch.limits[FREE] - moved**0.5 > needed):
             # It will be searched for.
-            self._have_state()
+            self.have_state()
         return int(judge_clear(watch, state, needed, moved))

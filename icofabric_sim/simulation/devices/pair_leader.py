@@ -10,24 +10,13 @@ from functools import partial
 from typing import Any
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.displacement import farthest, LATE, SOON
-from icofabric_sim.kernels.contact.forces import deepest_overlap
-from icofabric_sim.kernels.contact.losses import save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.contact.displacement import LATE
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import Pair
-from icofabric_sim.kernels.monitor import (
-    DEEPEST_LIMIT,
-    examine,
-    save,
-    SAVED_AT,
-    TOO_DEEP,
-    UNSOUND,
-)
 from icofabric_sim.kernels.records import Contacts, Model
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
-from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
+from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
     done_by,
@@ -46,7 +35,7 @@ import numpy as np
 _NO_BLOCKS = np.zeros(0, np.int64)
 
 
-class SharedPair(DistantBodies, Sharing):
+class SharedPair(Sharing, DistantBodies):
     """
     Steps of an embedded pair that all ranks of a transport take; created on the first rank.
     """
@@ -63,26 +52,19 @@ class SharedPair(DistantBodies, Sharing):
         self._present = np.zeros(0)  # the connectors that ranks know, as Links.present
         self._has_stepped = False  # whether steps were taken since ranks got the state
 
-    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
-        with self.together():
-            self._begin(call)
-            taken = self._control(kernel, *arguments)
-            if not call.of_run:
-                self._gather(self._now, call.model.contacts, of_run=False, whole=False)
-            return taken
-
-    def _begin(self, call: PairCall) -> None:
+    def enter(self) -> None:
         """Send fabric, candidate pairs, loads and state to all ranks, as far as changed."""
-        self._call = call
-        model, loads, state, _, work, watch, of_run, _ = call
-        links = model.links
-        if links is not None and work.breakage is not None and not np.array_equal(
+        links = self._call.model.links
+        if links is not None and self._call.work.breakage is not None and not np.array_equal(
                 links.present, self._present):
             # Connectors have broken, or a run begins in which they are whole.
             self._own, self._present = None, links.present.copy()
-        self._enter(model, loads, state, work, watch, of_run=of_run)
-        if of_run:
-            self._is_stale = True
+        super().enter()
+
+    def leave(self) -> None:
+        """Gather the state of a trial."""
+        if not self._call.of_run:
+            self._gather(self._now, self._call.model.contacts, of_run=False, whole=False)
 
     def _send_windows(self, model: Model, arrays: PairArrays) -> PairPart:
         own = PairPart(
@@ -110,7 +92,7 @@ class SharedPair(DistantBodies, Sharing):
             self.receive(found[rank], rank)
         return found
 
-    def _have_state(self, slopes: range = range(0)) -> None:
+    def have_state(self, slopes: range = range(0)) -> None:
         """Gather the state of all ranks, and some slopes."""
         if not self._is_here or slopes:
             self._gather(
@@ -124,7 +106,7 @@ class SharedPair(DistantBodies, Sharing):
         """Store lengths of connectors that can break, at the start of a step."""
         model, work = self._call.model, self._call.work
         if work.breakage is not None:
-            self._have_state()
+            self.have_state()
             note_lengths(
                 model, work.breakage, self._call.state, work, team_of_one(), 0,
                 len(model.blocks.slot))
@@ -134,7 +116,7 @@ class SharedPair(DistantBodies, Sharing):
         model, work, state = self._call.model, self._call.work, self._call.state
         if work.breakage is None:
             return False
-        self._have_state()
+        self.have_state()
         last = len(model.blocks.slot)
         place_all(model, state, work, 0, last)
         return bool(is_breaking(
@@ -184,49 +166,13 @@ class SharedPair(DistantBodies, Sharing):
             'find_speeds', mean, time).max(axis=0))
         return speed, moved
 
-    def check_health(
-        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
-        step: float
-    ) -> tuple[int, int]:
-        """Check the state at `time` [s] if a health check is due, and save a sound state."""
-        model, loads, state, saved, work, watch, *_ = self._call
-        last = len(model.blocks.slot)
-        examined, status, contacts = since_check >= check_interval, 0, model.contacts
-        if watch is not None and self._call.of_run:
-            if contacts is not None:
-                contacts.deepest[0] = 0.0
-            for found in self._asked('look'):
-                note_look(contacts, watch, found)
-        # What contacts add up to is known here alone.
-        in_parts = examined and contacts is None and self._call.of_run
-        if in_parts:
-            status = self._sum_figures(time, ledger)
-        elif examined:
-            self._have_state()
-            place_all(model, state, work, 0, last)
-            status = examine(model, loads, state, work, time, ledger)
-        if watch is not None:
-            most = farthest(watch, 1)
-            if most > watch.limits[SOON]:
-                self._have_state()
-                before = watch.frame.tobytes()
-                status |= judge_ways(watch, most, state, time, step)
-                if watch.frame.tobytes() != before:
-                    self.order('watch', watch.frame.copy())
-        if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
-            status |= TOO_DEEP
-        if examined:
-            since_check = 0
-            if not status & (UNSOUND | TOO_DEEP | MISSED):
-                ledger[SAVED_AT] = done
-                if in_parts:
-                    self.save_parts(state, work, loads, saved, keeps_work=False)
-                    return int(status), since_check
-                self.forget_saved()
-                save(model, state, saved, 0, last)
-                if contacts is not None:
-                    save_stretches(contacts.losses, team_of_one())
-        return int(status), since_check
+    def exchange(self, *, is_guarded: bool, is_searched: bool) -> None:
+        """Collect displacements and overlaps from all ranks."""
+        contacts = self._call.model.contacts
+        if contacts is not None:
+            contacts.deepest[0] = 0.0
+        for found in self._asked('look'):
+            note_look(contacts, self._call.watch, found)
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""

@@ -25,10 +25,9 @@ from icofabric_sim.kernels.integrators.tableau import DENSE, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import save
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Trail, Watch, Work
+from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import add_work, find_slopes, LAST, place_blocks
-from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.simulation.devices.near_pairs import team_of_one
+from icofabric_sim.simulation.devices.part_steps import RankPart
 from icofabric_sim.simulation.devices.rank_kernels import (
     combine_all,
     errors_of,
@@ -101,35 +100,18 @@ def done_by(loads: Loads, rows: slice, slopes: range) -> list[np.ndarray]:
         loads.work[rows], loads.earlier_work[rows], *(loads.power[k, rows] for k in slopes)]
 
 
-class PairPart:
+class PairPart(RankPart):
     """Steps of a part, with the poses of its neighbours."""
 
     def __init__(
         self, transport: Transport, model: Model, exchange: Exchange, pair: Pair
     ) -> None:
         """Step the blocks of the `exchange` in the arrays of `model`."""
-        self._transport, self._model, self._exchange = transport, model, exchange
-        self._pair, self._touching = pair, model
-        self._team: Team = team_of_one()
-        self._poses, self._motions = (
-            tuple(
-                [(rank, slots, aligned_empty((rows, LANES * len(slots)))) for rank, slots in sides]
-                for sides in (exchange.gives, exchange.needs))
-            for rows in (POSE, STAGE))
+        super().__init__(transport, model, exchange)
+        self._pair = pair
+        self._poses, self._motions = self._rooms(POSE), self._rooms(STAGE)
         # Of the blocks that need none of others the longest run: computed while poses travel.
         self._inner = _longest_run(exchange.inner, exchange.first)
-        # Evaluations of contacts since this was asked last.
-        self.touches = 0
-
-    @property
-    def own(self) -> slice:
-        """Own blocks, by their numbers in the arrays of the model."""
-        return slice(self._exchange.first, self._exchange.last)
-
-    def take_touches(self) -> int:
-        """Return the number of evaluations of contacts since the last call."""
-        found, self.touches = self.touches, 0
-        return found
 
     def examine(
         self, arrays: PairArrays, time: float, limit: float, inside: bool
@@ -148,13 +130,6 @@ class PairPart:
             self._model, loads, state, work, time, limit, inside, 0, len(figures) - 1, last)
         figures[-1] = 0.0
         return figures
-
-    def _model_with(self, contacts: Contacts | None) -> Model:
-        if contacts is None:
-            return self._model
-        if self._touching.contacts is not contacts:
-            self._touching = self._model._replace(contacts=contacts)
-        return self._touching
 
     def find_slope(self, arrays: PairArrays, at_stage: bool, index: int, time: float) -> None:
         """Compute slope number `index` at the state or the stage, at a `time` [s]."""

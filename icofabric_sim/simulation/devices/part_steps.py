@@ -27,7 +27,6 @@ from icofabric_sim.kernels.records import (
     Loads,
     Model,
     State,
-    Team,
     Watch,
     Work,
 )
@@ -59,6 +58,8 @@ from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.stepping.ledger import Ledger
 import numpy as np
 
+Border = tuple[int, np.ndarray, np.ndarray]  # rank, slots, and the numbers of their bodies
+
 
 class Weights(NamedTuple):
     """Weights of a method, and of the roughness of the motion."""
@@ -88,24 +89,54 @@ class Arrays(NamedTuple):
     watch: Watch | None = None  # None: of steps beside the run, or where nothing can touch
 
 
-class PartSteps:
+class RankPart:
+    """Blocks of a rank, and the values that it exchanges with its neighbours."""
+
+    def __init__(self, transport: Transport, model: Model, exchange: Exchange) -> None:
+        """Step the blocks of the `exchange` in the arrays of `model`."""
+        self._transport, self._model, self._exchange = transport, model, exchange
+        self._touching, self._team = model, team_of_one()
+        # Evaluations of contacts since this was asked last.
+        self.touches = 0
+
+    def _rooms(self, rows: int) -> tuple[list[Border], list[Border]]:
+        """Return arrays for rows of numbers of bodies, that are given and needed."""
+        gives, needs = (
+            [(rank, slots, _room(len(slots), rows)) for rank, slots in sides]
+            for sides in (self._exchange.gives, self._exchange.needs))
+        return gives, needs
+
+    @property
+    def blocks(self) -> slice:
+        """Blocks of this rank, by their numbers in the arrays of the model."""
+        return slice(self._exchange.first, self._exchange.last)
+
+    def _model_with(self, contacts: Contacts | None) -> Model:
+        """Return the constants of the window with these contacts."""
+        if contacts is None:
+            return self._model
+        if self._touching.contacts is not contacts:
+            self._touching = self._model._replace(contacts=contacts)
+        return self._touching
+
+    def take_touches(self) -> int:
+        """Return the number of evaluations of contacts since the last call."""
+        found, self.touches = self.touches, 0
+        return found
+
+
+class PartSteps(RankPart):
     """Steps of a part, with the poses of its neighbours."""
 
     def __init__(
         self, transport: Transport, model: Model, exchange: Exchange, weights: Weights
     ) -> None:
         """Step the blocks of the `exchange` in the arrays of `model`."""
-        self._transport, self._model = transport, model
-        self._exchange, self._weights = exchange, weights
-        self._gives = [
-            (rank, slots, _room(len(slots))) for rank, slots in exchange.gives]
-        self._needs = [
-            (rank, slots, _room(len(slots))) for rank, slots in exchange.needs]
+        super().__init__(transport, model, exchange)
+        self._weights = weights
+        self._gives, self._needs = self._rooms(POSE)
         # The same with velocities, for steps that follow kinks, and for what contacts lose.
-        self._tells = [
-            (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.gives]
-        self._hears = [
-            (rank, slots, _room(len(slots), MOTION)) for rank, slots in exchange.needs]
+        self._tells, self._hears = self._rooms(MOTION)
         border = exchange.drifts[:exchange.border]
         # Where all have drifted before.
         self._tiles, self._inner = (
@@ -118,12 +149,8 @@ class PartSteps:
         self._ledger = np.zeros(LEDGER_COUNT)
         Ledger.over(self._ledger).inverse_size = weights.inverse_size
         self.roughest = 0.0
-        # Evaluations of contacts since this was asked last.
-        self.touches = 0
-        # Steps in which connectors crossed kinks, likewise.
+        # Steps in which connectors crossed kinks since this was asked last.
         self.crossed = 0
-        self._team: Team | None = None
-        self._touching = model
 
     def take(self, arrays: Arrays, interval: Interval) -> None:
         """Take the steps of an interval, and sample the roughness of the motion."""
@@ -216,24 +243,6 @@ class PartSteps:
         place_all(
             self._model, arrays.state, arrays.work, self._exchange.first, self._exchange.last)
 
-    @property
-    def blocks(self) -> slice:
-        """Blocks of this rank, by their numbers in the arrays of the model."""
-        return slice(self._exchange.first, self._exchange.last)
-
-    def model_with(self, contacts: Contacts | None) -> Model:
-        """Return the constants of the window with these contacts."""
-        if contacts is None:
-            return self._model
-        if self._touching.contacts is not contacts:
-            self._touching = self._model._replace(contacts=contacts)
-        return self._touching
-
-    def take_touches(self) -> int:
-        """Return the number of evaluations of contacts since the last call."""
-        found, self.touches = self.touches, 0
-        return found
-
     def take_crossed(self) -> int:
         """Return the number of steps with crossings of kinks since the last call."""
         found, self.crossed = self.crossed, 0
@@ -247,7 +256,7 @@ class PartSteps:
     def make_ready(self, arrays: Arrays) -> None:
         """Compile or load the kernels of steps, by calls without bodies and pairs."""
         loads, state, work, contacts, watch = arrays
-        model, kinks = self.model_with(contacts), work.kinks
+        model, kinks = self._model_with(contacts), work.kinks
         none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
         place_all(self._model, state, work, 0, 0)
         take_poses(state, no_slots, _room(0))
@@ -294,7 +303,7 @@ class PartSteps:
     def _steps(self, arrays: Arrays, interval: Interval, index: int, count: int) -> None:
         """Take `count` steps from `index` on, as `steps` of splitting.py."""
         exchange, (loads, state, work, contacts, _) = self._exchange, arrays
-        model = self.model_with(contacts)
+        model = self._model_with(contacts)
         kicks, drifts = self._weights.kicks, self._weights.drifts
         origin, h = interval.origin, interval.step
         kick_first, stages = len(kicks) > len(drifts), self._weights.stages
@@ -332,7 +341,7 @@ class PartSteps:
         Apply a drift and the kick after it; poses are exchanged while inner blocks are computed.
         """
         exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
-        model, order = self.model_with(contacts), exchange.drifts
+        model, order = self._model_with(contacts), exchange.drifts
         drift(model, loads, state, work, now, whole, order, 0, exchange.border)
         if keep and kinks is not None:
             keep_drifted(model, kinks, state, order, 0, exchange.border)
@@ -364,8 +373,6 @@ class PartSteps:
 
     def _touch(self, model: Model, contacts: Contacts, state: State, h: float) -> None:
         """Evaluate all contacts of the part, `h` [s] after their last evaluation."""
-        if self._team is None:
-            self._team = team_of_one()
         touch_ahead(
             contacts.losses, contacts, state, model.inverse_mass, model.inverse_inertia, h, h,
             self._team)
@@ -376,7 +383,7 @@ class PartSteps:
     ) -> None:
         """Take `count` steps from `index` on, as `kinked_steps` of integrators/kinked.py."""
         exchange, (loads, state, work, contacts, watch) = self._exchange, arrays
-        model = self.model_with(contacts)
+        model = self._model_with(contacts)
         first, last, order = exchange.first, exchange.last, exchange.drifts
         kicks, drifts = self._weights.kicks, self._weights.drifts
         origin, h, stages = interval.origin, interval.step, self._weights.stages

@@ -6,7 +6,7 @@ Distribution of a fabric on the first rank: parts, windows of other ranks, and l
 All methods use it: splitting methods (leader.py) and the embedded pair (pair_leader.py).
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import socket
@@ -19,6 +19,7 @@ from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, 
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes, received_bytes
+from icofabric_sim.simulation.devices.executor import Remote
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, watch_stub
 from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
@@ -28,17 +29,15 @@ from icofabric_sim.simulation.devices.unpacked import Unpacked
 from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, window_of
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.ledger import Ledger
 import numpy as np
 
 _numbers = iter(range(2**62))
 
 
-class Sharing(Executor, ABC):
+class Sharing(Remote):
     """Executor that divides a fabric among ranks, and the data that these have received."""
 
-    is_remote = True
     _stores_powers = False  # at the stages of a Runge-Kutta step
     _arrays_of: Callable[..., Any]  # returns the arrays that steps of this rank change
 
@@ -58,13 +57,9 @@ class Sharing(Executor, ABC):
         # Steps of this rank, and whether those with contacts were ready.
         self._own: Any = None
         self._touches = False
-        # Arrays of the present call, and of the run that the ranks hold, with its candidate pairs.
+        # Arrays of the present call; candidate pairs of the run.
         self._now: Any = None
-        self._run: Any = None
         self._contacts: Contacts | None = None
-        # Whether the state of the run is with the ranks, and whether only there; and whether that
-        # of the present call is here, too.
-        self._is_out = self._is_stale = self._is_here = False
         # Blocks of others that bodies of each rank may touch, or might before.
         self._near = [np.zeros(0, np.int64) for _ in range(transport.size)]
         self._divide()
@@ -79,7 +74,7 @@ class Sharing(Executor, ABC):
         self._has_loads = False  # whether ranks have loads, if only empty ones
         self._saved = SavedPart(self.rows[0])
         # Where what ranks have saved belongs here; what had flowed, once it has been brought.
-        self._saved_for: tuple[State, Loads, np.ndarray | None, bool, bool] | None = None
+        self._saved_for: tuple[State, Loads, np.ndarray | None, bool] | None = None
         self._flows: dict[str, np.ndarray] = {}
         # The state in which the run began, until one that was saved has come here.
         self.begun: Unpacked | None = None
@@ -109,16 +104,51 @@ class Sharing(Executor, ABC):
                 self.transport.fail(error)
                 raise
 
-    def gather(self) -> bool:
-        """Gather the state of the run; return True if the ranks had it."""
-        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
-        if is_stale and self._run is not None:
-            with self.transport.alone():
-                self._gather(self._run, self._contacts, of_run=True, whole=True)
-            return True
-        return False
+    def _gather_run(self) -> None:
+        """Gather the state of the run, with all data of the next step."""
+        with self.transport.alone():
+            self._gather(self._run, self._contacts, of_run=True, whole=True)
 
-    def _enter(
+    def have_state(self) -> None:
+        """Gather the state at the end of the last step, without what only later steps need."""
+        if not self._is_here:
+            self._gather(
+                self._now, self._call.model.contacts, of_run=self._call.of_run, whole=False)
+            self._is_here = True
+
+    def follow_search(self) -> None:
+        """Let ranks record displacements from the search that this process has made."""
+        watch = self._call.watch
+        assert watch is not None
+        self.order('watch', watch.frame.copy())
+
+    def examine(self, time: float) -> int:
+        """Return the status of a health check at `time` [s], summed by ranks if they can."""
+        if self._is_summed:
+            return self._sum_figures(time, self._call.ledger)
+        return super().examine(time)
+
+    def save(self) -> None:
+        """Save the state that was just examined, on the ranks or after it was gathered."""
+        _, loads, state, saved, work, *_ = self._call
+        if self._is_summed:
+            self.save_parts(state, work, loads, saved)
+            return
+        self.forget_saved()
+        super().save()
+
+    @property
+    def _is_summed(self) -> bool:
+        """True if ranks sum for a health check: the first rank alone sums over contacts."""
+        return self._call.of_run and self._call.model.contacts is None
+
+    def enter(self) -> None:
+        """Distribute the state of the call, unless the ranks hold it already."""
+        model, loads, state, _, work, watch, _, of_run = self._call
+        self._distribute(model, loads, state, work, watch, of_run=of_run)
+        self._is_stale = self._is_stale or of_run
+
+    def _distribute(
         self, model: Model, loads: Loads, state: State, work: Work, watch: Watch | None, *,
         of_run: bool
     ) -> None:
@@ -203,19 +233,13 @@ class Sharing(Executor, ABC):
             self.forget_saved()
         return self._flows
 
-    def save_parts(
-        self, state: State, work: Work, loads: Loads, saved: State, *, keeps_work: bool
-    ) -> None:
-        """
-        Save the state of its bodies on each rank; `saved` is the array for it here.
-
-        `keeps_work`: the work of the loads belongs into their `earlier_work`.
-        """
+    def save_parts(self, state: State, work: Work, loads: Loads, saved: State) -> None:
+        """Save the state of its bodies on each rank; `saved` is the array for it here."""
         self.order('save')
         own = self.rows_of_loads(loads, 0)
         self._saved.save(state, work, loads.work[own] if self._has_loads else None)
         spent = None if work.spent is None else np.empty_like(work.spent.done)
-        self._saved_for, self._flows = (saved, loads, spent, self._has_loads, keeps_work), {}
+        self._saved_for, self._flows = (saved, loads, spent, self._has_loads), {}
 
     def forget_saved(self) -> None:
         """Discard the saved state of the ranks: it was saved here, or is lost."""
@@ -225,7 +249,7 @@ class Sharing(Executor, ABC):
         """Gather the state that the ranks have saved, unless it is here."""
         if self._saved_for is None or self._flows:
             return
-        saved, loads, spent, acted, keeps_work = self._saved_for
+        saved, loads, spent, acted = self._saved_for
         tables, done = saved_tables(saved, spent), np.zeros_like(loads.work)
         self.order('give_saved')
         self._saved.put(tables)
@@ -235,7 +259,7 @@ class Sharing(Executor, ABC):
             self.rows[rank].receive(self.transport, tables, rank)
             if acted:
                 self.receive(done[self.rows_of_loads(loads, rank)], rank)
-        if keeps_work:
+        if self._keeps_work:
             loads.earlier_work[:] = done
         self._flows = {'work': done} if spent is None else {'work': done, 'spent': spent}
         self.begun = None

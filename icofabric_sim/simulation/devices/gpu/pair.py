@@ -11,38 +11,33 @@ them.
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.displacement import farthest, LATE, SOON
-from icofabric_sim.kernels.contact.forces import deepest_overlap, set_tests, tests_of
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
-from icofabric_sim.kernels.flows import place_all
+from icofabric_sim.kernels.contact.displacement import LATE
+from icofabric_sim.kernels.contact.forces import set_tests, tests_of
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import FIRST, Pair
-from icofabric_sim.kernels.monitor import DEEPEST_LIMIT, examine, SAVED_AT, TOO_DEEP, UNSOUND
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rhs import path_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.simulation.devices.executor import Call
 from icofabric_sim.simulation.devices.gpu.arrays import (
     copy_back,
     doubles,
     driven_terms,
-    fabric_of,
     MOTION,
     pair_bytes_of,
     POSE,
     put_acting,
-    require_room,
     seen,
-    StateArrays,
     terms_of,
 )
-from icofabric_sim.simulation.devices.gpu.health import HealthCheck
-from icofabric_sim.simulation.devices.gpu.launching import launch, named_failure, TURN
+from icofabric_sim.simulation.devices.gpu.launching import launch
 from icofabric_sim.simulation.devices.gpu.monitor import SHARE
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.paths import place_driven
-from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness
+from icofabric_sim.simulation.devices.gpu.records import Acting, Nearness
+from icofabric_sim.simulation.devices.gpu.run import DeviceRun
 from icofabric_sim.simulation.devices.gpu.slopes import (
     add_flow,
     combine,
@@ -53,10 +48,8 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
     slope_kernel,
     STATE_ROW_COUNT,
 )
-from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
-from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean, PairCall, Steps
+from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.executor import Executor
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -66,27 +59,20 @@ SLOPES = embedded.LAST + 1
 # Most values of an error that this process folds.
 _HOST_FOLD_COUNT = 1024
 _NOTHING_NEAR = Nearness()
-_Run = tuple[Loads, State, Work]
 
 
-class DevicePair(DistantBodies, Executor):
+class DevicePair(DeviceRun, DistantBodies):
     """Steps of an embedded pair on a GPU."""
-
-    is_remote = True
 
     def __init__(self, device: Device, packed: PackedScene, pair: Pair) -> None:
         """Copy the fabric to the device; raise ValueError if memory is insufficient."""
-        super().__init__(pair)
-        self._device, self._packed, self.device = device, packed, device.name
-        self.device_bytes = pair_bytes_of(
-            packed.model, packed.layout, touching=packed.contact is not None)
-        require_room(device, packed.layout.body_count, self.device_bytes)
+        DistantBodies.__init__(self, pair)
+        DeviceRun.__init__(self, device, packed, pair_bytes_of(
+            packed.model, packed.layout, touching=packed.contact is not None))
         model, slots = packed.model, packed.layout.slot_count
-        self._fabric = fabric_of(model, packed.layout, device)
         self._threads = LANES * len(packed.layout.blocks.slot)
         self._losses = Losses(model.damping is not None, model.drag is not None)
-        # The state, the stage in progress, and the start of the step.
-        self._state = StateArrays(slots, device)
+        # The stage in progress, and the start of the step.
         self._stage: tuple[Any, Any]
         self._start: tuple[Any, Any]
         self._stage, self._start = (
@@ -96,6 +82,7 @@ class DevicePair(DistantBodies, Executor):
         self._spent = self._zeros((SLOPES, slots if spends else 0))
         # [J] in total, and at the start of the step in progress.
         self._done = [self._zeros(slots if spends else 0) for _ in range(2)]
+        self._spent_sum = self._done[0] if spends else None
         self._power, self._earlier = self._zeros((SLOPES, 0)), self._zeros(0)
         self._weights = [doubles(row, device) for row in pair.stage_weights]
         self._errors_by = [
@@ -103,74 +90,40 @@ class DevicePair(DistantBodies, Executor):
         self._errors = [self._zeros((2, self._threads))]
         while self._errors[-1].shape[1] > _HOST_FOLD_COUNT:
             self._errors.append(self._zeros((2, -(-self._errors[-1].shape[1] // SHARE))))
-        # Loads, and empty loads.
-        self._acting: Any = None
-        self._idle = Acting()
+        self._idle = Acting()  # empty loads
         self._kernel: Any = None
-        self._health = HealthCheck(model, self._fabric, device)
-        # True if the state of the run is on the device; if it is only there; and if steps were
-        # taken since the last copy.
-        self._is_out = self._is_stale = self._has_stepped = False
-        self._run: _Run | None = None
+        self._has_stepped = False  # whether steps were taken since the last copy
         # True if a state was saved in the present call.
         self._saves = False
-        # Candidate pairs, once displacements are checked; time of the evaluated slope.
-        self._near: DeviceContacts | None = None
-        self._clock = Clock()
-        self._clock.start = self._zeros(2)
-        self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
+        # The clock has the time of the evaluated slope.
         self._clock.drifts, self._clock.kick_first = self._zeros(1), 1
         self._speeds: list[Any] = []
-        # The present call: true if its state is in this process, too; true if displacements are
-        # recorded; its candidate pairs.
-        self._now: _Run | None = None
-        self._is_here = self._is_watching = False
-        self._contacts: Contacts | None = None
 
     def _zeros(self, shape: Any) -> Any:
         return wp.zeros(shape, dtype=wp.float64, device=self._device.handle)
 
-    def gather(self) -> bool:
-        """Copy the whole state to this process; return True if it was only on the device."""
-        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
-        if is_stale and self._run is not None:
-            with TURN, named_failure(self.device, self._forget):
-                self._gather(self._run, whole=True)
-            return True
-        return False
-
     def _forget(self) -> None:
-        """Discard the state on the device."""
-        self._is_out = self._is_stale = self._saves = False
+        super()._forget()
+        self._saves = False
 
-    def _take(self, call: PairCall, kernel: Any, *arguments: Any) -> Steps:
-        model, loads, state, saved, work, watch, of_run, _ = self._call = call
-        now = loads, state, work
-        if not of_run:
-            self.gather()
-        with TURN, named_failure(self.device, self._forget):
-            anew = not (of_run and self._is_out)
-            if anew:
-                self._put(model, *now)
-            self._now, self._is_here = now, anew
-            self._watch(model.contacts, watch, anew=anew, of_run=of_run)
-            terms = terms_of(self._packed.model, loaded=self._acting is not None)
-            self._kernel = slope_kernel(
-                driven_terms(terms, self._packed.model, self._acting)._replace(
-                    touching=self._is_touching), self._losses)
-            if of_run:
-                self._run = now
-                self._is_out = self._is_stale = True
-            taken = self._control(kernel, *arguments)
-            if self._saves:
-                # After the run knows the time of the saved state.
-                self._copy_rows(
-                    saved, self._state.saved_pose, self._state.saved_motion, back=True)
-                self._gather_flows(now)
-                self._saves = False
-            if not of_run:
-                self._gather(now, whole=False)
-            return taken
+    def enter(self) -> None:
+        """Copy the state of the call to the device, unless the device holds it already."""
+        super().enter()
+        terms = terms_of(self._packed.model, loaded=self._acting is not None)
+        self._kernel = slope_kernel(
+            driven_terms(terms, self._packed.model, self._acting)._replace(
+                touching=self._is_touching), self._losses)
+
+    def leave(self) -> None:
+        """Copy a state that was saved, and that of a trial."""
+        if self._saves:
+            # After the run knows the time of the saved state.
+            self._copy_rows(
+                self._call.saved, self._state.saved_pose, self._state.saved_motion, back=True)
+            self._gather_flows(self._call)
+            self._saves = False
+        if not self._call.of_run:
+            self._bring(self._call, whole=False)
 
     # What the control asks.
 
@@ -211,35 +164,16 @@ class DevicePair(DistantBodies, Executor):
         """True if there are candidate pairs."""
         return self._contacts is not None and len(self._contacts.pairs) > 0
 
-    def _watch(
-        self, contacts: Contacts | None, watch: Watch | None, *, anew: bool, of_run: bool
-    ) -> None:
-        """
-        Copy candidate pairs and the poses of the last search to the device.
-
-        `anew` means that the state was in this process, so that a search may have occurred.
-        """
-        self._contacts = contacts
-        # Displacements of trial steps are discarded.
-        self._is_watching = watch is not None and of_run
-        if watch is not None:
-            if self._near is None:
-                self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
-            self._near.put(contacts, watch, anew=anew)
-
     def _forget_ways(self) -> None:
         watch = self._call.watch
         if self._is_watching and watch is not None and self._near is not None:
             self._near.forget_ways()
             watch.far[0] = 0.0
 
-    def _have_state(self, slopes: range = range(0)) -> None:
+    def have_state(self, slopes: range = range(0)) -> None:
         """Copy the state and some slopes to this process."""
-        assert self._now is not None
-        if not self._is_here:
-            self._gather(self._now, whole=False)
-            self._is_here = True
-        trail = self._now[2].trail
+        super().have_state()
+        trail = self._call.work.trail
         assert trail is not None
         for index in slopes:
             copy_back(trail.slopes[index], self._slopes[index])
@@ -353,46 +287,10 @@ class DevicePair(DistantBodies, Executor):
             if rows.size:
                 wp.copy(rows[FIRST], rows[embedded.LAST])
 
-    def check_health(
-        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
-        step: float
-    ) -> tuple[int, int]:
-        """Check the state at `time` [s] if a health check is due, and save a sound state."""
-        model, state, watch = self._call.model, self._call.state, self._call.watch
-        examined, status, contacts, near = since_check >= check_interval, 0, model.contacts, (
-            self._near)
-        if self._is_watching and watch is not None and near is not None:
-            near.note_ways(watch)
-            near.note_depths(contacts)
-        if examined:
-            status = self._examine(ledger, time)
-        if self._is_watching and watch is not None and near is not None:
-            most = farthest(watch, 1)
-            if most > watch.limits[SOON]:
-                # A check in this process needs the state.
-                self._have_state(range(0))
-                status |= int(judge_ways(watch, most, state, time, step))
-                near.put(contacts, watch, anew=False)
-            if deepest_overlap(contacts, 1) > ledger[DEEPEST_LIMIT]:
-                status |= TOO_DEEP
-        if examined and not status & (UNSOUND | TOO_DEEP | MISSED):
-            ledger[SAVED_AT] = done
-            self._state.save(0, None)
-            self._saves = True
-        return int(status), 0 if examined else since_check
-
-    def _examine(self, ledger: np.ndarray, time: float) -> int:
-        """
-        Return the status bits of the state, from sums on the device or from a copy of the state.
-        """
-        model, loads, state, _, work, *_ = self._call
-        if self._health.can_examine(model, loads, ledger):
-            return self._health.examine(
-                self._state, 0, loads, self._acting, ledger,
-                self._done[0] if self._done[0].size else None)
-        self._have_state(range(0))
-        place_all(model, state, work, 0, len(model.blocks.slot))
-        return int(examine(model, loads, state, work, time, ledger))
+    def save(self) -> None:
+        """Save the state that was just examined on the device."""
+        self._state.save(0, None)
+        self._saves = True
 
     # Copies between this process and the device.
 
@@ -427,15 +325,15 @@ class DevicePair(DistantBodies, Executor):
             wp.copy(self._earlier, seen(loads.earlier_work))
             wp.copy(self._power[embedded.LAST], seen(loads.power[embedded.LAST]))
 
-    def _gather(self, now: _Run, *, whole: bool) -> None:
+    def _bring(self, call: Call, *, whole: bool) -> None:
         """
         Copy state and work to this process; `whole` adds the data for states within the step.
 
         Data from before the last copy to the device are in this process already.
         """
-        loads, state, work = now
+        _, loads, state, _, work, *_ = call
         trail = work.trail
-        self._gather_flows(now)
+        self._gather_flows(call)
         assert trail is not None
         self._copy_rows(state, self._state.poses[0], self._state.motion, back=True)
         with_start = whole and self._has_stepped
@@ -448,9 +346,9 @@ class DevicePair(DistantBodies, Executor):
             if len(loads.work) and self._earlier.size:
                 copy_back(loads.power[index], self._power[index])
 
-    def _gather_flows(self, now: _Run) -> None:
+    def _gather_flows(self, call: Call) -> None:
         """Copy dissipated energies and the work of loads to this process."""
-        loads, _, work = now
+        loads, work = call.loads, call.work
         if work.spent is not None and self._done[0].size:
             for values, source in zip(work.spent.done, self._done):
                 copy_back(values, source)

@@ -1,59 +1,44 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-A method whose steps run on a GPU.
-
-The run, its driver and all checks are in this process. The state stays on the device. It is copied
-to this process when the trajectory needs it, and for health checks of quantities that the device
-does not sum (health.py).
-"""
+"""A splitting method whose steps run on a GPU."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.displacement import farthest, SOON
 from icofabric_sim.kernels.contact.forces import set_tests, tests_of
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways
-from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.monitor import examine, roughness, save
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Work
+from icofabric_sim.kernels.monitor import roughness
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.executor import (
     Call,
     Interval,
+    RemoteSteps,
     sampled_batches,
-    take_steps,
 )
 from icofabric_sim.simulation.devices.gpu.arrays import (
     bytes_of,
     copy_back,
     doubles,
     driven_terms,
-    fabric_of,
     MOTION,
     pair_bytes_of,
     POSE,
     put_acting,
     put_crossings,
     require_room,
-    StateArrays,
     terms_of,
 )
 from icofabric_sim.simulation.devices.gpu.crossings import crossings, kinked_stages, note
-from icofabric_sim.simulation.devices.gpu.health import HealthCheck
 from icofabric_sim.simulation.devices.gpu.kernels import sample, step_kernel
-from icofabric_sim.simulation.devices.gpu.launching import launch, load, named_failure, TURN
+from icofabric_sim.simulation.devices.gpu.launching import launch, load, TURN
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.pair import DevicePair
-from icofabric_sim.simulation.devices.gpu.records import Acting, Clock, Nearness, Stage
-from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
+from icofabric_sim.simulation.devices.gpu.records import Acting, Nearness, Stage
+from icofabric_sim.simulation.devices.gpu.run import DeviceRun
 from icofabric_sim.simulation.devices.refusals import require_method_on_device
 from icofabric_sim.simulation.model.layout import has_jumps
 from icofabric_sim.simulation.model.packing import PackedScene
-from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
@@ -67,10 +52,8 @@ _STORED_SOURCE, _EVALUATED_SOURCE = 1, 2
 _NOTHING_NEAR = Nearness()
 
 
-class DeviceSteps(Executor):
+class DeviceSteps(DeviceRun, RemoteSteps):
     """Steps of a method on a GPU."""
-
-    is_remote = True
 
     def __init__(
         self, device: Device, packed: PackedScene, method: Method, *, given: bool, estimated: bool
@@ -80,14 +63,11 @@ class DeviceSteps(Executor):
 
         `given` means a given step, whose error is `estimated`.
         """
-        self._device, self._packed, self._method = device, packed, method
+        self._method, self._stages = method, method.stages
         self._follows_kinks = method.mends_kinks and has_jumps(packed.model.links)
-        self.device, self.device_bytes = device.name, bytes_of(
+        super().__init__(device, packed, bytes_of(
             packed.model, packed.layout, kinked=self._follows_kinks,
-            touching=packed.contact is not None)
-        require_room(device, packed.layout.body_count, self.device_bytes)
-        self._fabric = fabric_of(packed.model, packed.layout, device)
-        self._state = StateArrays(packed.layout.slot_count, device)
+            touching=packed.contact is not None))
         self._differences = differences_of(
             method, packed.model.links, given=given, estimated=estimated)
         if self._follows_kinks:
@@ -96,43 +76,14 @@ class DeviceSteps(Executor):
             # Velocities before a kick; velocities and accelerations around it.
             self._before = wp.zeros(MOTION * slots, dtype=wp.float64, device=device.handle)
             self._noted = wp.zeros(2 * MOTION * slots, dtype=wp.float64, device=device.handle)
-        self._clock = Clock()
-        self._clock.start = doubles(np.zeros(2), device)
-        self._clock.index = wp.zeros(1, dtype=wp.int64, device=device.handle)
         self._clock.drifts = doubles(np.array(method.drifts), device)
         self._clock.kick_first = int(len(method.kicks) > len(method.drifts))
-        # Which of the two poses is the present one.
-        self._now = 0
-        self._acting: Any = None
         self._difference: Any = None
         # Graphs of launches of so many steps, by what acts, by the pose that they begin with, by
         # whether ways are noted, and by the room for pairs.
         self._graphs: dict[tuple[int, bool, int, tuple[bool, int]], Any] = {}
-        # Whether the state of the run is on the device, and whether only there.
-        self._is_out = self._is_stale = False
-        self._run: tuple[Loads, State, Work] | None = None
-        self._health = HealthCheck(packed.model, self._fabric, device)
-        # What may touch, once something is watched for it.
-        self._near: DeviceContacts | None = None
-        self._contacts: Contacts | None = None
-        self._is_watching = self._is_examined_there = False
         # Where the saved state belongs here, while it is on the device alone.
         self._saved_for: tuple[State, Loads] | None = None
-
-    def advance(self, model: Model, *arguments: Any) -> tuple[int, int, int]:
-        """Take steps on the device, as `splitting` of kernels/integrators/splitting.py."""
-        with TURN, self._named_failure():
-            return take_steps(
-                self, self._differences, self._method.stages, model, *arguments)
-
-    def gather(self) -> bool:
-        """Copy the whole state to this process; return True if it was only on the device."""
-        is_stale, self._is_out, self._is_stale = self._is_stale, False, False
-        if is_stale and self._run is not None:
-            with TURN, self._named_failure():
-                self._take(*self._run, whole=True)
-            return True
-        return False
 
     @property
     def has_saved(self) -> bool:
@@ -144,16 +95,12 @@ class DeviceSteps(Executor):
         if self._saved_for is None:
             return {}
         (saved, loads), self._saved_for = self._saved_for, None
-        with TURN, self._named_failure():
+        with self.together():
             self._state.take_saved(saved, loads.earlier_work)
         return {'work': loads.earlier_work.copy()}
 
-    def _named_failure(self) -> AbstractContextManager[None]:
-        """Raise any failure as DeviceError; the state on the device is lost."""
-        return named_failure(self.device, self._forget)
-
     def _forget(self) -> None:
-        self._is_out = self._is_stale = False
+        super()._forget()
         self._saved_for = None
 
     def bare_steps(self, count: int) -> None:
@@ -166,92 +113,44 @@ class DeviceSteps(Executor):
             self._steps(0, count)
             wp.synchronize_device(self._device.handle)
 
-    def begin(self, call: Call) -> None:
+    def enter(self) -> None:
         """Copy the state of the call to the device, unless the device holds it already."""
-        of_run, loads, watch = call.steps.is_checked, call.loads, call.watch
-        if not of_run:
-            self.gather()
-        is_new = not (of_run and self._is_out)
-        if is_new:
-            self._put(call.model, loads, call.state, call.work)
-        self._contacts = call.model.contacts
-        if watch is not None:
-            if self._near is None:
-                self._near = DeviceContacts(self._packed.layout, self._fabric, self._device)
-            # The state may have been here for a search.
-            self._near.put(self._contacts, watch, anew=is_new)
-        # Displacements in trials are not used.
-        self._is_watching = watch is not None and of_run
-        self._clock.start.assign(np.array([call.steps.origin, call.steps.step]))
-        if of_run:
-            self._run = loads, call.state, call.work
-            self._is_out = self._is_stale = True
+        super().enter()
+        self._clock.start.assign(np.array([self._whole.origin, self._whole.step]))
 
-    def take(self, call: Call, interval: Interval) -> None:
+    def take(self, interval: Interval) -> None:
         """Take the steps of an interval, and sample the roughness of the motion."""
-        model, work, differences = call.model, call.work, self._differences
-        for first, count, place in sampled_batches(interval, differences, self._method.stages):
+        work, differences, self._is_here = self._call.work, self._differences, False
+        for first, count, place in sampled_batches(interval, differences, self._stages):
             if place >= 0 and place % differences == 0:
-                self._sample(model, work, 0)
+                self._sample(work, 0)
             self._steps(first, count)
             if place >= 0:
-                self._sample(model, work, place % differences + 1)
+                self._sample(work, place % differences + 1)
             if place >= 0 and place % differences + 1 == differences:
                 copy_back(work.difference, self._difference)
-                book = Ledger.over(call.ledger)
-                book.roughest = max(book.roughest, roughness(work, call.ledger))
+                book = Ledger.over(self._call.ledger)
+                book.roughest = max(book.roughest, roughness(work, self._call.ledger))
 
-    def exchange(self, call: Call, *, is_guarded: bool) -> None:
-        """Copy the impulses of contacts from the device; `search` copies the rest."""
-        if is_guarded and self._near is not None and call.model.contacts is not None:
-            self._near.note_pushes(call.model.contacts)
-
-    def examine(self, call: Call, time: float) -> int:
-        """Return the status of a health check at `time` [s], on the device if it can."""
-        self._is_examined_there = self._health.can_examine(call.model, call.loads, call.ledger)
-        if self._is_examined_there:
-            return int(self._health.examine(
-                self._state, self._now, call.loads, self._acting, call.ledger))
-        self._take(call.loads, call.state, call.work, whole=False)
-        place_all(call.model, call.state, call.work, 0, len(call.model.blocks.slot))
-        return int(examine(
-            call.model, call.loads, call.state, call.work, time, call.ledger))
-
-    def search(self, call: Call, time: float) -> int:
-        """Return the status of `judge_ways`, which needs the state if bodies have moved far."""
-        near, watch, status = self._near, call.watch, 0
-        assert near is not None and watch is not None
-        near.note_ways(watch)
-        most = farthest(watch, 1)
-        if most > watch.limits[SOON]:
-            self._take(call.loads, call.state, call.work, whole=False)
-            status = int(judge_ways(watch, most, call.state, time, call.steps.step))
-            near.put(call.model.contacts, watch, anew=False)
-        near.note_depths(call.model.contacts)
-        return status
-
-    def save(self, call: Call) -> None:
+    def save(self) -> None:
         """Save the state that was just examined, where it was examined."""
+        loads, self._saved_for = self._call.loads, None
         if self._is_examined_there:
-            self._state.save(self._now, self._acting.work if len(call.loads.work) else None)
-            self._saved_for = call.saved, call.loads
-            return
-        blocks = len(call.model.blocks.slot)
-        save(call.model, call.state, call.saved, 0, blocks)
-        keep_work(call.loads, 0, blocks)
-        self._saved_for = None
+            self._state.save(self._now, self._acting.work if len(loads.work) else None)
+            self._saved_for = self._call.saved, loads
+        else:
+            super().save()
 
-    def end(self, call: Call) -> None:
+    def leave(self) -> None:
         """Copy displacements and overlaps from the device, and the state of a trial."""
         if self._near is not None:
-            if call.watch is not None and call.steps.is_checked:
-                self._near.note_ways(call.watch)
-            self._near.note_depths(call.model.contacts)
-        if not call.steps.is_checked:
-            self._take(call.loads, call.state, call.work, whole=True)
+            if self._is_watching and self._call.watch is not None:
+                self._near.note_ways(self._call.watch)
+            self._near.note_depths(self._contacts)
+        if not self._call.of_run:
+            self._bring(self._call, whole=True)
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
-        """Copy state and loads to the device."""
         self._state.put(state, work)
         self._now = 0
         # Once something has acted, the kernel without loads is not made beside the other.
@@ -269,8 +168,9 @@ class DeviceSteps(Executor):
                 self._difference = doubles(work.difference, self._device)
             self._difference.assign(work.difference.ravel())
 
-    def _take(self, loads: Loads, state: State, work: Work, *, whole: bool) -> None:
+    def _bring(self, call: Call, *, whole: bool) -> None:
         """Copy state and work of loads to this process; `whole` adds data for the next step."""
+        _, loads, state, _, work, *_ = call
         self._state.take(self._now, state, work, whole=whole)
         if len(loads.wrench):
             copy_back(loads.work, self._acting.work)
@@ -384,7 +284,7 @@ class DeviceSteps(Executor):
                 take(last, state.poses[1 - now])
         return capture.graph
 
-    def _sample(self, model: Model, work: Work, number: int) -> None:
+    def _sample(self, work: Work, number: int) -> None:
         """Add the poses at the end of a step to the difference that measures roughness."""
         count = self._difference.shape[0] // POSE
         launch(
