@@ -32,12 +32,11 @@ from icofabric_sim.kernels.figures import (
     WEIGHT,
 )
 from icofabric_sim.kernels.masses import largest_of, units_of
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled, in_python
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, maximum, splat, store
-from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
 from icofabric_sim.terms.dipole.record import Dipole
 from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
@@ -111,19 +110,6 @@ def examine(
         model, loads, state, work, time, float(in_python(coarse_up_to)(ledger)),
         bool(in_python(looks_inside)(ledger)), 0, len(work.figures) - 1, len(model.blocks.slot))
     return conclude(model, state, work.figures, ledger)
-
-
-@compiled
-def note_own(
-    model: Model, loads: Loads, state: State, work: Work, team: Team, time: float,
-    ledger: np.ndarray
-) -> None:
-    """Add up a thread's share of the figures, then wait until all threads have added theirs."""
-    first, last = own_blocks(team, work.figures.shape[0] - 1)
-    note_figures(
-        model, loads, state, work, time, coarse_up_to(ledger), looks_inside(ledger), first, last,
-        model.blocks.slot.shape[0])
-    wait_for_all(team)
 
 
 @compiled

@@ -48,7 +48,7 @@ def test_a_run_finds_what_was_compiled(tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert 'compiling' not in ran.stderr
     # The growth of errors may need a kernel more, but no step does.
-    steps = {'splitting', 'embedded', 'flows', 'rhs', 'monitor', 'hessian'}
+    steps = {'splitting', 'embedded', 'flows', 'rhs', 'monitor', 'hessian', 'sweep'}
     modules = {path.name.partition('.')[0] for path in cache.rglob('*.nbc')}
     assert 'splitting' in modules
     more = {path.name for path in cache.rglob('*.nbc')} - entries

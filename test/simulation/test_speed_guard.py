@@ -16,7 +16,7 @@ import sys
 
 from fabrics import changed, make_scene
 import icofabric_sim as ico
-from icofabric_sim.kernels.integrators import bodies, embedded, splitting
+from icofabric_sim.kernels.integrators import bodies, embedded, sweep
 from icofabric_sim.kernels.runtime.target import choose, LEVELS
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
@@ -118,7 +118,7 @@ def bare_steps():
     pair = packed.layout.room(model.links, state)
     loads = pack_loads((), packed.layout)
     steps = {
-        'splitting': (splitting.steps, (
+        'splitting': (sweep.steps, (
             weights, weights, model, None, None, state, work, team, None, 0.0, 0, 0.0, 1)),
         'dop8': (bodies.slope_at, (
             model, loads, state, pair, pair.trail, 0, team, None, 0.0, 0, 1)),

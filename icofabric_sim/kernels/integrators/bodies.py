@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What the step control of an embedded pair asks of the bodies.
+What the step control of explicit methods asks of the bodies.
 
-The control in embedded.py is one kernel for all scenes: it sees the first fields of a model and of
-its loads, which all scenes have. The functions that read the terms of a scene are kernels of their
-own, compiled for these terms and called by address, once for all blocks of a thread.
+The control in embedded.py and splitting.py is one kernel for all scenes: it sees the first fields
+of a model and of its loads, which all scenes have. The functions that read the terms of a scene
+are kernels of their own, compiled for these terms and called by address, once for all blocks of a
+thread.
 
-Bodies may also be elsewhere, with ranks or a GPU. The control then runs in Python, and calls the
-methods of these names of an object that stands for the bodies.
+Bodies may also be elsewhere, with ranks or a GPU. The control of embedded pairs then runs in
+Python, and calls the methods of these names of an object that stands for the bodies.
 """
 
 from typing import Any
@@ -37,6 +38,7 @@ from icofabric_sim.kernels.contact.losses import (
 from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, judge_ways, MISSED
 from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.figures import note_figures
+from icofabric_sim.kernels.integrators.sweep import kernel_of, Splitting
 from icofabric_sim.kernels.integrators.tableau import LAST, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.meters import add_flow, repeat_flow
@@ -91,10 +93,11 @@ class Bodies(Record):
     state: State
     saved: State
     work: Any  # the first fields of Work
-    trail: Trail
+    trail: Any  # a Trail for embedded pairs, else None
     team: Team
     watch: Watch | None
-    # Addresses; 0: the scene has no such term.
+    # Addresses; 0: the method or the scene has no such term.
+    steps: int
     slopes: int
     figures: int
     verdict: int
@@ -103,8 +106,8 @@ class Bodies(Record):
     breaking: int
 
 
-# Addresses in `Bodies` by the types of the records that the kernels take.
-_known: dict[tuple[type, ...], tuple[int, ...]] = {}
+# Addresses in `Bodies` by the types of the records that the kernels take, and whether any loads.
+_known: dict[Any, tuple[int, ...]] = {}
 # The last bodies of each thread, and the records that they were made of, as long as the work
 # arrays exist. The bodies do not keep those.
 _made: dict[int, dict[int, tuple[tuple[Any, ...], Bodies]]] = {}
@@ -127,16 +130,14 @@ def bodies_of(
         before, bodies = kept[id(team)]
         if all(one is other for one, other in zip(before, given)):
             return bodies
-    trail = work.trail
-    assert trail is not None
-    kinds = type(model), type(loads), type(state), type(work), type(team), type(watch)
+    kinds = (*map(type, (model, loads, state, work, team, watch)), len(loads.wrench) > 0)
     if is_called and kinds not in _known:
         _known[kinds] = tuple(
             address_of(*call) if call else 0
             for call in calls_of(model, loads, state, work, team, watch))
     bodies = Bodies(
-        model.common(), model.contacts, loads.common(), state, saved, work.common(), trail, team,
-        watch, *(_known[kinds] if is_called else 6 * (0,)))
+        model.common(), model.contacts, loads.common(), state, saved, work.common(), work.trail,
+        team, watch, *(_known[kinds] if is_called else 7 * (0,)))
     if len(kept) >= _MAX_THREAD_COUNT:
         kept.clear()
     kept[id(team)] = given, bodies
@@ -158,11 +159,17 @@ def calls_of(
     Return the kernels of `Bodies` with arguments of their types; empty where there is no term.
     """
     trail, numbers = work.trail, np.zeros(1)
+    checks = [
+        (note_figures, model, loads, state, work, 0.0, 0.0, False, 0, 0, 0),
+        (conclude, model, state, work.figures, numbers)]
+    if trail is None:
+        method = Splitting(numbers, numbers)
+        steps = (
+            kernel_of(loads, work), method, model, loads, state, work, team, watch, 0.0, 0, 0.0, 0)
+        return [steps, (), *checks, (), (), ()]
     drives, breaks = loads.drives is not None, work.breakage is not None
     return [
-        (slope_at, model, loads, state, work, trail, 0, team, watch, 0.0, 0, 0),
-        (note_figures, model, loads, state, work, 0.0, 0.0, False, 0, 0, 0),
-        (conclude, model, state, work.figures, numbers),
+        (), (slope_at, model, loads, state, work, trail, 0, team, watch, 0.0, 0, 0), *checks,
         (paths_error, model, loads, trail, numbers, numbers, 0.0, team) if drives else (),
         (begin_lengths, model, state, work, team, 0, 0) if breaks else (),
         (end_lengths, model, state, work, trail, team, 0.0, 0, 0) if breaks else ()]
@@ -239,6 +246,20 @@ def copy_last(
 def own(bodies: Bodies) -> tuple[int, int]:
     """Return the blocks of this thread: first, and one after the last."""
     return own_blocks(bodies.team, bodies.model.blocks.slot.shape[0])
+
+
+@compiled
+def examine_bodies(bodies: Bodies, time: float, ledger: np.ndarray) -> int:
+    """Return the status of the state at `time` [s] in the first thread, 0 in all others."""
+    team, figures = bodies.team, bodies.work.figures
+    first, last = own_blocks(team, figures.shape[0] - 1)
+    call_none(bodies.figures, (
+        bodies.model, bodies.loads, bodies.state, bodies.work, time, coarse_up_to(ledger),
+        looks_inside(ledger), first, last, bodies.model.blocks.slot.shape[0]))
+    wait_for_all(team)
+    if team.member != 0:
+        return 0
+    return call_int(bodies.verdict, (bodies.model, bodies.state, figures, ledger))
 
 
 @asked
@@ -424,18 +445,12 @@ def check_health(
 
     Return the status and the steps since the last health check.
     """
-    team, state, work, watch = bodies.team, bodies.state, bodies.work, bodies.watch
+    team, state, watch = bodies.team, bodies.state, bodies.watch
     examined = since_check >= check_interval
     status = 0
     if examined:
-        first, last = own_blocks(team, work.figures.shape[0] - 1)
-        call_none(bodies.figures, (
-            bodies.model, bodies.loads, state, work, time, coarse_up_to(ledger),
-            looks_inside(ledger), first, last, bodies.model.blocks.slot.shape[0]))
-        wait_for_all(team)
+        status = examine_bodies(bodies, time, ledger)
     if team.member == 0:
-        if examined:
-            status = call_int(bodies.verdict, (bodies.model, state, work.figures, ledger))
         status |= judge_ways(watch, farthest(watch, team.size), state, time, step)
         if deepest_overlap(bodies.contacts, team.size) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP

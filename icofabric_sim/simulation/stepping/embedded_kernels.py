@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.integrators.bodies import bodies_of, calls_of
+from icofabric_sim.kernels.integrators.bodies import bodies_of
 from icofabric_sim.kernels.integrators.embedded import (
     adaptive_pair,
     dense_state,
@@ -15,41 +15,7 @@ from icofabric_sim.kernels.integrators.embedded import (
 )
 from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
-
-
-class PairKernel:
-    """A kernel that takes steps of an embedded pair, called as the kernels of other methods."""
-
-    def __init__(self, kernel: Any, pair: Pair) -> None:
-        """Take the kernel, and the pair that it is called with."""
-        self._kernel, self._pair = kernel, pair
-
-    def __call__(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        *arguments: Any
-    ) -> tuple[int, int, int]:
-        """
-        Take steps of the bodies of a scene.
-
-        `arguments` are those of the kernel after the pair, with the positions since the last
-        search for contacts before the ledger.
-        """
-        *others, watch, ledger = arguments
-        taken: tuple[int, int, int] = self._kernel(
-            bodies_of(model, loads, state, saved, work, team, watch), self._pair, *others, ledger)
-        return taken
-
-    def is_ready(
-        self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
-        *arguments: Any
-    ) -> bool:
-        """Check that no kernel must be compiled for such arguments."""
-        *others, watch, ledger = arguments
-        calls = [call for call in calls_of(model, loads, state, work, team, watch) if call]
-        return all(kernel.is_ready(*values) for kernel, *values in calls) and bool(
-            self._kernel.is_ready(
-                bodies_of(model, loads, state, saved, work, team, watch, is_called=False),
-                self._pair, *others, ledger))
+from icofabric_sim.simulation.stepping.scene_kernel import SceneKernel
 
 
 class EmbeddedKernels(NamedTuple):
@@ -75,7 +41,7 @@ class EmbeddedKernels(NamedTuple):
 def kernels_of(pair: Pair) -> EmbeddedKernels:
     """Return the kernels of an explicit embedded `pair`."""
     return EmbeddedKernels(
-        take=PairKernel(adaptive_pair, pair), prepare=partial(_prepare, pair),
+        take=SceneKernel(adaptive_pair, pair), prepare=partial(_prepare, pair),
         state=partial(dense_state, pair), sum=partial(dense_sum, pair), slopes=pair.kept_slots,
         prepare_count=len(pair.dense_slots), reads_terms=False, pair=pair)
 

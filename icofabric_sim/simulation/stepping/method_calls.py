@@ -250,10 +250,7 @@ class MethodCalls:
 
     def _own_kernel(self) -> Kernel:
         trajectory, watch = self._trajectory, self._contact.watching()
-        advance = trajectory.method.advance
-        given = advance.args if isinstance(advance, partial) else ()
-        function = advance.func if isinstance(advance, partial) else advance
-        return function, lambda model, team: (
-            *given, model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
+        return trajectory.method.advance, lambda model, team: (
+            model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
             team, trajectory.origin, trajectory.index, trajectory.step, 1, 0, 1, watch,
             trajectory.ledger.numbers)

@@ -3,20 +3,17 @@
 """Fact sheets of the integration methods, also for tests and benchmarks."""
 
 from collections.abc import Callable
-from functools import partial
 import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.kernels.integrators.embedded import DOP8, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import splitting
+from icofabric_sim.kernels.integrators.sweep import Splitting
 from icofabric_sim.kernels.integrators.tableau import Pair, pair_of
 from icofabric_sim.simulation.stepping import tsit5
-from icofabric_sim.simulation.stepping.embedded_kernels import (
-    EmbeddedKernels,
-    kernels_of,
-    PairKernel,
-)
+from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels, kernels_of
 from icofabric_sim.simulation.stepping.executor import Executor
+from icofabric_sim.simulation.stepping.scene_kernel import SceneKernel
 import numpy as np
 
 # Order that methods with `mends_kinks` have where the slopes of connectors jump.
@@ -84,14 +81,15 @@ def _symmetric(kicks: tuple[float, ...], drifts: tuple[float, ...], *, first: st
     return Method(
         symplectic=True, adaptive=False, stages=min(len(all_kicks), len(all_drifts)),
         kicks=all_kicks, drifts=all_drifts,
-        advance=partial(splitting, np.array(all_kicks), np.array(all_drifts)), **facts)
+        advance=SceneKernel(
+            splitting, Splitting(np.array(all_kicks), np.array(all_drifts))), **facts)
 
 
 def _embedded(pair: Pair, **facts: Any) -> Method:
     """Return the method of an explicit embedded `pair`; its `facts` are fields of `Method`."""
     return Method(
         symplectic=False, adaptive=True, stages=pair.stage_count, kicks=(), drifts=(),
-        advance=PairKernel(fixed_pair, pair), embedded=kernels_of(pair), **facts)
+        advance=SceneKernel(fixed_pair, pair), embedded=kernels_of(pair), **facts)
 
 
 def _needs_scene(*_: Any) -> Any:

@@ -4,7 +4,6 @@
 
 import csv
 from dataclasses import replace
-from functools import partial
 import json
 import math
 import os
@@ -15,6 +14,7 @@ from types import SimpleNamespace
 import icofabric_sim as ico
 from icofabric_sim.commands.main import main
 from icofabric_sim.kernels.integrators.splitting import splitting
+from icofabric_sim.kernels.integrators.sweep import Splitting
 from icofabric_sim.parameters.text import flatten_parameters
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
@@ -24,6 +24,7 @@ from icofabric_sim.simulation.reports.status import SimulationStatus
 from icofabric_sim.simulation.simulation import compile_scene, Simulation
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, METHODS
+from icofabric_sim.simulation.stepping.scene_kernel import SceneKernel
 from icofabric_validation.stress import judge as judge_module
 from icofabric_validation.stress import refusals, report, windows, workers
 from icofabric_validation.stress import shrink as shrink_module
@@ -361,7 +362,8 @@ def test_a_sign_in_the_weights_of_a_method_is_found(monkeypatch):
     kicks[[2, -3]] *= -1.0
     monkeypatch.setitem(
         METHODS, 'srkn6',
-        right._replace(advance=partial(splitting, kicks, np.array(right.drifts))))
+        right._replace(advance=SceneKernel(
+            splitting, Splitting(kicks, np.array(right.drifts)))))
     finding = judge(scene)
     assert finding.is_fault, finding
 
