@@ -11,7 +11,6 @@ check at the end of the step in progress wait until the run reaches that end. So
 nor the intervals of requests change the sequence.
 """
 
-from functools import partial
 from typing import Any
 
 from icofabric_sim.kernels import monitor
@@ -36,7 +35,7 @@ _LASTING = [
 _FARTHER = 1.5
 
 
-class EmbeddedStepping:
+class EmbeddedStepping(Stepping):
     """Stepping one step ahead, with steps that end at events."""
 
     def __init__(self, pieces: Pieces, given: float) -> None:
@@ -134,13 +133,6 @@ class EmbeddedStepping:
         control.start = time
         return True
 
-    def check_within(self, time: float) -> bool:
-        """Return True: states within a step are as good as its end."""
-        return True
-
-    def go_back(self) -> None:
-        """Do nothing: kernels refuse a step that leads too far."""
-
     def state_at(self, time: float) -> State:
         """Return the state at a `time` [s] within the step in progress, by dense output."""
         step, trajectory, length = self._step, self._pieces.trajectory, self._step.length
@@ -173,12 +165,8 @@ class EmbeddedStepping:
 
     def is_ready(self, *, touching: bool) -> bool:
         """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
-        take = self._kernels.take
-        given = take.args if isinstance(take, partial) else ()
-        function = take.func if isinstance(take, partial) else take
         return self._uniform.is_ready(touching=touching) and self._pieces.calls.is_ready(
-            (function, lambda model, team: (*given, *self._arguments(model, team))),
-            touching=touching)
+            (self._kernels.take, self._arguments), touching=touching)
 
     def _arguments(self, model: Model, team: Team) -> tuple[Any, ...]:
         pieces, trajectory = self._pieces, self._pieces.trajectory

@@ -234,6 +234,9 @@ class MethodCalls:
         if is_compiling_disabled():
             return True
         function, arguments = kernel or self._own_kernel()
+        given: tuple[Any, ...] = ()
+        if isinstance(function, partial):
+            given, function = function.args, function.func
         if not hasattr(function, 'is_ready'):
             # Steps in Python, of implicit methods.
             return True
@@ -246,7 +249,7 @@ class MethodCalls:
             kinds.append((
                 model._replace(contacts=phase.nothing()),
                 team._replace(scratch=contact_scratch())))
-        return all(function.is_ready(*arguments(*kind)) for kind in kinds)
+        return all(function.is_ready(*given, *arguments(*kind)) for kind in kinds)
 
     def _own_kernel(self) -> Kernel:
         trajectory, watch = self._trajectory, self._contact.watching()

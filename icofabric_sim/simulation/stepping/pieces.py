@@ -7,6 +7,7 @@ Interfaces of the components of a driver.
 `events/`.
 """
 
+from abc import abstractmethod
 from typing import Any, NamedTuple, Protocol
 
 from icofabric_sim.kernels.records import State
@@ -31,19 +32,22 @@ class StepChoice(NamedTuple):
     output_period: float  # [s], the step where nothing in the scene sets a scale
 
 
-class StepController(Protocol):
+class StepController:
     """
     Controller that proposes steps, and estimates errors of completed steps.
 
-    The module of the class also has `RANK`, `suits` and `make`, see `controllers`.
+    The defaults are those of steps that do not follow contacts. The module of the class also has
+    `RANK`, `suits` and `make`, see `controllers`.
     """
 
     # Whether it is the speed of bodies that limits the step.
     held_back: bool
 
+    @abstractmethod
     def outlook(self) -> tuple[float, float]:
         """Return the step [s] for contacts, and the number of such steps that a search covers."""
 
+    @abstractmethod
     def propose(self, *, probe: bool, shorter: float) -> float:
         """
         Return the step [s] from the present state on.
@@ -60,20 +64,24 @@ class StepController(Protocol):
         Return the ratio of the error since the last health check to the tolerance.
 
         Above 1 the driver rejects them. Asked where the motion has become rougher than
-        `ledger.rough_limit`; None: it cannot tell yet.
+        `ledger.rough_limit`; None: it cannot tell yet, or accepts any.
         """
+        return None
 
     def follow_contacts(self) -> bool:
         """React to a change of candidate pairs or speeds; return True to propose a step."""
+        return False
 
     def follow_touching(self) -> bool:
         """React to the number of contacts at a health check; return True to propose a step."""
+        return False
 
     def follow_swing(self) -> None:
         """
         React to an energy oscillation above `ledger.swing_limit`, in steps that are repeated.
         """
 
+    @abstractmethod
     def follow_jump(self) -> bool:
         """
         React to a jump of forces, after which no earlier data hold; return True to propose a step.
@@ -125,16 +133,22 @@ class EventLocator(Protocol):
         """Restore the event from a checkpoint."""
 
 
-class Stepping(Protocol):
-    """Control of steps, and states between their ends."""
+class Stepping:
+    """
+    Control of steps, and states between their ends.
+
+    The methods that return nothing do nothing where other components have the data.
+    """
 
     @property
+    @abstractmethod
     def next_step_time(self) -> float:
         """Time [s] at which the step in progress ends."""
 
     def restart(self) -> None:
         """Restart after a jump of the state, without earlier data."""
 
+    @abstractmethod
     def settle(self, total: float) -> None:
         """Set the `total` of errors at the present step end."""
 
@@ -147,12 +161,15 @@ class Stepping(Protocol):
     def rebase(self, time: float) -> None:
         """Move an unstarted motion to another `time` [s]."""
 
+    @abstractmethod
     def count_until(self, time: float) -> int:
         """Return an upper bound of the number of steps to `time` [s]; 0: none."""
 
+    @abstractmethod
     def run(self, time: float, count: int) -> None:
         """Call kernels once for up to `count` steps towards `time` [s]."""
 
+    @abstractmethod
     def run_steps(self, count: int, until: float) -> int:
         """Take up to `count` steps that end by `until` [s]; return their number."""
 
@@ -162,10 +179,12 @@ class Stepping(Protocol):
 
         Return False if steps have to be repeated by `go_back`.
         """
+        return True
 
     def go_back(self) -> None:
         """Return to the saved state; the next steps are shorter, or checked more often."""
 
+    @abstractmethod
     def cut(self, time: float) -> bool:
         """
         End the step in progress at `time` [s], where the next one starts.
@@ -173,22 +192,27 @@ class Stepping(Protocol):
         Return False if the step led too far, and the run is back at the saved state.
         """
 
+    @abstractmethod
     def state_at(self, time: float) -> State:
         """
         Return the state at a `time` [s] up to the end of the next step, and store its energies.
         """
 
+    @abstractmethod
     def follow_loads(self) -> None:
         """React to other loads from the present state on."""
 
+    @abstractmethod
     def error_rate(self) -> float:
         """Error that the method adds per second, measured last."""
 
+    @abstractmethod
     def error_estimate(self, time: float) -> float:
         """
         Return the errors from the start to a present `time` [s], without amplification or decay.
         """
 
+    @abstractmethod
     def is_ready(self, *, touching: bool) -> bool:
         """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
 

@@ -18,13 +18,12 @@ After all but the first, the run returns to the saved state, reacts, and takes t
 
 from enum import Enum
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.contact.rebuild_check import MISSED
 from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
-from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of
@@ -59,7 +58,7 @@ def latest_end(time: float) -> float:
     return time + _MAX_ROUNDING_ULP * math.ulp(time)
 
 
-class UniformStepping:
+class UniformStepping(Stepping):
     """Steps of the trajectory's length, until the controller proposes another."""
 
     def __init__(self, pieces: Pieces) -> None:
@@ -74,21 +73,9 @@ class UniformStepping:
         """Time [s] at which the step in progress ends."""
         return self._pieces.trajectory.time + self._pieces.trajectory.step
 
-    def restart(self) -> None:
-        """Do nothing: the trajectory counts steps, and `errors` sums what they add."""
-
     def settle(self, total: float) -> None:
         """Set the `total` of errors at the present time."""
         self._pieces.errors.settle(total)
-
-    def adopt(self, other: Stepping) -> None:
-        """Do nothing: `errors` measures again."""
-
-    def forget(self) -> None:
-        """Do nothing: `errors` has all sums."""
-
-    def rebase(self, time: float) -> None:
-        """Do nothing: the trajectory has the time."""
 
     def count_until(self, time: float) -> int:
         """Count the whole steps that end by `time` [s]."""
@@ -319,15 +306,6 @@ class UniformStepping:
     def is_ready(self, *, touching: bool) -> bool:
         """Return True if the kernels of all steps are compiled, with contacts if `touching`."""
         return self._pieces.calls.is_ready(touching=touching)
-
-    def state_tree(self, tree: dict[str, Any]) -> None:
-        """Add nothing: the other components have everything that later steps depend on."""
-
-    def load_time(self, tree: StateTree) -> None:
-        """Do nothing: the trajectory has the time."""
-
-    def load_state(self, tree: StateTree) -> None:
-        """Do nothing: the other components restore their state."""
 
     def take(self, step: float, count: int) -> int:
         """Take up to `count` steps of `step` [s] and react to the outcome; return their number."""

@@ -14,7 +14,7 @@ from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.simulation.model.layout import has_jumps, has_tables
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.faults import too_fast
-from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice, StepController
 import numpy as np
 
 # Tolerance per radian of the fastest motion above which steps are so long that the estimate of
@@ -62,7 +62,7 @@ def make(pieces: Pieces, choice: StepChoice) -> 'EmbeddedError':
     return EmbeddedError(pieces, choice)
 
 
-class EmbeddedError:
+class EmbeddedError(StepController):
     """Criteria by which the kernel accepts a step, and the length of the first step."""
 
     held_back = False
@@ -123,10 +123,6 @@ class EmbeddedError:
         self._keep_given()
         return self._given or trajectory.step or first
 
-    def excess(self) -> float | None:
-        """Return None: steps with too large errors were rejected already."""
-        return None
-
     def follow_contacts(self) -> bool:
         """
         Set limits of steps at first contact, where forces have a kink; return False.
@@ -161,13 +157,6 @@ class EmbeddedError:
                 control.floor = noise / _LARGEST_NOISE
                 contact.note_rounding(extent, control.floor)
         return False
-
-    def follow_touching(self) -> bool:
-        """Return False: the error of each step includes contacts."""
-        return False
-
-    def follow_swing(self) -> None:
-        """Do nothing: adaptive steps have no limit of the energy oscillation."""
 
     def follow_jump(self) -> bool:
         """Start the next step without data of the last one, at most as long as a first step."""

@@ -11,7 +11,7 @@ import math
 
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.simulation.model.layout import has_jumps
-from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice
+from icofabric_sim.simulation.stepping.pieces import Pieces, StepChoice, StepController
 
 # Most shortest periods until the next measurement, which only serves reports.
 _LARGEST_GAP = 128
@@ -35,7 +35,7 @@ def make(pieces: Pieces, choice: StepChoice) -> 'GivenStep':
     return GivenStep(pieces)
 
 
-class GivenStep:
+class GivenStep(StepController):
     """Steps of `solver.step`."""
 
     held_back = False
@@ -80,21 +80,6 @@ class GivenStep:
             if probe:
                 errors.checks_left = NEVER
         return step
-
-    def excess(self) -> float | None:
-        """Return None: steps are accepted with any error."""
-        return None
-
-    def follow_contacts(self) -> bool:
-        """Return False: the step does not change."""
-        return False
-
-    def follow_touching(self) -> bool:
-        """Return False: the step does not change."""
-        return False
-
-    def follow_swing(self) -> None:
-        """Do nothing: the step does not change."""
 
     def follow_jump(self) -> bool:
         """Request a measurement of the error, as loads may be faster."""
