@@ -13,7 +13,7 @@ from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase, NoContacts
 from icofabric_sim.simulation.contact.friction_state import frequency_of
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.inputs.input_types import Target, Value
@@ -145,7 +145,7 @@ class EventLoop:
         team = ThreadTeam(parameters['solver.threads'], packed, is_shared=is_shared)
         self._setup = RunSetup(
             scene, packed, self.inputs, team,
-            None if packed.contact is None else BroadPhase(
+            NoContacts() if packed.contact is None else BroadPhase(
                 packed.contact, packed.layout, packed.model, team.size),
             Obstruction(parameters['connector.obstruction'], packed), on_pause)
         if method.symplectic and not fixed > 0.0:
@@ -252,9 +252,8 @@ class EventLoop:
         """Continue by another method from a `state` that the present steps have reached."""
         before, was, now = self.driver, self.method, self.time
         self.method, self.time = choice, before.time
-        if self._setup.broad_phase is not None:
-            # Methods that run through contacts change this flag themselves.
-            self._setup.broad_phase.counts_listed = True
+        # Methods that run through contacts change this flag themselves.
+        self._setup.broad_phase.counts_listed = True
         try:
             after = self._make_driver(
                 self._method_of(choice.name), state, self._loads(again=True),

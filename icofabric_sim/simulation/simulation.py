@@ -524,7 +524,7 @@ class Simulation:
         self.inputs.adopt(previous.inputs, previous.time, anew=not keep_motion)
         if keep_motion:
             # The same motion: warnings are not repeated.
-            self._driver.contact.take_over(previous.status.proximity)
+            self._driver.contact.phase.take_over(previous.status.proximity)
             self._trajectory.broken.adopt(previous._trajectory.broken)
             obstruction = self._driver.monitor.obstruction
             if not obstruction.stops:

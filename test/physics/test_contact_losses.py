@@ -250,7 +250,7 @@ def test_what_slides_through_a_collision_is_pushed_back_by_its_part():
         np.array([-1.2, 0.5]) / 1.3, abs=1e-3)
     assert simulation.status.contact_count == 0
     # Nothing is left of the stretch once it has gone.
-    losses = simulation._driver.contact.broad_phase.stretches.state_tree()
+    losses = simulation._driver.contact.phase.stretches.state_tree()
     assert not losses['rows'].any()
     turned = simulation.snapshot().angular_velocity[0]
     arm = -height * UP
@@ -322,7 +322,7 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
     for checkpoint in checkpoints[::4]:
         again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
         again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
-        stretched += bool(again._driver.contact.broad_phase.stretches.state_tree()['rows'].any())
+        stretched += bool(again._driver.contact.phase.stretches.state_tree()['rows'].any())
         again.advance_to(0.045)
         assert same_state(again.snapshot(), always.snapshot())
         assert again.snapshot().energy == always.snapshot().energy
@@ -335,7 +335,7 @@ def test_stretches_are_part_of_checkpoints_and_forgotten_by_a_reset():
                for name, rows in checkpoint.arrays.items()))
     again.restore(stuck)
     again.reset()
-    assert not again._driver.contact.broad_phase.stretches.state_tree()['rows'].any()
+    assert not again._driver.contact.phase.stretches.state_tree()['rows'].any()
     # A checkpoint with pairs that are not there is refused.
     arrays = {name: rows + 7.0 if name.endswith('stretches.pairs') else rows
               for name, rows in stuck.arrays.items()}

@@ -20,7 +20,7 @@ def test_pairs_have_the_same_bits_in_any_company_and_whatever_was_known():
         'solver.method': 'leapfrog', 'solver.tolerance': 0.1, 'contact.stiffness': 1e6}))
     simulation.advance_to(0.02)
     driver, rng = simulation._driver, np.random.default_rng(1)
-    phase, state = driver.contact.broad_phase, driver.trajectory.state
+    phase, state = driver.contact.phase, driver.trajectory.state
     contacts = phase.contacts
     count, seen = len(contacts.pairs), {'edges': 0, 'points': 0, 'others': 0, 'left': 0}
     assert count > 20 and simulation.status.method_name == 'leapfrog'

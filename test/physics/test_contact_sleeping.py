@@ -26,7 +26,7 @@ def ends(scene, until, **options):
     simulation, slept, met = ico.compile_scene(scene, **options), [], 0
     for time in np.linspace(0.02, 1.0, 50) * until:
         simulation.advance_to(time)
-        contacts = simulation._driver.contact.broad_phase.contacts
+        contacts = simulation._driver.contact.phase.contacts
         met += simulation.status.contact_count
         if contacts is not None and len(contacts.pairs):
             path = contacts.sleep.path[0] if len(contacts.sleep.blocks.slot) else np.inf
@@ -55,7 +55,7 @@ def test_no_bit_depends_on_what_sleeps(monkeypatch, changes, options):
 @pytest.mark.parametrize('changes', [{}, FLOOR], ids=['free', 'with a floor'])
 def test_what_sleeps_is_apart_by_as_much_as_it_may_still_move(changes):
     simulation, seen = ico.compile_scene(changed(crowd(), changes)), 0
-    phase = simulation._driver.contact.broad_phase
+    phase = simulation._driver.contact.phase
     for time in np.linspace(0.001, 0.04, 40):
         simulation.advance_to(time)
         contacts = phase.contacts
@@ -82,7 +82,7 @@ def test_a_look_leaves_out_only_what_is_apart(changes):
     """Also at places that bodies have not come to."""
     simulation, rng, slept = ico.compile_scene(changed(crowd(), changes)), (
         np.random.default_rng(4)), []
-    phase, touched = simulation._driver.contact.broad_phase, 0
+    phase, touched = simulation._driver.contact.phase, 0
     for time in np.linspace(0.001, 0.04, 40):
         simulation.advance_to(time)
         contacts, state = phase.contacts, simulation._driver.trajectory.state
@@ -119,7 +119,7 @@ def test_the_path_is_as_long_as_any_way_also_by_numbers_that_are_no_rotations(si
     simulation, rng = ico.compile_scene(changed(crowd(), FLOOR)), np.random.default_rng(2)
     simulation.advance_to(0.02)
     driver = simulation._driver
-    phase, team = driver.contact.broad_phase, driver.trajectory.thread_team.alone()
+    phase, team = driver.contact.phase, driver.trajectory.thread_team.alone()
     sleep, slots = phase.contacts.sleep, phase._layout.slot
     assert isinstance(sleep.blocks, Blocks) and len(sleep.blocks.slot)
     position, orientation = (np.array(rows) for rows in (sleep.position, sleep.orientation))
@@ -148,12 +148,12 @@ def test_numbers_that_are_none_wake_all():
     simulation = ico.compile_scene(changed(crowd(), FLOOR))
     simulation.advance_to(0.02)
     driver = simulation._driver
-    sleep = driver.contact.broad_phase.contacts.sleep
+    sleep = driver.contact.phase.contacts.sleep
     position, orientation = aligned(sleep.position), aligned(sleep.orientation)
     sleep.until[:] = 1.0
     for wild in (np.nan, np.inf, 1e200):
         wilder = aligned(position)
-        wilder[1, driver.contact.broad_phase._layout.slot[3]] = wild
+        wilder[1, driver.contact.phase._layout.slot[3]] = wild
         for rows in (wilder, position):
             sleep.until[:] = 1.0
             assert go_on(sleep, rows, orientation, driver.trajectory.thread_team.alone()) == 0.0

@@ -15,7 +15,7 @@ FLOOR = {'planes.floor.normal': [0.0, 0.0, 1.0], 'planes.floor.offset': -0.065}
 def run(scene, until, caution=1.0):
     """The state at the end, how many searches and pairs tested; they reach `caution` times far."""
     simulation, searches = ico.compile_scene(scene), []
-    phase = simulation._driver.contact.broad_phase
+    phase = simulation._driver.contact.phase
     phase._caution, search = caution, phase.search
     phase.search = lambda time, *args, **kwargs: (
         searches.append(time), search(time, *args, **kwargs))[1]

@@ -160,7 +160,7 @@ def test_steps_follow_what_may_touch_alone():
             steps.add(simulation.status.step)
     # Neither the onset nor what else is near shortens them.
     assert len(steps) == 1
-    rate = np.sqrt(simulation._driver.contact.least_rate)
+    rate = np.sqrt(simulation._driver.contact.phase.least_rate)
     assert 0.1 < steps.pop() * rate <= 0.8
     assert simulation.status.error_estimate > 0.0
 
@@ -175,7 +175,7 @@ def face_hits(height, **changes):
 
 def test_steps_become_longer_as_less_energy_moves_and_shorter_where_a_hit_swings_much():
     simulation = face_hits(-0.026, contact__damping=0.5, gravity=[0.0, 0.0, -GRAVITY])
-    rate = np.sqrt(simulation._driver.contact.least_rate)
+    rate = np.sqrt(simulation._driver.contact.phase.least_rate)
     before = simulation.snapshot().energy['kinetic']
     assert 0.75 < rate * simulation.status.step <= 0.8
     ratios = []
@@ -221,7 +221,7 @@ def test_steps_follow_how_stiff_what_touches_is():
             orientation=Rotation.from_matrix(facing(np.eye(3), up, -UP)).as_quat()[None])
         driver = simulation._driver
         phase, state, model = (
-            driver.contact.broad_phase, driver.trajectory.state, driver.trajectory.model)
+            driver.contact.phase, driver.trajectory.state, driver.trajectory.model)
         assert contact_look(phase.contacts, state)[2] == 1
         found.append(largest_stiffness(
             phase.contacts, state.position, model.inverse_mass, model.inverse_inertia, 1e300, 0.0,
@@ -250,7 +250,7 @@ def test_what_contacts_keep_short_is_measured_and_searched_for_seldom(monkeypatc
         monkeypatch.setattr(owner, name, counted)
 
     count(driver.errors.probe, 'measured')
-    count(driver.contact.broad_phase, 'search')
+    count(driver.contact.phase, 'search')
     before = simulation.status.step_count
     simulation.advance_to(0.5)
     checks = (simulation.status.step_count - before) / driver.monitor.interval
@@ -348,7 +348,7 @@ def test_the_bits_are_the_same_in_pieces_from_checkpoints_and_for_any_mode():
     for checkpoint in checkpoints[::4]:
         again = ico.compile_scene(changed(scene, {'contact.mode': 'always'}))
         again.restore(Checkpoint.from_bytes(checkpoint.to_bytes()))
-        stretched += bool(again._driver.contact.broad_phase.stretches.state_tree()['rows'].any())
+        stretched += bool(again._driver.contact.phase.stretches.state_tree()['rows'].any())
         again.advance_to(0.04)
         assert same_state(again.snapshot(), always.snapshot())
         assert again.snapshot().energy == always.snapshot().energy

@@ -115,12 +115,60 @@ NOTHING_TOUCHES = Touching(
     np.zeros((0, 3)))
 
 
+class NoContacts:
+    """Stand-in for the broad phase of a scene whose shells cannot touch; it does nothing."""
+
+    is_possible = is_wary = lists_by_few_axes = False
+    counts_listed = True
+    contacts = watch = trial_watch = passing = None
+    found: Overlap | None = None
+    rate = least_rate = velocity_rate = stiffness = fall = displacement = 0.0
+    touching_pairs = tests = evaluated = 0
+    stride = 1
+    longest_step = deepest = reported = math.inf
+    searched = wary_until = -math.inf
+
+    def has_touched(self) -> bool:
+        """Return False."""
+        return False
+
+    def has_left(self, state: State, time: float) -> bool:
+        """Return False."""
+        return False
+
+    def passing_by(
+        self, before: State, after: State, start: float, end: float, *, long: bool
+    ) -> str:
+        """Return an empty text."""
+        return ''
+
+    def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
+        """Return 0 J."""
+        return 0.0, 0.0
+
+    def touching(self, state: State, stretches: np.ndarray | None = None) -> Touching:
+        """Return no pairs."""
+        return NOTHING_TOUCHES
+
+    def note(self, time: float, state: State) -> None:
+        """Return no overlap."""
+
+    def _ignore(self, *arguments: Any, **named: Any) -> None:
+        """Do nothing."""
+
+    announce = forget = forget_displacements = forget_friction = calm = count_touching = _ignore
+    search = make_room = pace = miss = be_wary = rebase = take_over = _ignore
+
+
 class BroadPhase:
     """Search for candidate pairs, repeated when bodies have moved far enough."""
+
+    is_possible = True
 
     def __init__(self, setup: ContactSetup, layout: Layout, model: Model, threads: int) -> None:
         """Track the bodies of a `layout` for `threads` threads."""
         self.setup, self._layout, self._threads = setup, layout, threads
+        self.stiffness = setup.stiffness  # [N/m] of a contact
         self._lists = NeighbourList(setup, layout)
         self._radius = circumscribed_radius(setup.largest)
         # Contacts that may occur before the next search; None: no pair is near.
@@ -330,11 +378,6 @@ class BroadPhase:
             share = np.bincount(np.concatenate([near.pairs[:, 0], near.pairs[pair, 1]]))
             self.rate = self.least_rate * float(share.max())
 
-    @property
-    def search_time(self) -> float:
-        """Time [s] of the last search."""
-        return float(self._watch.frame[0])
-
     def has_left(self, state: State, time: float) -> bool:
         """Return True if a body has moved beyond the displacement for which the list is valid."""
         unpack, watch = self._layout.unpack, self._watch
@@ -422,6 +465,10 @@ class BroadPhase:
     def forget_displacements(self) -> None:
         """Discard displacements recorded before the last search."""
         self._watch.far[:] = 0.0
+
+    def forget_friction(self) -> None:
+        """Release all friction springs: the state has jumped."""
+        self.stretches.forget()
 
     @property
     def searched(self) -> float:

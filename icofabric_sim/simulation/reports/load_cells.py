@@ -25,6 +25,7 @@ from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.layout import aligned_empty, copy_state
@@ -222,15 +223,15 @@ class LoadCells:
         """
         Return the contacts in the `state` that the driver evaluated last, near its last search.
         """
-        phase = driver.contact.broad_phase
-        planes = () if phase is None else phase.setup.names
-        contacts = None if phase is None else phase.contacts
+        phase = driver.contact.phase
+        planes = phase.setup.names if isinstance(phase, BroadPhase) else ()
+        contacts = phase.contacts
         if contacts is None:
             empty = np.zeros((0, 3))
             return ContactForces(
                 np.zeros((0, 2), np.int32), empty, empty, np.zeros(0), planes,
                 np.zeros((0, 6)), np.zeros((0, 6)))
-        assert phase is not None
+        assert isinstance(phase, BroadPhase)
         contact_look(contacts, state)
         which, found = contacts.aside[:, 9] > 0.0, contacts.aside.copy()
         _lose(contacts, found, state, driver.shown.stretches)

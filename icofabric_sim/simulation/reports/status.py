@@ -135,7 +135,7 @@ class SimulationStatus:
     def contact_evaluation_rate(self) -> float:
         """Force evaluations [1/s] with the step size of contacts; 0 if contacts are impossible."""
         contact = self._driver.contact
-        rate = math.sqrt(contact.least_rate) + contact.velocity_rate
+        rate = math.sqrt(contact.phase.least_rate) + contact.phase.velocity_rate
         return self.stage_count * rate / _CONTACT_ANGLE
 
     @property
@@ -269,7 +269,7 @@ class SimulationStatus:
     @property
     def contact_tests(self) -> int:
         """Pairs tested in all steps so far, without tests for snapshots between steps."""
-        return self._driver.contact.tests
+        return self._driver.contact.phase.tests
 
     @property
     def deepest_overlap(self) -> float:
@@ -279,7 +279,7 @@ class SimulationStatus:
     @property
     def proximity(self) -> Overlap | None:
         """First two shells whose overlap exceeded the intended one; None without any."""
-        return self._driver.contact.found
+        return self._driver.contact.phase.found
 
     @property
     def broken_count(self) -> int:

@@ -88,9 +88,9 @@ class Driver:
             self.trajectory, self.trials, self.rates, tolerance, differences=differences)
         # Wrapped connectors change to another geodesic at any time, and slack ones tighten.
         any_time = packed.model.wrapping is not None or (is_given and packed.goes_slack)
-        has_jumps = any_time or broad_phase is not None
+        has_jumps = any_time or broad_phase.is_possible
         # Errors in contacts limit the chosen steps of methods that run through them.
-        follows = broad_phase is not None and method.runs_through_contacts and not is_given
+        follows = broad_phase.is_possible and method.runs_through_contacts and not is_given
         is_needed = has_jumps and not is_adaptive and (estimates_errors or follows)
         self.errors = StepErrors(
             probe, None if not is_needed else TouchingErrors(
@@ -133,7 +133,7 @@ class Driver:
         while True:
             while not self.is_near_contact and (count := self.stepping.count_until(time)) > 0:
                 # Shells that overlap at the start are reported when the motion begins.
-                self.contact.announce()
+                self.contact.phase.announce()
                 self._or_back(partial(self.stepping.run, time, self._until_check(count)))
                 self._watch_tables()
                 self._on_pause()
@@ -317,7 +317,7 @@ class Driver:
         self.trajectory.begin_at(time)
         self.trajectory.note_saved(time)
         self.errors.rebase(time)
-        self.contact.rebase(time)
+        self.contact.phase.rebase(time)
         self.stepping.rebase(time)
 
     def warm_up(self) -> None:
@@ -487,11 +487,11 @@ class Driver:
         if not contact.is_possible:
             return
         if missed:
-            contact.miss(self.monitor.way_out())
-        before = contact.rate
+            contact.phase.miss(self.monitor.way_out())
+        before = contact.phase.rate
         contact.search(time, *self.controller.outlook())
-        changed = contact.rate != before or self.controller.held_back or (
-            not trajectory.step <= contact.longest_step)
+        changed = contact.phase.rate != before or self.controller.held_back or (
+            not trajectory.step <= contact.phase.longest_step)
         if not self.trajectory.is_given and changed and self.controller.follow_contacts():
             self.choose_step()
         self._pace_contacts()
@@ -508,7 +508,7 @@ class Driver:
         trajectory, ledger = self.trajectory, self.trajectory.ledger
         self.stepping.restart()
         trajectory.place_driven()
-        self.contact.forget_friction()
+        self.contact.phase.forget_friction()
         self.contact.calm()
         if self.contact.is_possible:
             self.contact.search(trajectory.time, *self.controller.outlook())

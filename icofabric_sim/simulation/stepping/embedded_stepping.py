@@ -245,11 +245,11 @@ class EmbeddedStepping(Stepping):
                 pieces.contact.make_room()
             if status & embedded.TOO_FAR and pieces.contact.is_possible:
                 # Before a state is asked for: that of dense output is gone.
-                rate = pieces.contact.rate
+                rate = pieces.contact.phase.rate
                 found = pieces.contact.search_farther(
                     end, *pieces.controller.outlook(), factor=_FARTHER)
                 pieces.contact.pace(trajectory.step, alone=True)
-                if pieces.contact.rate != rate:
+                if pieces.contact.phase.rate != rate:
                     pieces.controller.follow_contacts()
                 if not found:
                     # So fast that there was no search: the same step would be asked for for ever.

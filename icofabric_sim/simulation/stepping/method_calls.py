@@ -17,6 +17,7 @@ from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.process.interrupts import exit_request
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.errors import ElsewhereError
 from icofabric_sim.simulation.model.stability import Frequency, largest_frequency, with_anchors
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
@@ -240,10 +241,10 @@ class MethodCalls:
         if not hasattr(function, 'is_ready'):
             # Steps in Python, of implicit methods.
             return True
-        trajectory, phase = self._trajectory, self._contact.broad_phase
+        trajectory, phase = self._trajectory, self._contact.phase
         model, team = trajectory.model, trajectory.thread_team.alone()
         kinds = [(model, team)]
-        if touching and phase is not None and phase.contacts is None:
+        if touching and isinstance(phase, BroadPhase) and phase.contacts is None:
             if not phase.is_ready():
                 return False
             kinds.append((

@@ -44,15 +44,16 @@ class MotionRates:
     @property
     def frequency(self) -> Frequency:
         """Largest frequency, with an upper bound of the contribution of contacts."""
-        if self._contact.rate == 0.0:
+        if self._contact.phase.rate == 0.0:
             return self.fabric
-        return self.fabric._replace(rate=math.sqrt(self.fabric.rate**2 + self._contact.rate))
+        return self.fabric._replace(rate=math.sqrt(self.fabric.rate**2 + self._contact.phase.rate))
 
     @property
     def limit(self) -> float:
         """Stability limit of the step [s]."""
         trajectory = self._trajectory
-        rate = self.frequency.rate + trajectory.packed.velocity_rate + self._contact.velocity_rate
+        rate = self.frequency.rate + trajectory.packed.velocity_rate + (
+            self._contact.phase.velocity_rate)
         return trajectory.method.stability / rate if rate > 0.0 else math.inf
 
     def measure(self) -> None:
@@ -65,13 +66,13 @@ class MotionRates:
 
         `contacts` includes their frequency, `losses` the rates of dissipative forces.
         """
-        trajectory, phase = self._trajectory, self._contact.broad_phase
+        trajectory, phase = self._trajectory, self._contact.phase
         frequency = self.frequency if contacts else self.fabric
         packed = trajectory.packed if losses else replace(
             trajectory.packed, velocity_rate=0.0)
         rate = fastest_motion(
             packed, trajectory.velocity_spread, frequency.rate, trajectory.ledger.spin,
-            self.load_rate, *((None, 0.0) if phase is None else (phase.passing, phase.fall)))
+            self.load_rate, phase.passing, phase.fall)
         return rate if rate > 0.0 else self._acceleration_rate()
 
     def _acceleration_rate(self) -> float:
@@ -115,8 +116,8 @@ class MotionRates:
             'what takes energy from velocities (damping, Maxwell arms, drag, magnetic field)': (
                 trajectory.packed.velocity_rate)}
         if contact.is_possible:
-            rates[f'contacts (contact.stiffness {contact.stiffness:.4g} N/m)'] = math.sqrt(
-                contact.rate)
+            rates[f'contacts (contact.stiffness {contact.phase.stiffness:.4g} N/m)'] = math.sqrt(
+                contact.phase.rate)
         return rates
 
     def require_possible(self, step: float) -> None:
@@ -144,7 +145,7 @@ class MotionRates:
                 self.fabric.rate + trajectory.packed.velocity_rate, 1e-300):
             trajectory.fail(
                 f'solver.step {step!r} s is too long for present or possible contacts from t = '
-                f'{time:.9g} s on: with a contact stiffness of {contact.stiffness:.4g} '
+                f'{time:.9g} s on: with a contact stiffness of {contact.phase.stiffness:.4g} '
                 f'N/m the stability limit is {self.limit:.6g} s; start again with a smaller step, '
                 'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
                 'never lets shells pass through each other')

@@ -60,7 +60,7 @@ class ShownEnergies:
         """
         trajectory, self.stretches = self._trajectory, stretches
         self._work, self._spent, self.given = work + self.moving(state), spent, given
-        energy, self._friction = self._contact.energies(state, stretches)
+        energy, self._friction = self._contact.phase.energies(state, stretches)
         self.contact = energy + self._friction
         if trajectory.loads.anchors is not None:
             _, energy = look_at_anchors(trajectory.model, trajectory.loads, state, time)

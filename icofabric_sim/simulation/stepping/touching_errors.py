@@ -134,7 +134,7 @@ class TouchingErrors:
             self.spoil()
         if self._contact.contacts is None and not self._touched:
             return count
-        self._contact.has_touched()
+        self._contact.phase.has_touched()
         count = min(count, interval - since_check)
         if since_check + count == interval and self.is_due and not self._is_kept:
             if trajectory.saved_time == self._start:
@@ -146,7 +146,7 @@ class TouchingErrors:
 
     def note(self) -> None:
         """Record contacts of the completed steps."""
-        touched = self._contact.has_touched()
+        touched = self._contact.phase.has_touched()
         self._touched = self._touched or touched
 
     def end(self, time: float, rate: float, *, is_last: bool = False) -> None:
@@ -174,7 +174,7 @@ class TouchingErrors:
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
         if self._runs_through:
             # Pairs must be known from where it began: a search on the way knows others.
-            known = self._contact.searched <= self._start
+            known = self._contact.phase.searched <= self._start
             if self._touched and whole and self._waiting >= self._every:
                 self._is_starved = not known
             whole = whole and known
@@ -204,7 +204,7 @@ class TouchingErrors:
                     self._squares = _FADES**2 * self._squares + added * added
                     # In how many that are alike the sum would be as uncertain.
                     alike = self._sum**2 / self._squares if self._squares > 0.0 else math.inf
-                    alike *= max(self._contact.touching_pairs / _CROWD, 1.0)
+                    alike *= max(self._contact.phase.touching_pairs / _CROWD, 1.0)
                     wanted = (_ALIKE_AT_ANY_TIME if self._always else _ALIKE) * self._every
                     if alike >= wanted:
                         self._every = min(2 * self._every, _MOST_THROUGH)

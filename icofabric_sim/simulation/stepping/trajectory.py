@@ -27,7 +27,7 @@ from icofabric_sim.kernels.records import (
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.contact.broad_phase import BroadPhase
+from icofabric_sim.simulation.contact.broad_phase import BroadPhase, NoContacts
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.inputs.inputs import Inputs
@@ -62,7 +62,7 @@ class RunSetup(NamedTuple):
     packed: PackedScene
     inputs: Inputs
     thread_team: ThreadTeam
-    broad_phase: BroadPhase | None  # None: shells cannot touch
+    broad_phase: BroadPhase | NoContacts
     obstruction: Obstruction
     # Called between two kernel calls, at the end of a step; an exception ends the advance there.
     on_pause: Callable[[], None]

@@ -160,7 +160,7 @@ class TrialSteps:
         model, time = self._copy_model(), trajectory.time
         # Friction knows more of them than the state does: the run goes on as if nothing was tried.
         acceleration = trajectory.work.acceleration.copy()
-        self._contact.has_touched()
+        self._contact.phase.has_touched()
         try:
             for done, count in enumerate(counts):
                 half = self.take(0.5 * step, 2 * count, start=time, model=self._copy_model(model))
@@ -173,7 +173,7 @@ class TrialSteps:
                 compare(trajectory.state, half)
                 time += count * step
         finally:
-            self.touched = self._contact.has_touched()
+            self.touched = self._contact.phase.has_touched()
             copy_state(trajectory.saved, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
             with trajectory.evaluations.estimating():

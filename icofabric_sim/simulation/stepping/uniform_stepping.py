@@ -161,7 +161,7 @@ class UniformStepping(Stepping):
             return True
         if rest > 0.0 and self._is_far(rest):
             pieces.contact.refuse_passing(trajectory.state, state, trajectory.time, time)
-        elif pieces.contact.has_left(state, time):
+        elif pieces.contact.phase.has_left(state, time):
             # All of a chosen step, as the run must not depend on requested states.
             return self._judge_steps(
                 trajectory.step if rest > 0.0 and not trajectory.is_given else rest)
@@ -174,7 +174,7 @@ class UniformStepping(Stepping):
         A run without requested states returns at the same check, so the results are the same.
         """
         pieces = self._pieces
-        since, stride = pieces.monitor.since_check, pieces.contact.stride
+        since, stride = pieces.monitor.since_check, pieces.contact.phase.stride
         self.take(pieces.trajectory.step, min(
             pieces.monitor.interval - since, stride - since % stride))
         if self._outcome is Outcome.ACCEPTED:
@@ -197,7 +197,7 @@ class UniformStepping(Stepping):
         errors.begin(trajectory.saved_time)
         pieces.monitor.since_check = 0
         if outcome is Outcome.PASSED:
-            pieces.contact.follow_speeds(
+            pieces.contact.phase.be_wary(
                 step, trajectory.saved_time + pieces.monitor.interval * step)
         elif outcome is Outcome.SWUNG:
             pieces.controller.follow_swing()
@@ -211,7 +211,7 @@ class UniformStepping(Stepping):
         """Find the candidate pairs of the present state, at `time` [s]."""
         self._pieces.contact.search(time, *self._pieces.controller.outlook())
         # Kernels may have noted some relative to the search before.
-        self._pieces.contact.forget_displacements()
+        self._pieces.contact.phase.forget_displacements()
 
     @property
     def _is_judged(self) -> bool:
@@ -250,8 +250,8 @@ class UniformStepping(Stepping):
         def visit(before: State, after: State, start: float, end: float) -> None:
             nonlocal found
             # Displacements before the last search were checked then.
-            if not found and 0.5 * (start + end) > pieces.contact.search_time:
-                found = pieces.contact.passing(
+            if not found and 0.5 * (start + end) > pieces.contact.phase.searched:
+                found = pieces.contact.phase.passing_by(
                     before, after, start, end, long=trajectory.is_given)
 
         span = trajectory.time - trajectory.saved_time
@@ -404,7 +404,7 @@ class UniformStepping(Stepping):
             touching.begin(batch.saved_time)
         # Before another search, whose list no health check has counted.
         if checks.since_check == 0 and self._counts_touching():
-            pieces.contact.count_touching()
+            pieces.contact.phase.count_touching(trajectory.state)
         if self._checks_passing(batch):
             # No contact was missed.
             status &= ~MISSED
@@ -440,13 +440,13 @@ class UniformStepping(Stepping):
             return
         if pieces.controller.follow_touching():
             pieces.choose_step()
-        if touching is not None and touching.needs_search and contact.searched < time:
-            before = contact.rate
+        if touching is not None and touching.needs_search and contact.phase.searched < time:
+            before = contact.phase.rate
             self._search(time)
-            if contact.rate != before and pieces.controller.follow_contacts():
+            if contact.phase.rate != before and pieces.controller.follow_contacts():
                 pieces.choose_step()
             contact.pace(pieces.trajectory.step, alone=not pieces.controller.held_back)
 
     def _is_far(self, step: float) -> bool:
         """Return True if bodies may leave the region with known contacts in a given `step` [s]."""
-        return self._pieces.trajectory.is_given and step > self._pieces.contact.longest_step
+        return self._pieces.trajectory.is_given and step > self._pieces.contact.phase.longest_step

@@ -71,7 +71,8 @@ class EmbeddedError(StepController):
         """Write the criteria to the control of the trajectory."""
         self._pieces, self._given = pieces, choice.given
         self._output_period = choice.output_period
-        pieces.contact.list_by_few_axes()
+        # Steps do not depend on additional pairs in the list.
+        pieces.contact.phase.lists_by_few_axes = True
 
     @property
     def _control(self) -> EmbeddedControl:
@@ -84,7 +85,7 @@ class EmbeddedError(StepController):
         trajectory, contact = self._pieces.trajectory, self._pieces.contact
         if self._given > 0.0:
             return trajectory.step, 1.0
-        step = trajectory.method.chosen / math.sqrt(contact.least_rate)
+        step = trajectory.method.chosen / math.sqrt(contact.phase.least_rate)
         return max(step, min(self._control.next, self._control.close)), _AHEAD
 
     def propose(self, *, probe: bool, shorter: float) -> float:
@@ -140,17 +141,17 @@ class EmbeddedError(StepController):
         if not contact.is_possible:
             return False
         # Independent of earlier contacts: steps must not depend on searches.
-        rate = math.sqrt(contact.least_rate)
+        rate = math.sqrt(contact.phase.least_rate)
         part = min(_KINK * control.tolerance / rate, _LARGEST_KINK)
         control.kink = max(control.kink, math.sqrt(part) / rate)
         # Such a short step is always accepted: it must not count as too short before.
         control.shortest = min(control.shortest, control.kink)
         # Estimated step in a contact.
         control.resume = _FIRST_STEP / rate
-        if contact.rate > 0.0:
+        if contact.phase.rate > 0.0:
             trajectory = self._pieces.trajectory
             extent = trajectory.extent
-            noise = contact.stiffness * trajectory.model.inverse_mass * extent
+            noise = contact.phase.stiffness * trajectory.model.inverse_mass * extent
             # In the measure of errors of velocities.
             noise *= _NOISE_RATIO * math.sqrt(control.scales[2])
             if noise > _LARGEST_NOISE * control.tolerance:
@@ -198,4 +199,4 @@ class EmbeddedError(StepController):
         if not contact.is_possible and model.wrapping is None and not self._has_kinks:
             return 0.0
         # With any possible contact: estimates must not depend on searches, either.
-        return rate * rate + contact.least_rate
+        return rate * rate + contact.phase.least_rate

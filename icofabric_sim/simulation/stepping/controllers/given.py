@@ -44,7 +44,9 @@ class GivenStep(StepController):
         """Keep the step of the trajectory."""
         self._pieces = pieces
         if pieces.trajectory.method.runs_through_contacts:
-            pieces.contact.count_only_touching()
+            # Only pairs in contact contribute to the frequency.
+            pieces.contact.phase.counts_listed = False
+            pieces.contact.phase.lists_by_few_axes = True
 
     def outlook(self) -> tuple[float, float]:
         """
@@ -54,7 +56,7 @@ class GivenStep(StepController):
         method, step = pieces.trajectory.method, pieces.trajectory.step
         # A step too long for contacts ends the run just before a contact, and no sooner.
         through = method.runs_through_contacts and (
-            step * math.sqrt(pieces.contact.least_rate) <= method.stability)
+            step * math.sqrt(pieces.contact.phase.least_rate) <= method.stability)
         return step, float(pieces.monitor.search_interval) if through else 1.0
 
     def propose(self, *, probe: bool, shorter: float) -> float:

@@ -136,7 +136,9 @@ class MeasuredStep:
         self.held_back = False
         self._runs_through = pieces.trajectory.method.runs_through_contacts
         if self._runs_through:
-            pieces.contact.count_only_touching()
+            # Only pairs in contact contribute to the frequency.
+            pieces.contact.phase.counts_listed = False
+            pieces.contact.phase.lists_by_few_axes = True
 
     def outlook(self) -> tuple[float, float]:
         """Return the step for contacts, stiffer than the fabric, and the number of steps ahead."""
@@ -147,7 +149,8 @@ class MeasuredStep:
             searched = _SEARCHED_IN_CROWDS if crowd else _SEARCHED
             return self._contact_step(), searched * self._pieces.monitor.search_interval
         return (
-            method.chosen / math.sqrt(self._pieces.contact.least_rate), LOOK_AFTER / method.stages)
+            method.chosen / math.sqrt(self._pieces.contact.phase.least_rate),
+            LOOK_AFTER / method.stages)
 
     def propose(self, *, probe: bool, shorter: float) -> float:
         """Return a stable and accurate step: the present one if suitable."""
@@ -167,12 +170,12 @@ class MeasuredStep:
             # Steps of any length are exact.
             step, rate = self._output_period, chosen / self._output_period
         cap = chosen / rate
-        through = self._runs_through and pieces.contact.rate > 0.0
+        through = self._runs_through and pieces.contact.phase.rate > 0.0
         contact = math.inf
         if through:
             free, contact = rates.fastest(contacts=False), self._contact_step()
             cap = min(chosen / free if free > 0.0 else math.inf, contact)
-        longest, stable = pieces.contact.longest_step, cap
+        longest, stable = pieces.contact.phase.longest_step, cap
         self.held_back = longest < cap
         cap = min(cap, longest, self._longest_at_kinks())
         least, most = (_RELAXED, 1.0) if cap == contact else (_MIN_STEP_RATIO, _MAX_STEP_RATIO)
@@ -197,7 +200,7 @@ class MeasuredStep:
                     step, allowed, rate, jumped=not probe, held=cap == contact)
         if through:
             ledger.swing, ledger.swing_limit = 0.0, self._largest_swing
-            if step * math.sqrt(pieces.contact.least_rate) <= self._contact_ratios[1]:
+            if step * math.sqrt(pieces.contact.phase.least_rate) <= self._contact_ratios[1]:
                 # As short as any collision requires.
                 ledger.swing_limit = _ANY
         if not trajectory.time + step > trajectory.time:
@@ -218,8 +221,8 @@ class MeasuredStep:
         contact = self._pieces.contact
         most, least = self._contact_ratios
         ratio = max(most * self._pieces.trajectory.ledger.swing_part, least)
-        step = ratio / math.sqrt(contact.least_rate)
-        while step * step * contact.rate > _STABLE:
+        step = ratio / math.sqrt(contact.phase.least_rate)
+        while step * step * contact.phase.rate > _STABLE:
             step *= _FEWER
         return step
 
@@ -307,7 +310,7 @@ class MeasuredStep:
         """Halve the next steps: collisions made too much energy oscillate."""
         trajectory = self._pieces.trajectory
         most, least = self._contact_ratios
-        ratio = 0.5 * trajectory.step * math.sqrt(self._pieces.contact.least_rate)
+        ratio = 0.5 * trajectory.step * math.sqrt(self._pieces.contact.phase.least_rate)
         while trajectory.ledger.swing_part * most > max(ratio, least):
             trajectory.ledger.swing_part *= 0.5
 
