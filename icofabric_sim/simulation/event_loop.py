@@ -9,6 +9,7 @@ import logging
 import math
 from typing import Any, TYPE_CHECKING
 
+from icofabric_sim.kernels.integrators.tableau import SLOPE_COUNT
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
@@ -499,4 +500,4 @@ class EventLoop:
         # During the choice of the method: rows without Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or facts_of(self.method.name).symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack
-        return pack(self._packed.layout, stages=0 if symplectic else 16)
+        return pack(self._packed.layout, stages=0 if symplectic else SLOPE_COUNT)

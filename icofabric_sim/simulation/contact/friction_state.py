@@ -7,6 +7,7 @@ from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
 from icofabric_sim.kernels.contact.listing import carry_over, find_both
+from icofabric_sim.kernels.integrators.tableau import DENSE, SLOPE_COUNT
 from icofabric_sim.kernels.records import ContactLosses, Contacts, Model
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.setup import ContactSetup
@@ -22,9 +23,6 @@ CURVATURE = 7.0
 # Largest squared arm, over a^2, of friction against rotation about the normal.
 _PATCH_RATIO = 0.25
 _CARRIED_FIELDS = ('stretch', 'held', 'start', 'saved')
-SLOPES = 16
-# Slopes that remain after a step; dense output computes the others again.
-_KEPT_SLOPES = 13
 
 
 def contact_losses(contacts: Contacts | None) -> ContactLosses | None:
@@ -89,7 +87,7 @@ class FrictionState:
         stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
         self._losses = losses = ContactLosses(
             setup.damping, setup.friction, self.stiffness, self.lag, np.zeros(len(pairs)), spent,
-            stretch, held, start, stage, saved, np.zeros((SLOPES, rows, 4)), lead,
+            stretch, held, start, stage, saved, np.zeros((SLOPE_COUNT, rows, 4)), lead,
             np.zeros((len(pairs), 9)), lost)
         if before is not None and rows:
             here, there = np.empty(len(pairs), np.int64), np.empty(len(pairs), np.int64)
@@ -123,8 +121,8 @@ class FrictionState:
         if losses is None:
             return {name: np.zeros((0, 0)) for name in ('pairs', 'rows', 'slopes')}
         rows = np.hstack([getattr(losses, name) for name in _CARRIED_FIELDS])
-        slopes = np.swapaxes(losses.slopes[:_KEPT_SLOPES], 0, 1).reshape(
-            len(rows), 4 * _KEPT_SLOPES)
+        slopes = np.swapaxes(losses.slopes[:DENSE], 0, 1).reshape(
+            len(rows), 4 * DENSE)
         some = rows.any(axis=1) | slopes.any(axis=1)
         return {
             'pairs': self._pairs[some].astype(float), 'rows': rows[some], 'slopes': slopes[some]}
@@ -137,7 +135,7 @@ class FrictionState:
         count, losses = len(pairs), self._losses
         pairs = tree.array('pairs', (count, 2))
         rows = tree.array('rows', (count, 4 * len(_CARRIED_FIELDS)))
-        slopes = tree.array('slopes', (count, 4 * _KEPT_SLOPES))
+        slopes = tree.array('slopes', (count, 4 * DENSE))
         keys = {tuple(pair): place for place, pair in enumerate(self._pairs.tolist())}
         places = [keys.get((int(first), int(second)), -1) for first, second in pairs]
         if losses is None or min(places) < 0 or len(set(places)) < count or not (
@@ -145,8 +143,8 @@ class FrictionState:
             raise ValueError('watch.stretches are of pairs that are not near, or no numbers')
         for number, name in enumerate(_CARRIED_FIELDS):
             getattr(losses, name)[places] = rows[:, 4 * number:4 * number + 4]
-        losses.slopes[:_KEPT_SLOPES, places] = np.swapaxes(
-            slopes.reshape(count, _KEPT_SLOPES, 4), 0, 1)
+        losses.slopes[:DENSE, places] = np.swapaxes(
+            slopes.reshape(count, DENSE, 4), 0, 1)
 
 
 def carried(rows: np.ndarray, pairs: np.ndarray, others: np.ndarray) -> np.ndarray:

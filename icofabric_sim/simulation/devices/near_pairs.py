@@ -13,6 +13,7 @@ from icofabric_sim.kernels.contact.forces import LEAST_PART, touch_some
 from icofabric_sim.kernels.contact.listing import arrange
 from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.contact.sleeping import AWAKE
+from icofabric_sim.kernels.integrators.tableau import SLOPE_COUNT
 from icofabric_sim.kernels.records import (
     Blocks,
     ContactLosses,
@@ -27,7 +28,6 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.simulation.contact.broad_phase import SLOTS_OF_A_PAIR
-from icofabric_sim.simulation.contact.friction_state import SLOPES
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
 import numpy as np
 
@@ -168,4 +168,4 @@ def _losses(near: NearPairs, slot_count: int) -> ContactLosses | None:
     stretch, held, start, stage, saved = (np.zeros((rows, 4)) for _ in range(5))
     return ContactLosses(
         damping, friction, stiffness, lag, np.zeros(count), spent, stretch, held, start, stage,
-        saved, np.zeros((SLOPES, rows, 4)), lead, np.zeros((count, 9)), lost)
+        saved, np.zeros((SLOPE_COUNT, rows, 4)), lead, np.zeros((count, 9)), lost)

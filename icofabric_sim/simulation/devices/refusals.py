@@ -9,8 +9,12 @@ from typing import Any
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.scene import Scene
-from icofabric_sim.simulation.stepping.method_needs import beyond_losses, required_method
-from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.simulation.stepping.method_needs import (
+    beyond_losses,
+    follows_contacts,
+    required_method,
+)
+from icofabric_sim.simulation.stepping.methods import ADAPTIVE, METHODS
 from icofabric_sim.terms.registry import LAWS, TERMS
 import numpy as np
 
@@ -21,7 +25,7 @@ _SWITCHES: dict[str, tuple[str, Any, str]] = {
     'coulomb': ('charge.mutual', True, 'take false'),
     'wrapping': ('connector.obstruction', 'wrap', 'take warn or stop')}
 # Methods whose steps a device takes through contacts.
-_THROUGH_CONTACTS = ('leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8')
+_THROUGH_CONTACTS = [name for name in METHODS if follows_contacts(name)]
 
 
 def require_shareable(scene: Scene, *, cosines: bool, body_force: bool) -> None:
@@ -160,6 +164,6 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
         if method != 'auto' and method in METHODS and method not in methods_on_device(scene):
             law = ' where k_e is not k_c' if method in _THROUGH_CONTACTS else ''
             yield (f'drives.{name}', f'by {method}{law}',
-                   'take solver.method auto, leapfrog or dop8')
+                   f'take solver.method auto, leapfrog or {ADAPTIVE}')
     for name in parameters.names('tractions'):
         yield f'tractions.{name}', 'with a surface force', 'leave it out'

@@ -20,6 +20,7 @@ from icofabric_sim.geometry.rotations import (
     unit_quaternions,
 )
 from icofabric_sim.kernels.figures import figures_room, group_size
+from icofabric_sim.kernels.integrators.tableau import SLOPE_COUNT
 from icofabric_sim.kernels.records import Blocks, Kinks, Laws, Links, Meter, State, Trail, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.connector_laws import (
@@ -38,8 +39,6 @@ import numpy as np
 # Bodies or connectors of a batch: bounds the temporary arrays.
 _BATCH_SIZE = 1 << 18
 _CACHE_LINE_BYTES = 64
-# Slopes of a Runge-Kutta step and its dense output.
-_SLOPE_COUNT = 16
 _MAX_THREADS = 1024
 
 
@@ -195,7 +194,7 @@ class Layout:
         acceleration = aligned_zeros((6, self.slot_count))
         trail = None
         if state is not None:
-            slopes = aligned_zeros((_SLOPE_COUNT, self.slope_rows(state), self.slot_count))
+            slopes = aligned_zeros((SLOPE_COUNT, self.slope_rows(state), self.slot_count))
             stage, start = self.like(state), self.like(state)
             for target in (stage, start):
                 copy_state(state, target)
@@ -221,7 +220,7 @@ class Layout:
     def meter(self) -> Meter:
         """Return a meter of dissipated energy that reads zero."""
         return Meter(
-            aligned_zeros((_SLOPE_COUNT, self.slot_count)), aligned_zeros((2, self.slot_count)))
+            aligned_zeros((SLOPE_COUNT, self.slot_count)), aligned_zeros((2, self.slot_count)))
 
     def like(self, state: State) -> State:
         """Allocate another state of the same shapes."""

@@ -70,9 +70,7 @@ class MethodCalls:
     ) -> None:
         """Take `count` steps from `start` [s] on, on a trial `state`, without health checks."""
         trajectory, watch = self._trajectory, self._contact.watching(trial=True)
-        done = 0
-        while done < count:
-            started, portion = perf_counter(), min(count - done, self._trial_portion())
+        for done, portion in self._trial_portions(count):
             arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
             try:
                 trajectory.thread_team.run(partial(
@@ -82,8 +80,6 @@ class MethodCalls:
                 # The trajectory stays where it is, or its user takes it back there.
                 trajectory.fail(
                     f'{error}; the last good state, of t = {trajectory.time:.9g} s, is kept')
-            self._count_trial(portion, started)
-            done += portion
 
     def begin_trial(self) -> None:
         """Start trial steps where the state of the trajectory is."""
@@ -104,21 +100,27 @@ class MethodCalls:
             executor.branch_trial(trajectory.model)
             for which, length, total in (
                     ('half', 0.5 * step, 2 * count), ('ahead', step, count)):
-                done = 0
-                while done < total:
-                    started, portion = perf_counter(), min(total - done, self._trial_portion())
+                for done, portion in self._trial_portions(total):
                     executor.take_trial(which, start, done, length, portion)
-                    self._count_trial(portion, started)
-                    done += portion
             return executor.trial_distance()
 
-    def _count_trial(self, steps: int, started: float) -> None:
-        """Count trial steps that `started` at a time [s] of the clock."""
-        self.portions.note(steps, perf_counter() - started)
-        evaluations = self._trajectory.evaluations
-        with evaluations.estimating():
-            evaluations.add(self._evaluations(steps))
-        exit_request.check()
+    def _trial_portions(self, count: int) -> Iterator[tuple[int, int]]:
+        """
+        Divide `count` trial steps into calls: yield the steps before each call, and its own.
+
+        The block takes them. Ranks and devices receive and return the state of a trial.
+        """
+        evaluations, done = self._trajectory.evaluations, 0
+        least = _SHARED_TRIAL if self._trajectory.executor.is_remote else 1
+        while done < count:
+            started = perf_counter()
+            portion = min(count - done, max(self.portions.count, least))
+            yield done, portion
+            self.portions.note(portion, perf_counter() - started)
+            with evaluations.estimating():
+                evaluations.add(self._evaluations(portion))
+            done += portion
+            exit_request.check()
 
     # Queries about all bodies.
 
@@ -191,13 +193,6 @@ class MethodCalls:
         blocks, work = self._trajectory.model.blocks, self._trajectory.for_steps()[3]
         return np.zeros((rows, -(-len(blocks.slot) // work.group)))
 
-    def _trial_portion(self) -> int:
-        """
-        Return the steps of a trial in one call: ranks and devices receive and return its state.
-        """
-        least = _SHARED_TRIAL if self._trajectory.executor.is_remote else 1
-        return max(self.portions.count, least)
-
     def _evaluations(self, steps: int) -> int:
         """Count the force evaluations of the last `steps` steps."""
         method, kinks = self._trajectory.method, self._trajectory.for_steps()[3].kinks
@@ -235,9 +230,6 @@ class MethodCalls:
         if is_compiling_disabled():
             return True
         function, arguments = kernel or self._own_kernel()
-        given: tuple[Any, ...] = ()
-        if isinstance(function, partial):
-            given, function = function.args, function.func
         if not hasattr(function, 'is_ready'):
             # Steps in Python, of implicit methods.
             return True
@@ -250,7 +242,7 @@ class MethodCalls:
             kinds.append((
                 model._replace(contacts=phase.nothing()),
                 team._replace(scratch=contact_scratch())))
-        return all(function.is_ready(*given, *arguments(*kind)) for kind in kinds)
+        return all(function.is_ready(*arguments(*kind)) for kind in kinds)
 
     def _own_kernel(self) -> Kernel:
         trajectory, watch = self._trajectory, self._contact.watching()

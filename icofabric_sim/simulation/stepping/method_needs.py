@@ -8,10 +8,9 @@ from icofabric_sim.scene.maxwell import arm_parameter_name
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.stepping.events import why_events
 from icofabric_sim.simulation.stepping.method_selection import Choice
-from icofabric_sim.simulation.stepping.methods import facts_of, IMPLICIT, METHODS
+from icofabric_sim.simulation.stepping.methods import ADAPTIVE, facts_of, IMPLICIT, METHODS
 import numpy as np
 
-ADAPTIVE = 'dop8'
 # Largest gap between the stages of a pair, as a fraction of the step, for which the speeds at the
 # stages bound the motion between them (kernels/contact/clearance.py).
 _LARGEST_STAGE_GAP_RATIO = 0.28
@@ -36,7 +35,7 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
                 f'solver.method {given} cannot integrate this scene yet: {lacks}; take '
                 f'{ADAPTIVE} or auto')
         return None
-    if given != 'auto' and not _follows_contacts(given) and may_touch(scene):
+    if given != 'auto' and not follows_contacts(given) and may_touch(scene):
         raise ParameterError(
             'solver.method',
             f'solver.method {given} cannot integrate this scene: shells may touch, and its stages '
@@ -134,7 +133,7 @@ def may_touch(scene: Scene) -> bool:
         parameters['contact.mode'] != 'never')
 
 
-def _follows_contacts(name: str) -> bool:
+def follows_contacts(name: str) -> bool:
     """Return True if the stages of the method `name` are close enough to see contacts."""
     embedded = facts_of(name).embedded
     if embedded is None or embedded.pair is None:

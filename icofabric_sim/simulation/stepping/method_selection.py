@@ -14,7 +14,13 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.simulation.stepping.accuracy_probe import TARGET_RATIO
-from icofabric_sim.simulation.stepping.methods import facts_of, KINK_ORDER, Method, METHODS
+from icofabric_sim.simulation.stepping.methods import (
+    ADAPTIVE,
+    facts_of,
+    KINK_ORDER,
+    Method,
+    METHODS,
+)
 
 # Where slopes jump: what methods that mend kinks add in a second to motion of 1 a/s at step x
 # frequency 1, measured on S1 with 100 and 500 N/m.
@@ -65,15 +71,15 @@ def choose_method(
     candidates = {
         name: method for name, method in METHODS.items() if method.symplectic and name in among}
     if fixed_ratio is not None and losses:
-        return Choice('dop8', losses)
+        return Choice(ADAPTIVE, losses)
     if fixed_ratio is not None:
         if kinks:
             candidates = {name: _at_kinks(method) for name, method in candidates.items()}
         return _for_fixed_step(candidates, tolerance, liveliness, fixed_ratio)
     if bent:
         return Choice(
-            'dop8', 'the slopes of tabled laws have corners, and only steps that adapt see where: '
-            'with steps of one length all methods lose their order')
+            ADAPTIVE, 'the slopes of tabled laws have corners, and only steps that adapt see '
+            'where: with steps of one length all methods lose their order')
     many = loose >= (MANY_LOSING if losses else MANY_FREE)
     crowded = is_dense and bool(losses) and woven >= MANY_LOSING
     which = f'{woven:,} shells woven face to face' if crowded else f'{loose:,} loose shells'
@@ -85,7 +91,7 @@ def choose_method(
         if tolerance >= LOOSE_CONTACTS:
             return Choice('leapfrog', runs_through)
         if crowded:
-            return Choice('dop8', runs_through)
+            return Choice(ADAPTIVE, runs_through)
     if woven >= MANY_WOVEN and (losses or contact) and tolerance >= LOOSE_WOVEN and (
             damped <= _MOST_DAMPED):
         return Choice(
@@ -94,14 +100,14 @@ def choose_method(
             f'{LOOSE_WOVEN:g} 1/s or more steps that run through contacts cost less than steps '
             'that end at each')
     if losses:
-        return Choice('dop8', losses)
+        return Choice(ADAPTIVE, losses)
     if contact:
         return Choice(
-            'dop8', f'{contact}: a contact begins within a step and asks for short ones while it '
-            'lasts, which only steps that adapt find')
+            ADAPTIVE, f'{contact}: a contact begins within a step and asks for short ones while '
+            'it lasts, which only steps that adapt find')
     if strain > WILD:
         return Choice(
-            'dop8', f'connectors are expected to change by {strain:.2g} of their length in a '
+            ADAPTIVE, f'connectors are expected to change by {strain:.2g} of their length in a '
             f'radian of the fastest vibration (more than {WILD:g}): some may collapse within a '
             'step, and only steps that adapt see that')
     if kinks:
@@ -156,8 +162,8 @@ def method_near_contact(
     if not is_possible or is_expected or facts_of(first.name).adaptive:
         return None
     return Choice(
-        'dop8', f'{first.name} until shells are near each other, where a contact may begin within '
-        'a step and asks for short ones while it lasts, which only steps that adapt find')
+        ADAPTIVE, f'{first.name} until shells are near each other, where a contact may begin '
+        'within a step and asks for short ones while it lasts, which only steps that adapt find')
 
 
 def _at_kinks(method: Method) -> Method:

@@ -139,6 +139,11 @@ METHODS: dict[str, Method] = {
         'dense output'),
 }
 
+# Adaptive method of the highest order, for motion that only steps with an error estimate resolve.
+ADAPTIVE = max(
+    (name for name, method in METHODS.items() if method.adaptive),
+    key=lambda name: METHODS[name].order)
+
 # Methods whose steps are solutions of equations; only damping that is beyond all others asks for
 # one. A stage counts as some evaluations, and takes as long as many more.
 IMPLICIT: dict[str, Method] = {

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trial steps: the result of other steps of a trajectory, which remains unchanged."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import math
 from typing import Any
 
@@ -158,27 +159,37 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         model, time = self._copy_model(), trajectory.time
+        with self._restoring(trajectory.saved):
+            self._contact.phase.has_touched()
+            try:
+                for done, count in enumerate(counts):
+                    half = self.take(
+                        0.5 * step, 2 * count, start=time, model=self._copy_model(model))
+                    self.model = model
+                    self._calls.take_trial(
+                        model, self.copy_loads(), trajectory.state, self._copy_work(), time, step,
+                        count)
+                    if trajectory.take_force_failure() is not None:
+                        return done
+                    compare(trajectory.state, half)
+                    time += count * step
+            finally:
+                self.touched = self._contact.phase.has_touched()
+        return len(counts)
+
+    @contextmanager
+    def _restoring(self, state: State) -> Iterator[None]:
+        """Return to a `state` and to the present accelerations after the block."""
+        trajectory = self._trajectory
         # Friction knows more of them than the state does: the run goes on as if nothing was tried.
         acceleration = trajectory.work.acceleration.copy()
-        self._contact.phase.has_touched()
         try:
-            for done, count in enumerate(counts):
-                half = self.take(0.5 * step, 2 * count, start=time, model=self._copy_model(model))
-                self.model = model
-                self._calls.take_trial(
-                    model, self.copy_loads(), trajectory.state, self._copy_work(), time, step,
-                    count)
-                if trajectory.take_force_failure() is not None:
-                    return done
-                compare(trajectory.state, half)
-                time += count * step
+            yield
         finally:
-            self.touched = self._contact.phase.has_touched()
-            copy_state(trajectory.saved, trajectory.state)
+            copy_state(state, trajectory.state)
             np.copyto(trajectory.work.acceleration, acceleration)
             with trajectory.evaluations.estimating():
                 trajectory.refresh_places()
-        return len(counts)
 
     def retrace(
         self, count: int, rest: float, visit: Callable[[State, State, float, float], None]
@@ -190,14 +201,13 @@ class TrialSteps:
         """
         trajectory = self._trajectory
         layout, time = trajectory.packed.layout, trajectory.saved_time
-        now = copied_state(trajectory.state)
-        acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
+        model = self._copy_model()
         losses = contact_losses(model.contacts)
         if losses is not None:
             np.copyto(losses.stretch, losses.saved)
         before, after = (layout.like(trajectory.state) for _ in range(2))
         copy_state(trajectory.saved, after)
-        try:
+        with self._restoring(copied_state(trajectory.state)):
             for step in [trajectory.step] * count + [rest] * (rest > 0.0):
                 for target in (trajectory.state, before):
                     copy_state(after, target)
@@ -208,11 +218,6 @@ class TrialSteps:
                 copy_state(state, after)
                 visit(before, after, time, time + step)
                 time += step
-        finally:
-            copy_state(now, trajectory.state)
-            np.copyto(trajectory.work.acceleration, acceleration)
-            with trajectory.evaluations.estimating():
-                trajectory.refresh_places()
 
     def _refresh(self, time: float, model: Model, step: float | None = None) -> None:
         with self._trajectory.evaluations.estimating():
@@ -241,8 +246,7 @@ class TrialSteps:
         """
         assert self._earlier is not None
         trajectory, step = self._trajectory, self._trajectory.step
-        now = copied_state(trajectory.state)
-        acceleration, model = trajectory.work.acceleration.copy(), self._copy_model()
+        now, model = copied_state(trajectory.state), self._copy_model()
         losses = contact_losses(model.contacts)
         if losses is not None and model.contacts is not None and len(losses.stretch):
             losses.stretch[:] = 0.0 if self._earlier_stretch is None else carried(
@@ -250,7 +254,7 @@ class TrialSteps:
         ends = np.linspace(0.0, count, windows + 1).round().astype(int).tolist()
         kept = trajectory.packed.layout.like(trajectory.state)
         found, failed = 0.0, False
-        try:
+        with self._restoring(now):
             copy_state(self._earlier, trajectory.state)
             for first, last in zip(ends[:-1], ends[1:]):
                 time, beside = start + first * step, self._copy_model(model)
@@ -266,11 +270,6 @@ class TrialSteps:
                 if failed:
                     break
                 found += compare(trajectory.state, kept)
-        finally:
-            copy_state(now, trajectory.state)
-            np.copyto(trajectory.work.acceleration, acceleration)
-            with trajectory.evaluations.estimating():
-                trajectory.refresh_places()
         return None if failed else found
 
     def earlier_tree(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@
 from importlib import import_module
 from typing import Any
 
+from icofabric_sim.kernels.integrators.tableau import DENSE
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.kernels import Terms
@@ -22,8 +23,6 @@ wp: Any = import_module('warp')
 # Doubles of a body on a device: two poses, velocities, accelerations, and the saved state.
 _STATE_ROWS = 2 * 7 + 6 + 6 + 7 + 6
 POSE, MOTION = 7, 6
-# Slopes of a step of the embedded pair, including its end.
-_SLOPE_COUNT = 13
 # Further doubles of steps that resolve jumps of slopes.
 _START_ROWS, _FORCE_ROWS = 3 * LINK_COUNT, 4 * LINK_COUNT
 # Further doubles for contacts: pose at the last search, contact forces, displacement.
@@ -82,7 +81,7 @@ def pair_bytes_of(model: Model, layout: Layout, *, touching: bool = False) -> in
     """Return the approximate memory [bytes] of a run by the embedded pair, with its slopes."""
     spends = model.damping is not None or model.drag is not None
     # A trial state and the initial one; slopes, powers, dissipated energy; errors.
-    more = 2 * (POSE + MOTION) + _SLOPE_COUNT * (POSE + MOTION) + spends * (_SLOPE_COUNT + 2) + 2
+    more = 2 * (POSE + MOTION) + DENSE * (POSE + MOTION) + spends * (DENSE + 2) + 2
     own = model.damping is not None and model.damping.own is not None
     more += own * LINK_COUNT + touching * 2
     return bytes_of(model, layout, touching=touching) + 8 * layout.slot_count * more

@@ -13,9 +13,8 @@ from typing import Any
 
 from icofabric_sim.kernels.contact.displacement import LATE
 from icofabric_sim.kernels.contact.forces import set_tests, tests_of
-from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
-from icofabric_sim.kernels.integrators.tableau import FIRST, Pair
+from icofabric_sim.kernels.integrators.tableau import DENSE, FIRST, LAST, Pair
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rhs import path_error
 from icofabric_sim.kernels.rotations import rows_of
@@ -54,8 +53,6 @@ import numpy as np
 
 wp: Any = import_module('warp')
 
-# Stored slopes of a step: start, stages and end.
-SLOPES = embedded.LAST + 1
 # Most values of an error that this process folds.
 _HOST_FOLD_COUNT = 1024
 _NOTHING_NEAR = Nearness()
@@ -77,13 +74,13 @@ class DevicePair(DeviceRun, DistantBodies):
         self._start: tuple[Any, Any]
         self._stage, self._start = (
             (self._zeros(POSE * slots), self._zeros(MOTION * slots)) for _ in range(2))
-        self._slopes = self._zeros((SLOPES, STATE_ROW_COUNT * slots))
+        self._slopes = self._zeros((DENSE, STATE_ROW_COUNT * slots))
         spends = any(self._losses)
-        self._spent = self._zeros((SLOPES, slots if spends else 0))
+        self._spent = self._zeros((DENSE, slots if spends else 0))
         # [J] in total, and at the start of the step in progress.
         self._done = [self._zeros(slots if spends else 0) for _ in range(2)]
         self._spent_sum = self._done[0] if spends else None
-        self._power, self._earlier = self._zeros((SLOPES, 0)), self._zeros(0)
+        self._power, self._earlier = self._zeros((DENSE, 0)), self._zeros(0)
         self._weights = [doubles(row, device) for row in pair.stage_weights]
         self._errors_by = [
             doubles(row, device) for row in (pair.higher_error, pair.lower_error)]
@@ -285,7 +282,7 @@ class DevicePair(DeviceRun, DistantBodies):
         """Copy the last slope of a step to the first slope of the next."""
         for rows in (self._slopes, self._spent, self._power):
             if rows.size:
-                wp.copy(rows[FIRST], rows[embedded.LAST])
+                wp.copy(rows[FIRST], rows[LAST])
 
     def save(self) -> None:
         """Save the state that was just examined on the device."""
@@ -301,11 +298,11 @@ class DevicePair(DeviceRun, DistantBodies):
             # Slots without a body are never written.
             wp.copy(target, self._state.poses[0])
         assert work.trail is not None
-        wp.copy(self._slopes[embedded.LAST], seen(work.trail.slopes[embedded.LAST]))
+        wp.copy(self._slopes[LAST], seen(work.trail.slopes[LAST]))
         if work.spent is not None and self._done[0].size:
             for target, values in zip(self._done, work.spent.done):
                 wp.copy(target, seen(values))
-            wp.copy(self._spent[embedded.LAST], seen(work.spent.power[embedded.LAST]))
+            wp.copy(self._spent[LAST], seen(work.spent.power[LAST]))
         if len(loads.wrench) or self._acting is not None:
             self._put_loads(loads)
         if model.links is not None:
@@ -320,10 +317,10 @@ class DevicePair(DeviceRun, DistantBodies):
         put_acting(self._acting, loads, self._device)
         count = len(loads.work)
         if self._earlier.size != count:
-            self._power, self._earlier = self._zeros((SLOPES, count)), self._zeros(count)
+            self._power, self._earlier = self._zeros((DENSE, count)), self._zeros(count)
         if count:
             wp.copy(self._earlier, seen(loads.earlier_work))
-            wp.copy(self._power[embedded.LAST], seen(loads.power[embedded.LAST]))
+            wp.copy(self._power[LAST], seen(loads.power[LAST]))
 
     def _bring(self, call: Call, *, whole: bool) -> None:
         """
@@ -339,7 +336,7 @@ class DevicePair(DeviceRun, DistantBodies):
         with_start = whole and self._has_stepped
         if with_start:
             self._copy_rows(trail.start, *self._start, back=True)
-        for index in range(SLOPES) if with_start else (embedded.LAST,):
+        for index in range(DENSE) if with_start else (LAST,):
             copy_back(trail.slopes[index], self._slopes[index])
             if work.spent is not None and self._done[0].size:
                 copy_back(work.spent.power[index], self._spent[index])
