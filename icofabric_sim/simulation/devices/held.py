@@ -8,6 +8,7 @@ from typing import Any
 from icofabric_sim.kernels.records import Blocks, Contacts
 from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
 from icofabric_sim.simulation.devices.saved_part import SavedPart
+from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Window
@@ -56,6 +57,39 @@ class Held(ABC):
     def give_saved(self) -> None:
         """Send the saved state to the first rank."""
         self._saved.give(self._transport)
+
+    def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
+        """Receive the state from the first rank."""
+        now, watch = self._arrays(of_run), self._watch
+        tables, done, history = now.exchanged(now.contacts)
+        if of_run and watch is not None:
+            tables += [watch.reference, watch.turned]
+            watch.frame[:] = frame
+            watch.far[0] = 0.0
+        self._rows.receive(self._transport, tables, 0)
+        self._transport.wait([
+            self._transport.receive(row, 0)
+            for row in [*done, *history, *(self._sampled() if of_run else [])]])
+        if now.contacts is not None:
+            wake(now.contacts, slice(None), history)
+
+    def gather(self, of_run: bool, *which: Any) -> None:
+        """Send the state to the first rank; `which` are arguments of `exchanged`."""
+        now = self._arrays(of_run)
+        tables, done, history = now.exchanged(now.contacts, *which)
+        requests = self._rows.send(self._transport, tables, 0)
+        more = [*done, *history, look_at(now.contacts, now.watch)]
+        more += self._reported(*which) if of_run else []
+        requests += [self._transport.send(row, 0) for row in more]
+        self._transport.wait(requests)
+
+    def _sampled(self) -> list[np.ndarray]:
+        """Return further arrays to receive with the state of a run."""
+        return []
+
+    def _reported(self, *which: Any) -> list[np.ndarray]:
+        """Return further arrays to send with the state of a run."""
+        return []
 
     @abstractmethod
     def _arrays(self, of_run: bool) -> Any:

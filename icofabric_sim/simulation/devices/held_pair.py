@@ -5,8 +5,7 @@
 from icofabric_sim.kernels.integrators.tableau import Pair, SLOPE_COUNT
 from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
 from icofabric_sim.simulation.devices.held import Held
-from icofabric_sim.simulation.devices.pair_steps import done_by, END, PairArrays, PairPart
-from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
+from icofabric_sim.simulation.devices.pair_steps import PairArrays, PairPart
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import aligned_empty
@@ -32,32 +31,6 @@ class HeldPair(Held):
         self._acting = {True: loads, False: loads._replace(
             work=np.zeros_like(loads.work), earlier_work=np.zeros_like(loads.earlier_work),
             power=np.zeros_like(loads.power))}
-
-    def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
-        """Receive the state from the first rank."""
-        now = self._arrays(of_run)
-        tables = now.tables(END, with_start=False)
-        if now.watch is not None:
-            tables += [now.watch.reference, now.watch.turned]
-            now.watch.frame[:] = frame
-            now.watch.far[0] = 0.0
-        self._rows.receive(self._transport, tables, 0)
-        remembered = now.remembered(END, with_start=False)
-        more = [*done_by(now.loads, slice(None), END), *remembered]
-        self._transport.wait([self._transport.receive(row, 0) for row in more])
-        if now.contacts is not None and remembered:
-            wake(now.contacts, slice(None), (remembered[0], remembered[2]))
-
-    def gather(self, of_run: bool, which: tuple[int, int], with_start: bool) -> None:
-        """Send the state and some slopes to the first rank."""
-        now, slopes = self._arrays(of_run), range(*which)
-        requests = self._rows.send(
-            self._transport, now.tables(slopes, with_start=with_start), 0)
-        more = [
-            *done_by(now.loads, slice(None), slopes),
-            *now.remembered(slopes, with_start=with_start), look_at(now.contacts, now.watch)]
-        requests += [self._transport.send(row, 0) for row in more]
-        self._transport.wait(requests)
 
     def _arrays(self, of_run: bool) -> PairArrays:
         if of_run not in self._states:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Data of a fabric on a rank other than the first, for splitting steps: window and states."""
 
-from typing import Any
 
 from icofabric_sim.kernels.records import Loads, State, Work
 from icofabric_sim.simulation.devices.beside import (
@@ -15,8 +14,7 @@ from icofabric_sim.simulation.devices.executor import Interval
 from icofabric_sim.simulation.devices.held import Held
 from icofabric_sim.simulation.devices.part_iteration import PartIteration
 from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weights
-from icofabric_sim.simulation.devices.shared_contacts import look_at, remembered_by, wake
-from icofabric_sim.simulation.devices.slot_rows import tables_of
+from icofabric_sim.simulation.devices.shared_contacts import look_at
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import (
@@ -50,21 +48,16 @@ class HeldPart(Held):
 
     def scatter(self, of_run: bool, frame: np.ndarray | None) -> None:
         """Receive the state from the first rank."""
-        loads, state, work, contacts, watch = self._arrays(of_run)
-        tables = tables_of(state, work, contacts, whole=True)
-        if watch is not None:
-            tables += [watch.reference, watch.turned]
-            watch.frame[:] = frame
-            watch.far[0] = 0.0
-        self._rows.receive(self._transport, tables, 0)
-        more = [] if loads is None else [loads.work]
-        more += remembered_by(contacts)
-        if of_run:
-            more += list(self._steps.difference)
-        self._transport.wait([self._transport.receive(row, 0) for row in more])
-        if contacts is not None:
-            wake(contacts, slice(None), remembered_by(contacts))
+        super().scatter(of_run, frame)
         self._steps.roughest = 0.0
+
+    def _sampled(self) -> list[np.ndarray]:
+        """Return differences of the motion in the samples of this rank."""
+        return list(self._steps.difference)
+
+    def _reported(self, whole: bool) -> list[np.ndarray]:
+        """Return the largest roughness; `whole`: and differences of the motion."""
+        return [np.array([self._steps.take_roughest()]), *(self._sampled() if whole else [])]
 
     def take(self, interval: Interval) -> None:
         """Take the steps of an interval."""
@@ -107,20 +100,6 @@ class HeldPart(Held):
     def end_iteration(self) -> None:
         """Discard the vectors of the iteration."""
         self._iteration = None
-
-    def gather(self, of_run: bool, whole: bool) -> None:
-        """Send the state to the first rank."""
-        loads, state, work, contacts, watch = self._arrays(of_run)
-        requests = self._rows.send(
-            self._transport, tables_of(state, work, contacts, whole=whole), 0)
-        more: list[Any] = [] if loads is None else [loads.work]
-        more += [*remembered_by(contacts), look_at(contacts, watch)]
-        if of_run:
-            more.append(np.array([self._steps.take_roughest()]))
-            if whole:
-                more += list(self._steps.difference)
-        requests += [self._transport.send(row, 0) for row in more]
-        self._transport.wait(requests)
 
     def _arrays(self, of_run: bool, beside: str = '') -> Arrays:
         """Return the arrays that steps change."""

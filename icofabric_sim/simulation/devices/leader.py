@@ -31,13 +31,11 @@ from icofabric_sim.simulation.devices.part_steps import Arrays, PartSteps, Weigh
 from icofabric_sim.simulation.devices.shared_contacts import (
     look_at,
     note_look,
-    remembered_by,
     REPORT_SIZE,
-    wake,
 )
 from icofabric_sim.simulation.devices.shared_iteration import SharedIteration
 from icofabric_sim.simulation.devices.sharing import Sharing
-from icofabric_sim.simulation.devices.slot_rows import SlotRows, tables_of
+from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import complete, Unpacked
 from icofabric_sim.simulation.devices.window import bytes_of, exchange_of
@@ -84,6 +82,7 @@ class SharedSteps(Sharing, RemoteSteps):
         self._is_moved = False
         # The state before it is with the ranks; whether some slots of it have never been here.
         self.unpacked, self._is_partial = unpacked, False
+        self._unpacking: Unpacked | None = None  # that is being sent
         self._samples: list[np.ndarray] = []
         self._differences, self._stages = differences, self._weights.stages
         self._acted: Loads | None = None  # also where they are empty
@@ -326,95 +325,69 @@ class SharedSteps(Sharing, RemoteSteps):
             model, arrays, self._weights, samples=[blocks[one] for one in chosen])
         return own
 
-    def _scatter(
-        self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool
-    ) -> None:
+    def _scatter(self, now: Arrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
-        loads, state, work, mine, watch = arrays
-        self.order('scatter', of_run, None if watch is None else watch.frame.copy())
-        tables = tables_of(state, work, contacts, whole=True)
-        if watch is not None:
-            tables += [watch.reference, watch.turned]
-        requests: list[Any] = []
-        unpacked = self.unpacked if of_run else None
+        unpacked = self._unpacking = self.unpacked if of_run else None
         if unpacked is not None:
-            tables = tables[len(state.rows()):]
             # Also slots that vectors of this rank pass over.
             unpacked.put(SlotRows(LANES * self.slots_of_first))
             self.unpacked, self._is_stale, self._is_partial = None, True, True
             self.begun = unpacked
-        for rank in self.others:
-            rows = self.rows[rank]
-            if unpacked is not None:
-                self.transport.wait([
-                    self.transport.send(row, rank) for row in unpacked.rows(rows.index)])
-            requests += rows.send(self.transport, tables, rank)
-            more = [] if loads is None else [loads.work[self.rows_of_loads(loads, rank)]]
-            if contacts is not None:
-                more += self.shared.remembered(contacts, rank)
-            if of_run:
-                more += [
-                    np.ascontiguousarray(row[self._samples[rank]]) for row in work.difference]
-            requests += [self.transport.send(row, rank) for row in more]
-        self.transport.wait(requests)
+        super()._scatter(now, contacts, of_run=of_run)
         if unpacked is not None:
             unpacked.set_aside()
         self._is_moved = self._is_moved and not of_run
-        if contacts is not None and mine is not None:
-            own = self.shared.remembered(contacts, 0)
-            for target, values in zip(remembered_by(mine), own):
-                target[:] = values
-            wake(mine, slice(None), remembered_by(mine))
-            if mine.losses is not None and contacts.losses is not None:
-                self.rows[0].copy(contacts.losses.lost, mine.losses.lost)
+        self._copy_lost(contacts, now.contacts)
         if of_run:
-            self._own.difference[:] = work.difference[:, self._samples[0]]
+            self._own.difference[:] = now.work.difference[:, self._samples[0]]
             self._own.roughest = 0.0
 
-    def _gather(
-        self, arrays: Arrays, contacts: Contacts | None, *, of_run: bool, whole: bool
-    ) -> None:
-        """
-        Gather the state of all ranks; `whole`: with all data of the next step.
+    def _send_tables(self, tables: list[np.ndarray], rank: int) -> list[Any]:
+        """Start to send the rows of the bodies of a rank; the state may not be packed."""
+        if self._unpacking is not None:
+            self.transport.wait([
+                self.transport.send(row, rank)
+                for row in self._unpacking.rows(self.rows[rank].index)])
+            tables = tables[len(self._unpacking.state.rows()):]
+        return super()._send_tables(tables, rank)
 
-        `contacts`: those of the whole fabric.
-        """
-        self.order('gather', of_run, whole)
-        loads, state, work, mine, watch = arrays
+    def _sampled(self, now: Arrays, rank: int) -> list[np.ndarray]:
+        """Return differences of the motion in the samples of a rank."""
+        return [np.ascontiguousarray(row[self._samples[rank]]) for row in now.work.difference]
+
+    def _copy_lost(self, source: Contacts | None, target: Contacts | None) -> None:
+        """Copy what contacts lose for the bodies of this rank."""
+        if source is not None and target is not None and source.losses is not None and (
+                target.losses is not None):
+            self.rows[0].copy(source.losses.lost, target.losses.lost)
+
+    def _gather(
+        self, now: Arrays, contacts: Contacts | None, *, of_run: bool, whole: bool,
+        which: tuple[Any, ...] | None = None
+    ) -> None:
+        """Gather the state of all ranks; `whole`: with all data of the next step."""
         if self._is_partial and of_run:
-            complete(self.packed.layout, state)
+            complete(self.packed.layout, now.state)
             self._is_partial = False
-        tables = tables_of(state, work, contacts, whole=whole)
-        if contacts is not None and mine is not None:
-            note_look(contacts, None, look_at(mine, None))
-            self.shared.take_back(contacts, 0, remembered_by(mine))
-            if mine.losses is not None and contacts.losses is not None:
-                self.rows[0].copy(mine.losses.lost, contacts.losses.lost)
+        super()._gather(now, contacts, of_run=of_run, whole=whole, which=which)
+        self._copy_lost(now.contacts, contacts)
         roughest = self._own.take_roughest()
-        for rank in self.others:
-            self.rows[rank].receive(self.transport, tables, rank)
-            if loads is not None:
-                self.receive(loads.work[self.rows_of_loads(loads, rank)], rank)
-            if contacts is not None:
-                values = self.shared.remembered(contacts, rank)
-                for row in values:
-                    self.receive(row, rank)
-                self.shared.take_back(contacts, rank, values)
-            look = np.zeros(REPORT_SIZE)
-            self.receive(look, rank)
-            note_look(contacts, watch, look)
-            if not of_run:
-                continue
-            rough = np.zeros(1)
-            self.receive(rough, rank)
-            roughest = max(roughest, float(rough[0]))
-            if whole:
-                samples = self._samples[rank]
-                for row in work.difference:
-                    sampled = np.empty(len(samples))
-                    self.receive(sampled, rank)
-                    row[samples] = sampled
         if of_run:
             self._ledger.roughest = max(self._ledger.roughest, roughest)
             if whole:
-                work.difference[:, self._samples[0]] = self._own.difference
+                now.work.difference[:, self._samples[0]] = self._own.difference
+
+    def _receive_samples(self, now: Arrays, rank: int, *, whole: bool) -> None:
+        """Receive the roughness of the motion, and differences in the samples of a rank."""
+        rough = np.zeros(1)
+        self.receive(rough, rank)
+        self._ledger.roughest = max(self._ledger.roughest, float(rough[0]))
+        if whole:
+            for row in now.work.difference:
+                sampled = np.empty(len(self._samples[rank]))
+                self.receive(sampled, rank)
+                row[self._samples[rank]] = sampled
+
+    def _which(self, *, whole: bool) -> tuple[Any, ...]:
+        """Return the arguments of `exchanged` by which ranks send their states."""
+        return (whole,)

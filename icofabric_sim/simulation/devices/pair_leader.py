@@ -19,13 +19,11 @@ from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean
 from icofabric_sim.simulation.devices.pair_steps import (
     ALL,
-    done_by,
     END,
     PairArrays,
     PairPart,
-    remembered_of,
 )
-from icofabric_sim.simulation.devices.shared_contacts import look_at, note_look, REPORT_SIZE, wake
+from icofabric_sim.simulation.devices.shared_contacts import note_look
 from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import exchange_of, pair_bytes_of
@@ -97,7 +95,7 @@ class SharedPair(Sharing, DistantBodies):
         if not self._is_here or slopes:
             self._gather(
                 self._now, self._call.model.contacts, of_run=self._call.of_run, whole=False,
-                slopes=slopes)
+                which=(slopes, False))
             self._is_here = True
 
     # What the control asks.
@@ -176,66 +174,14 @@ class SharedPair(Sharing, DistantBodies):
 
     def _scatter(self, now: PairArrays, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
-        transport, watch = self.transport, now.watch
-        self.order('scatter', of_run, None if watch is None else watch.frame.copy())
-        tables = now.tables(END, with_start=False)
-        if watch is not None:
-            tables += [watch.reference, watch.turned]
-        rows = remembered_of(contacts, END, with_start=False)
-        requests: list[Any] = []
-        for rank in self.others:
-            requests += self.rows[rank].send(transport, tables, rank)
-            more = done_by(now.loads, self.rows_of_loads(now.loads, rank), END)
-            more += [row[self.shared.which[rank]] for row in rows]
-            requests += [transport.send(row, rank) for row in more]
-        transport.wait(requests)
-        mine = now.remembered(END, with_start=False)
-        for target, row in zip(mine, rows):
-            target[:] = row[self.shared.which[0]]
-        if now.contacts is not None and mine:
-            wake(now.contacts, slice(None), (mine[0], mine[2]))
-        if of_run:
-            self._has_stepped = False
+        super()._scatter(now, contacts, of_run=of_run)
+        self._has_stepped = self._has_stepped and not of_run
 
-    def _gather(
-        self, now: PairArrays, contacts: Contacts | None, *, of_run: bool, whole: bool,
-        slopes: range | None = None
-    ) -> None:
+    def _which(self, *, whole: bool) -> tuple[Any, ...]:
         """
-        Gather the state of all ranks; `whole` adds the data for states within the step.
+        Return the arguments of `exchanged` by which ranks send their states.
 
         Data from before the last step on the ranks are here already.
         """
         with_start = whole and self._has_stepped
-        if slopes is None:
-            slopes = ALL if with_start else END
-        self.order('gather', of_run, (slopes.start, slopes.stop), with_start)
-        tables = now.tables(slopes, with_start=with_start)
-        rows = remembered_of(contacts, slopes, with_start=with_start)
-        self._take_back(now.remembered(slopes, with_start=with_start), rows, contacts, 0)
-        if now.contacts is not None:
-            note_look(contacts, None, look_at(now.contacts, None))
-        for rank in self.others:
-            self.rows[rank].receive(self.transport, tables, rank)
-            for row in done_by(now.loads, self.rows_of_loads(now.loads, rank), slopes):
-                self.receive(row, rank)
-            values = [np.empty((len(self.shared.which[rank]), 4)) for _ in rows]
-            for row in values:
-                self.receive(row, rank)
-            self._take_back(values, rows, contacts, rank)
-            look = np.zeros(REPORT_SIZE)
-            self.receive(look, rank)
-            note_look(contacts, now.watch, look)
-
-    def _take_back(
-        self, values: list[np.ndarray], rows: list[np.ndarray], contacts: Contacts | None,
-        rank: int
-    ) -> None:
-        """Copy the history of the pairs of a rank to the rows of all pairs."""
-        if not rows or contacts is None:
-            return
-        which = self.shared.which[rank]
-        for row, value in zip(rows, values):
-            row[which] = value
-        # Stretches, and those that were held.
-        wake(contacts, which, (values[0], values[1]))
+        return (ALL if with_start else END), with_start

@@ -38,7 +38,8 @@ from icofabric_sim.simulation.devices.rank_kernels import (
     take_poses,
     take_stage,
 )
-from icofabric_sim.simulation.devices.shared_contacts import look_at
+from icofabric_sim.simulation.devices.shared_contacts import friction_of, look_at
+from icofabric_sim.simulation.devices.slot_rows import Exchanged
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
@@ -63,41 +64,28 @@ class PairArrays(NamedTuple):
         assert self.work.trail is not None
         return self.work.trail
 
-    def tables(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
+    def exchanged(
+        self, contacts: Contacts | None, slopes: range = END, with_start: bool = False
+    ) -> Exchanged:
         """
-        Return rows (r, s) to exchange: state, dissipated energy, these slopes and their powers.
+        Return the arrays to exchange, with some slopes and the history of any `contacts`.
+
+        `with_start`: also the state at the start of the step.
         """
+        losses, loads, trail = friction_of(contacts), self.loads, self.trail
+        spent = self.work.spent
         tables = [*self.state.rows()]
         if with_start:
-            tables += self.trail.start.rows()
-        tables += [self.trail.slopes[k] for k in slopes]
-        spent = self.work.spent
+            tables += trail.start.rows()
+        tables += [trail.slopes[k] for k in slopes]
         if spent is not None:
             tables += [spent.done, *(spent.power[k:k + 1] for k in slopes)]
-        return tables
-
-    def remembered(self, slopes: range, *, with_start: bool) -> list[np.ndarray]:
-        """
-        Return the history of pairs, (p, 4) each: stretches of friction springs, and their slopes.
-        """
-        return remembered_of(self.contacts, slopes, with_start=with_start)
-
-
-def remembered_of(
-    contacts: Contacts | None, slopes: range, *, with_start: bool
-) -> list[np.ndarray]:
-    """Return the history of the pairs of any contacts."""
-    losses = None if contacts is None else contacts.losses
-    if losses is None or not losses.friction > 0.0:
-        return []
-    rows = [losses.stretch, losses.held, *(losses.slopes[k] for k in slopes)]
-    return [*rows, losses.start] if with_start else rows
-
-
-def done_by(loads: Loads, rows: slice, slopes: range) -> list[np.ndarray]:
-    """Return work and powers of the loads on the bodies of a part, (m,) each."""
-    return [
-        loads.work[rows], loads.earlier_work[rows], *(loads.power[k, rows] for k in slopes)]
+        history: list[np.ndarray] = []
+        if losses is not None:
+            history = [losses.stretch, losses.held, *(losses.slopes[k] for k in slopes)]
+            history += [losses.start] * with_start
+        return Exchanged(
+            tables, [loads.work, loads.earlier_work, *(loads.power[k] for k in slopes)], history)
 
 
 class PairPart(RankPart):

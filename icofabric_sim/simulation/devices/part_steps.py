@@ -52,6 +52,8 @@ from icofabric_sim.simulation.devices.rank_kernels import (
     take_motions,
     take_poses,
 )
+from icofabric_sim.simulation.devices.shared_contacts import friction_of
+from icofabric_sim.simulation.devices.slot_rows import Exchanged
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
@@ -87,6 +89,25 @@ class Arrays(NamedTuple):
     work: Work
     contacts: Contacts | None = None  # of the part
     watch: Watch | None = None  # None: of steps beside the run, or where nothing can touch
+
+    def exchanged(self, contacts: Contacts | None, whole: bool = True) -> Exchanged:
+        """
+        Return the arrays to exchange, with the history of the pairs of any `contacts`.
+
+        `whole`: also what the first kick of the next step needs, accelerations and what contacts
+        lose.
+        """
+        state, work, losses = self.state, self.work, friction_of(contacts)
+        tables = [*state.rows()]
+        if work.spent is not None:
+            tables.append(work.spent.done)
+        if whole:
+            tables.append(work.acceleration)
+            if contacts is not None and contacts.losses is not None:
+                tables.append(contacts.losses.lost)
+        return Exchanged(
+            tables, [] if self.loads is None else [self.loads.work],
+            [] if losses is None else [losses.stretch, losses.slopes[0]])
 
 
 class RankPart:

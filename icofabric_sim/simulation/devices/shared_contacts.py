@@ -10,7 +10,7 @@ of its bodies (near_pairs.py). The history of pairs is sent and gathered with th
 from collections.abc import Sequence
 
 from icofabric_sim.kernels.contact.sleeping import AWAKE
-from icofabric_sim.kernels.records import Blocks, Contacts, Watch
+from icofabric_sim.kernels.records import Blocks, ContactLosses, Contacts, Watch
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import bounds_of, Part
 from icofabric_sim.simulation.devices.near_pairs import constants_of, contacts_of, NearPairs
@@ -101,23 +101,6 @@ class SharedContacts:
                 self._layout.slot_count, contacts.touch_address)
         return self._own[of_run]
 
-    def remembered(self, contacts: Contacts, rank: int) -> list[np.ndarray]:
-        """Return the history of the pairs of a rank as arrays to send: stretches and slopes."""
-        losses = contacts.losses
-        if losses is None or not losses.friction > 0.0:
-            return []
-        which = self.which[rank]
-        return [losses.stretch[which], losses.slopes[0][which]]
-
-    def take_back(
-        self, contacts: Contacts, rank: int, values: Sequence[np.ndarray]
-    ) -> None:
-        """Store stretches and slopes of friction of the pairs of a rank."""
-        if values and contacts.losses is not None:
-            which = self.which[rank]
-            contacts.losses.stretch[which], contacts.losses.slopes[0][which] = values
-            wake(contacts, which, values)
-
     def _blocks_of(self, slots: np.ndarray) -> np.ndarray:
         """Return the blocks of slots; -1 for planes."""
         return np.where(slots < 0, -1, self._turns[np.maximum(slots, 0) // LANES])
@@ -130,15 +113,13 @@ def wake(contacts: Contacts, which: np.ndarray | slice, values: Sequence[np.ndar
     What sleeps is known to have lost all that it had, and would keep it here.
     """
     if values:
-        stretched = values[0].any(axis=1) | values[1].any(axis=1)
+        stretched = np.any([rows.any(axis=1) for rows in values], axis=0)
         until = contacts.sleep.until[which]
         until[stretched] = AWAKE
         contacts.sleep.until[which] = until
 
 
-def remembered_by(contacts: Contacts | None) -> list[np.ndarray]:
-    """Return the arrays of stretches and slopes of friction of a rank, (p, 4) each."""
+def friction_of(contacts: Contacts | None) -> ContactLosses | None:
+    """Return the losses of contacts with friction springs, which have a history."""
     losses = None if contacts is None else contacts.losses
-    if losses is None or not losses.friction > 0.0:
-        return []
-    return [losses.stretch, losses.slopes[0]]
+    return losses if losses is not None and losses.friction > 0.0 else None

@@ -22,7 +22,13 @@ from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBy
 from icofabric_sim.simulation.devices.executor import Remote
 from icofabric_sim.simulation.devices.near_pairs import no_contacts, watch_stub
 from icofabric_sim.simulation.devices.saved_part import saved_tables, SavedPart
-from icofabric_sim.simulation.devices.shared_contacts import SharedContacts
+from icofabric_sim.simulation.devices.shared_contacts import (
+    look_at,
+    note_look,
+    REPORT_SIZE,
+    SharedContacts,
+    wake,
+)
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.unpacked import Unpacked
@@ -191,15 +197,81 @@ class Sharing(Remote):
     def _send_windows(self, model: Model, arrays: Any) -> Any:
         """Cut the windows of all ranks; return what takes steps of this rank."""
 
-    @abstractmethod
-    def _scatter(self, arrays: Any, contacts: Contacts | None, *, of_run: bool) -> None:
+    def _scatter(self, now: Any, contacts: Contacts | None, *, of_run: bool) -> None:
         """Send each rank the state of its bodies; `contacts` are those of the whole fabric."""
+        watch = now.watch
+        self.order('scatter', of_run, None if watch is None else watch.frame.copy())
+        tables, done, history = now.exchanged(contacts)
+        if watch is not None:
+            tables += [watch.reference, watch.turned]
+        requests: list[Any] = []
+        for rank in self.others:
+            requests += self._send_tables(tables, rank)
+            more = [row[self.rows_of_loads(now.loads, rank)] for row in done]
+            more += [row[self.shared.which[rank]] for row in history]
+            more += self._sampled(now, rank) if of_run else []
+            requests += [self.transport.send(row, rank) for row in more]
+        self.transport.wait(requests)
+        if now.contacts is not None:
+            mine = now.exchanged(now.contacts).history
+            for target, row in zip(mine, history):
+                target[:] = row[self.shared.which[0]]
+            wake(now.contacts, slice(None), mine)
+
+    def _send_tables(self, tables: list[np.ndarray], rank: int) -> list[Any]:
+        """Start to send the rows of the bodies of a rank."""
+        return self.rows[rank].send(self.transport, tables, rank)
+
+    def _sampled(self, now: Any, rank: int) -> list[np.ndarray]:
+        """Return further arrays to send with the state of a run."""
+        return []
+
+    def _gather(
+        self, now: Any, contacts: Contacts | None, *, of_run: bool, whole: bool,
+        which: tuple[Any, ...] | None = None
+    ) -> None:
+        """
+        Gather the state of all ranks; `whole`: with all data of the next step.
+
+        `contacts`: those of the whole fabric. `which`: arguments of `exchanged`, if others.
+        """
+        which = which or self._which(whole=whole)
+        self.order('gather', of_run, *which)
+        tables, done, history = now.exchanged(contacts, *which)
+        if now.contacts is not None:
+            self._take_back(now.exchanged(now.contacts, *which).history, history, contacts, 0)
+            note_look(contacts, None, look_at(now.contacts, None))
+        for rank in self.others:
+            self.rows[rank].receive(self.transport, tables, rank)
+            for row in done:
+                self.receive(row[self.rows_of_loads(now.loads, rank)], rank)
+            values = [np.empty((len(self.shared.which[rank]), 4)) for _ in history]
+            for row in values:
+                self.receive(row, rank)
+            self._take_back(values, history, contacts, rank)
+            look = np.zeros(REPORT_SIZE)
+            self.receive(look, rank)
+            note_look(contacts, now.watch, look)
+            if of_run:
+                self._receive_samples(now, rank, whole=whole)
+
+    def _receive_samples(self, now: Any, rank: int, *, whole: bool) -> None:  # noqa: B027
+        """Receive further arrays with the state of a run."""
 
     @abstractmethod
-    def _gather(
-        self, arrays: Any, contacts: Contacts | None, *, of_run: bool, whole: bool
+    def _which(self, *, whole: bool) -> tuple[Any, ...]:
+        """Return the arguments of `exchanged` by which ranks send their states."""
+
+    def _take_back(
+        self, values: list[np.ndarray], history: list[np.ndarray], contacts: Contacts | None,
+        rank: int
     ) -> None:
-        """Gather the state of all ranks; `whole`: with all data of the next step."""
+        """Copy the history of the pairs of a rank to the rows of all pairs."""
+        if contacts is not None and history:
+            which = self.shared.which[rank]
+            for row, value in zip(history, values):
+                row[which] = value
+            wake(contacts, which, values)
 
     def _do(self, what: str, *words: Any, of_run: bool = True) -> Any:
         """Let all ranks call a method of their steps; return the result of this rank."""

@@ -3,9 +3,8 @@
 """Rows of arrays to exchange between ranks: slots of a part, without copies where possible."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.records import Contacts, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.transport import Transport
 import numpy as np
@@ -66,22 +65,12 @@ class SlotRows:
         target[:, self.index] = source[:, self.index]
 
 
-def tables_of(
-    state: State, work: Work, contacts: Contacts | None, *, whole: bool
-) -> list[np.ndarray]:
-    """
-    Return the tables of a state and of dissipated energies that ranks exchange.
+class Exchanged(NamedTuple):
+    """Arrays that ranks exchange with a state."""
 
-    `whole`: also what the first kick of the next step needs, accelerations and what contacts lose.
-    """
-    tables = [*state.rows()]
-    if work.spent is not None:
-        tables.append(work.spent.done)
-    if whole:
-        tables.append(work.acceleration)
-        if contacts is not None and contacts.losses is not None:
-            tables.append(contacts.losses.lost)
-    return tables
+    tables: list[np.ndarray]  # (r, s) each, by slots
+    done: list[np.ndarray]  # (m,) each: work and powers of the loads
+    history: list[np.ndarray]  # (p, 4) each: stretches and slopes of friction, by pairs
 
 
 def _rows(tables: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
