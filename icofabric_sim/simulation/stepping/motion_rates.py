@@ -7,7 +7,6 @@ from dataclasses import replace
 from enum import Enum
 import math
 
-from icofabric_sim.kernels.records import Loads
 from icofabric_sim.simulation.model.stability import (
     fastest_motion,
     Frequency,
@@ -87,10 +86,6 @@ class MotionRates:
             axis=0, initial=0.0)
         return math.sqrt(max(float(linear) / trajectory.half_edge, float(angular)))
 
-    def relative_speed(self) -> float:
-        """Return the largest speed [m/s] of a body relative to the mean velocity."""
-        return self._calls.relative_speed()
-
     def fastest_term(self) -> str:
         """Return the name of the fastest motion or vibration, with its parameters."""
         return fastest_term(self._terms())
@@ -109,7 +104,7 @@ class MotionRates:
         """Return rates [rad/s] by the names of their terms, in the order of `Term`."""
         trajectory, contact = self._trajectory, self._contact
         rates = {
-            stiffest_term(trajectory.packed, anchored=_is_anchored(trajectory.loads)): (
+            stiffest_term(trajectory.packed, anchored=trajectory.loads.anchors is not None): (
                 self.fabric.rate),
             'spinning bodies': trajectory.ledger.spin,
             'bodies under loads and drives': self.load_rate,
@@ -150,7 +145,3 @@ class MotionRates:
                 'with 0 to have it chosen, or with a smaller contact.stiffness; contact.mode '
                 'never lets shells pass through each other')
         trajectory.fail(unsafe_step(step, self.limit, self._calls.frequency(locate=True), time))
-
-
-def _is_anchored(loads: Loads) -> bool:
-    return loads.anchors is not None

@@ -248,7 +248,6 @@ class StateArrays:
 
     def __init__(self, slot_count: int, device: Device) -> None:
         """Allocate arrays of `slot_count` slots."""
-        self._count = slot_count
         zeros = [
             wp.zeros(rows * slot_count, dtype=wp.float64, device=device.handle)
             for rows in (POSE, POSE, MOTION, MOTION)]
@@ -260,16 +259,16 @@ class StateArrays:
 
     def put(self, state: State, work: Work) -> None:
         """Copy a state to the device; the first pose becomes the present one."""
-        for target, first, values in self._rows(self.poses[0], state, work):
-            wp.copy(target, seen(values), first * self._count, 0, values.size)
+        copy_rows(state, self.poses[0], self.motion, back=False)
+        wp.copy(self.acceleration, seen(work.acceleration), 0, 0, work.acceleration.size)
         # Slots without a body are never written.
         wp.copy(self.poses[1], self.poses[0])
 
     def take(self, now: int, state: State, work: Work, *, whole: bool) -> None:
         """Copy the state back; `whole` includes the accelerations."""
-        for target, first, values in self._rows(self.poses[now], state, work):
-            if whole or target is not self.acceleration:
-                wp.copy(seen(values), target, 0, first * self._count, values.size)
+        copy_rows(state, self.poses[now], self.motion, back=True)
+        if whole:
+            wp.copy(seen(work.acceleration), self.acceleration, 0, 0, work.acceleration.size)
 
     def save(self, now: int, done: Any) -> None:
         """Save the state and the work `done` by loads in device memory."""
@@ -279,19 +278,21 @@ class StateArrays:
 
     def take_saved(self, saved: State, done: np.ndarray) -> None:
         """Copy the saved state and work back."""
-        for source, first, values in (
-                (self.saved_pose, 0, saved.position), (self.saved_pose, 3, saved.orientation),
-                (self.saved_motion, 0, saved.linear_velocity),
-                (self.saved_motion, 3, saved.angular_velocity)):
-            wp.copy(seen(values), source, 0, first * self._count, values.size)
+        copy_rows(saved, self.saved_pose, self.saved_motion, back=True)
         if self._saved_work is not None:
             copy_back(done, self._saved_work)
 
-    def _rows(self, pose: Any, state: State, work: Work) -> list[tuple[Any, int, np.ndarray]]:
-        return [
+
+def copy_rows(state: State, pose: Any, motion: Any, *, back: bool) -> None:
+    """Copy a state to arrays of poses and velocities on a device, or `back`."""
+    slots = state.position.shape[1]
+    for target, first, values in (
             (pose, 0, state.position), (pose, 3, state.orientation),
-            (self.motion, 0, state.linear_velocity), (self.motion, 3, state.angular_velocity),
-            (self.acceleration, 0, work.acceleration)]
+            (motion, 0, state.linear_velocity), (motion, 3, state.angular_velocity)):
+        if back:
+            wp.copy(seen(values), target, 0, first * slots, values.size)
+        else:
+            wp.copy(target, seen(values), first * slots, 0, values.size)
 
 
 def seen(values: np.ndarray) -> Any:

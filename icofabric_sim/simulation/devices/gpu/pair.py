@@ -22,6 +22,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.executor import Call
 from icofabric_sim.simulation.devices.gpu.arrays import (
     copy_back,
+    copy_rows,
     doubles,
     driven_terms,
     MOTION,
@@ -115,7 +116,7 @@ class DevicePair(DeviceRun, DistantBodies):
         """Copy a state that was saved, and that of a trial."""
         if self._saves:
             # After the run knows the time of the saved state.
-            self._copy_rows(
+            copy_rows(
                 self._call.saved, self._state.saved_pose, self._state.saved_motion, back=True)
             self._gather_flows(self._call)
             self._saves = False
@@ -293,7 +294,7 @@ class DevicePair(DeviceRun, DistantBodies):
 
     def _put(self, model: Model, loads: Loads, state: State, work: Work) -> None:
         """Copy the state, its slope, loads and dissipated energies to the device."""
-        self._copy_rows(state, self._state.poses[0], self._state.motion, back=False)
+        copy_rows(state, self._state.poses[0], self._state.motion, back=False)
         for target in (self._state.poses[1], self._stage[0], self._start[0]):
             # Slots without a body are never written.
             wp.copy(target, self._state.poses[0])
@@ -332,10 +333,10 @@ class DevicePair(DeviceRun, DistantBodies):
         trail = work.trail
         self._gather_flows(call)
         assert trail is not None
-        self._copy_rows(state, self._state.poses[0], self._state.motion, back=True)
+        copy_rows(state, self._state.poses[0], self._state.motion, back=True)
         with_start = whole and self._has_stepped
         if with_start:
-            self._copy_rows(trail.start, *self._start, back=True)
+            copy_rows(trail.start, *self._start, back=True)
         for index in range(DENSE) if with_start else (LAST,):
             copy_back(trail.slopes[index], self._slopes[index])
             if work.spent is not None and self._done[0].size:
@@ -352,13 +353,3 @@ class DevicePair(DeviceRun, DistantBodies):
         if len(loads.work) and self._earlier.size:
             copy_back(loads.work, self._acting.work)
             copy_back(loads.earlier_work, self._earlier)
-
-    def _copy_rows(self, state: State, pose: Any, motion: Any, *, back: bool) -> None:
-        slots = self._packed.layout.slot_count
-        for target, first, values in (
-                (pose, 0, state.position), (pose, 3, state.orientation),
-                (motion, 0, state.linear_velocity), (motion, 3, state.angular_velocity)):
-            if back:
-                wp.copy(seen(values), target, 0, first * slots, values.size)
-            else:
-                wp.copy(target, seen(values), first * slots, 0, values.size)

@@ -259,7 +259,7 @@ class MeasuredStep:
                 frequency > 0.0 and has_jumps(packed.model.links)):
             return math.inf
         # Bodies with a common motion have no crossing.
-        speed = rates.relative_speed() / trajectory.half_edge
+        speed = self._pieces.calls.relative_speed() / trajectory.half_edge
         # And the speed gained within a radian of the fastest vibration.
         acceleration = rates.load_rate**2
         if packed.gravity is not None and packed.held:
@@ -409,7 +409,7 @@ class MeasuredStep:
             step == trajectory.step)
         errors.begin()
         if errors.is_new and not is_pulse:
-            speed = max(rates.relative_speed() / trajectory.half_edge, ledger.spin)
+            speed = max(self._pieces.calls.relative_speed() / trajectory.half_edge, ledger.spin)
             step = errors.expected_step(step, speed)
         step = min(rounded_down(step), cap)
         if excess > 1.0:
