@@ -27,7 +27,7 @@ from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import save
 from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Trail, Watch, Work
 from icofabric_sim.kernels.rhs import add_work, find_slopes, LAST, place_blocks
-from icofabric_sim.simulation.devices.part_steps import RankPart
+from icofabric_sim.simulation.devices.part_steps import NO_EXCHANGE, NO_TRANSPORT, RankPart
 from icofabric_sim.simulation.devices.rank_kernels import (
     combine_all,
     errors_of,
@@ -233,38 +233,20 @@ class PairPart(RankPart):
             (put_stage if moving else put_poses)(self._model, state, work, slots, poses)
 
     def make_ready(self, arrays: PairArrays) -> None:
-        """Compile or load the kernels of steps, by calls without bodies and pairs."""
-        loads, state, work, contacts, watch = arrays
-        model, trail, none = self._model_with(contacts), arrays.trail, np.zeros(0, np.int32)
-        slot, pair, number = model.blocks.slot, self._pair, np.int64(0)
-        place_all(self._model, state, work, 0, 0)
-        note_figures(self._model, loads, state, work, 0.0, 0.0, False, 0, 0, 0)
-        place_blocks(self._model, loads, state, work, 0.0, 0, 0)
-        find_slopes(model, loads, state, work, 0.0, trail.slopes[0], number, 0, 0)
+        """Compile or load the kernels of steps, by steps without bodies and pairs."""
+        state, work, none = arrays.state, arrays.work, np.zeros(0, np.int32)
         for take, put, rows in ((take_poses, put_poses, POSE), (take_stage, put_stage, STAGE)):
             take(state, none, aligned_empty((rows, 0)))
             put(self._model, state, work, none, aligned_empty((rows, 0)))
-        combine_all(state, trail, pair.step, 0.0, slot, 0, 0, True)
-        losses = None if contacts is None else contacts.losses
-        errors_of(
-            trail, self._model, loads, losses, pair.higher_error, pair.lower_error, np.zeros(4),
-            1.0, 0, 0, self._team)
-        save(self._model, state, trail.start, 0, 0)
-        keep_work(loads, 0, 0)
-        add_work(loads, 0.0, pair.step, 0, 0)
-        add_flow(work.spent, slot, 0.0, pair.step, 0, 0)
-        copy_last(self._model, loads, work, trail, 0, 0)
-        if contacts is not None:
-            touch_moving(contacts, state, number, self._team)
-            note_touch(loads.drives, contacts, False, 0)
-            has_touched(loads.drives, contacts, 1)
-            combine_stretches(losses, pair.step, 0.0, False, self._team)
-            accept_stretches(losses, self._team)
-            repeat_stretches(losses, self._team)
-        if watch is not None:
-            ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
-            fastest_points(
-                watch, model.blocks, state, trail, pair.stage_count, (0.0, 0.0, 0.0), 0.0, 0, 0)
+        empty = PairPart(NO_TRANSPORT, self._model, NO_EXCHANGE, self._pair)
+        empty.find_slope(arrays, False, 0, 0.0)
+        empty.try_step(arrays, 0.0, 0.0, False)
+        empty.find_errors(arrays, np.zeros(4), 1.0)
+        empty.accept_step(arrays, 0.0, True)
+        empty.repeat_slope(arrays)
+        empty.examine(arrays, 0.0, 0.0, False)
+        if arrays.watch is not None:
+            empty.find_speeds(arrays, (0.0, 0.0, 0.0), 0.0)
 
 
 def _longest_run(blocks: np.ndarray, first: int) -> tuple[int, int]:

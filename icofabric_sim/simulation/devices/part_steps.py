@@ -11,6 +11,7 @@ blocks drift first, as in one process, and pairs are evaluated once poses have a
 forces need velocities, too.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.group_sums import note_squares, note_sums
+from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
 from icofabric_sim.kernels.records import (
     Contacts,
@@ -108,6 +110,26 @@ class Arrays(NamedTuple):
         return Exchanged(
             tables, [] if self.loads is None else [self.loads.work],
             [] if losses is None else [losses.stretch, losses.slopes[0]])
+
+
+class NoTransport(Transport):
+    """Transport of a part without bodies and neighbours."""
+
+    def __init__(self) -> None:
+        """Connect no processes."""
+
+    def wait(self, requests: Sequence[Any]) -> None:
+        """Return at once."""
+
+    def any(self, is_so: bool) -> bool:
+        """Return True, so that all kernels are called."""
+        return True
+
+
+NO_TRANSPORT = NoTransport()
+NO_EXCHANGE = Exchange(
+    0, 0, np.zeros(0, np.uint32), 0, np.zeros(0, np.uint32), np.zeros(0, np.int32), (), (),
+    np.zeros(0, np.int32))
 
 
 class RankPart:
@@ -275,47 +297,26 @@ class PartSteps(RankPart):
         return found
 
     def make_ready(self, arrays: Arrays) -> None:
-        """Compile or load the kernels of steps, by calls without bodies and pairs."""
-        loads, state, work, contacts, watch = arrays
-        model, kinks = self._model_with(contacts), work.kinks
-        none, no_slots = np.zeros(0, np.uint32), np.zeros(0, np.int32)
-        place_all(self._model, state, work, 0, 0)
+        """Compile or load the kernels of steps, by steps without bodies and pairs."""
+        loads, state, work, contacts, _ = arrays
+        kinks, no_slots = work.kinks, np.zeros(0, np.int32)
         take_poses(state, no_slots, _room(0))
         put_poses(self._model, state, work, no_slots, _room(0))
+        place_all(self._model, state, work, 0, 0)
         if not self._weights.stages:
             return
-        if watch is not None:
-            ways_of(watch, model.blocks, state, 0.0, 0, 0, 0)
-        if contacts is not None:
-            self._touch(model, contacts, state, 0.0)
-            self.touches = 0
-            note_pushes(contacts, self._model, 0, 0)
-            if contacts.losses is not None:
-                lead = contacts.losses.lead
-                take_motions(state, lead, no_slots, _room(0, MOTION))
-                put_motions(self._model, lead, state, work, no_slots, _room(0, MOTION))
-        note_figures(self._model, loads, state, work, 0.0, 0.0, False, 0, 0, 0)
-        keep_accelerations(self._model, state, work, 0.0, 0, 0)
-        note_squares(
-            self._model.blocks, self._model.masses, work.acceleration, np.zeros(3),
-            np.zeros((2, 0)), 1, 0, 0, 0)
-        note_sums(self._model.blocks, state.linear_velocity, np.zeros((3, 0)), 1, 0, 0, 0)
-        push_kept(model, loads, state, work, 0.0, 0.0, 0, 0)
-        drift(model, loads, state, work, 0.0, 0.0, none, 0, 0)
-        drift_and_push(
-            model, loads, state, work, kinks, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, none, 0, none,
-            no_slots)
+        empty = PartSteps(NO_TRANSPORT, self._model, NO_EXCHANGE, self._weights)
+        empty.take(arrays, Interval(0.0, 0, 1.0, 1, 0, NEVER, is_guarded=True))
+        empty.examine(arrays, 0.0, 0.0, False)
+        empty.refresh(arrays, 0.0)
+        empty.squares(arrays, np.zeros(3))
+        empty.velocity_sums(arrays)
+        losses = None if contacts is None else contacts.losses
+        for more in [row for row in (losses and losses.lead, kinks and kinks.before)
+                     if row is not None]:
+            take_motions(state, more, no_slots, _room(0, MOTION))
+            put_motions(self._model, more, state, work, no_slots, _room(0, MOTION))
         if kinks is not None:
-            begin_kinked(model, loads, kinks, state, work, 0.0, 1.0, 0, 0)
-            strike_foretold(model, loads, kinks, state, work, 1.0, 1.0, 0, 0)
-            keep_drifted(model, kinks, state, none, 0, 0)
-            note_all_motion(model, kinks, state, work, 1.0, 0, 0)
-            account_all(model, kinks, work, 1.0, 0, 0)
-            strike_all(model, loads, kinks, state, work, 0, 0, 0)
-            place_all(model, state, work, 0, 0)
-            keep_accelerations(model, state, work, 0.0, 0, 0)
-            take_motions(state, kinks.before, no_slots, _room(0, MOTION))
-            put_motions(self._model, kinks.before, state, work, no_slots, _room(0, MOTION))
             note_motions(self._model, kinks, state, work, 1.0, no_slots)
         if self._weights.differences:
             sample(no_slots, state.position, state.orientation, _room(0), work.weights, 0)
