@@ -8,8 +8,8 @@ of a model and of its loads, which all scenes have. The functions that read the 
 are kernels of their own, compiled for these terms and called by address, once for all blocks of a
 thread.
 
-Bodies may also be elsewhere, with ranks or a GPU. The control of embedded pairs then runs in
-Python, and calls the methods of these names of an object that stands for the bodies.
+Bodies may also be elsewhere, with ranks or a GPU. The control then runs in Python, and calls the
+methods of these names of an object that stands for the bodies.
 """
 
 from typing import Any
@@ -248,20 +248,6 @@ def own(bodies: Bodies) -> tuple[int, int]:
     return own_blocks(bodies.team, bodies.model.blocks.slot.shape[0])
 
 
-@compiled
-def examine_bodies(bodies: Bodies, time: float, ledger: np.ndarray) -> int:
-    """Return the status of the state at `time` [s] in the first thread, 0 in all others."""
-    team, figures = bodies.team, bodies.work.figures
-    first, last = own_blocks(team, figures.shape[0] - 1)
-    call_none(bodies.figures, (
-        bodies.model, bodies.loads, bodies.state, bodies.work, time, coarse_up_to(ledger),
-        looks_inside(ledger), first, last, bodies.model.blocks.slot.shape[0]))
-    wait_for_all(team)
-    if team.member != 0:
-        return 0
-    return call_int(bodies.verdict, (bodies.model, bodies.state, figures, ledger))
-
-
 @asked
 def begin(bodies: Bodies) -> None:
     """Wait for all threads, and store lengths of connectors that can break."""
@@ -434,6 +420,55 @@ def may_break(bodies: Bodies, h: float) -> bool:
 
 
 @asked
+def examine(bodies: Bodies, time: float, ledger: np.ndarray) -> int:
+    """Return the status of a health check at `time` [s] in the first thread, 0 in all others."""
+    team, figures = bodies.team, bodies.work.figures
+    first, last = own_blocks(team, figures.shape[0] - 1)
+    call_none(bodies.figures, (
+        bodies.model, bodies.loads, bodies.state, bodies.work, time, coarse_up_to(ledger),
+        looks_inside(ledger), first, last, bodies.model.blocks.slot.shape[0]))
+    wait_for_all(team)
+    if team.member != 0:
+        return 0
+    return call_int(bodies.verdict, (bodies.model, bodies.state, figures, ledger))
+
+
+@asked
+def search(bodies: Bodies, time: float, step: float, ledger: np.ndarray) -> int:
+    """
+    Return the status of displacements and overlaps at `time` [s], 0 except in the first thread.
+
+    Other steps of the length `step` [s] will follow; 0: of any length.
+    """
+    team, watch = bodies.team, bodies.watch
+    if team.member != 0:
+        return 0
+    status = judge_ways(watch, farthest(watch, team.size), bodies.state, time, step)
+    if deepest_overlap(bodies.contacts, team.size) > ledger[DEEPEST_LIMIT]:
+        status |= TOO_DEEP
+    return status
+
+
+@asked
+def agree(bodies: Bodies, status: int) -> int:
+    """Return the status of the first thread in all threads."""
+    return tell_all(bodies.team, status)
+
+
+@asked
+def save_sound(bodies: Bodies, done: int, ledger: np.ndarray) -> None:
+    """Save a sound state, after `done` steps of this call."""
+    if bodies.team.member == 0:
+        ledger[SAVED_AT] = done
+    first, last = own(bodies)
+    save(bodies.model, bodies.state, bodies.saved, first, last)
+    save_stretches(losses_of(bodies.contacts), bodies.team)
+    # Each step of a pair keeps the work of loads where it begins.
+    if bodies.trail is None:
+        keep_work(bodies.loads, first, last)
+
+
+@asked
 def check_health(
     bodies: Bodies, since_check: int, check_interval: int, ledger: np.ndarray, done: int,
     time: float, step: float
@@ -441,28 +476,18 @@ def check_health(
     """
     Check the state at `time` [s] if a health check is due, and save a sound state.
 
-    Other steps of the length `step` [s] will follow; 0: of any length.
-
-    Return the status and the steps since the last health check.
+    Return the status and the steps since the last health check. `step`: see `search`.
     """
-    team, state, watch = bodies.team, bodies.state, bodies.watch
     examined = since_check >= check_interval
     status = 0
     if examined:
-        status = examine_bodies(bodies, time, ledger)
-    if team.member == 0:
-        status |= judge_ways(watch, farthest(watch, team.size), state, time, step)
-        if deepest_overlap(bodies.contacts, team.size) > ledger[DEEPEST_LIMIT]:
-            status |= TOO_DEEP
-    status = tell_all(team, status)
+        status = examine(bodies, time, ledger)
+    status |= search(bodies, time, step, ledger)
+    status = agree(bodies, status)
     if examined:
         since_check = 0
         if status & (UNSOUND | TOO_DEEP | MISSED) == 0:
-            if team.member == 0:
-                ledger[SAVED_AT] = done
-            first, last = own(bodies)
-            save(bodies.model, state, bodies.saved, first, last)
-            save_stretches(losses_of(bodies.contacts), team)
+            save_sound(bodies, done, ledger)
     return status, since_check
 
 

@@ -37,7 +37,7 @@ from icofabric_sim.kernels.integrators.tableau import FIRST, Pair, pair_of
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail
 from icofabric_sim.kernels.rhs import interpolate, LAST, normalise
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import asked, compiled
 from icofabric_sim.kernels.runtime.team import own_blocks
 import numpy as np
 
@@ -83,7 +83,7 @@ ANY = 1e300
 DOP8 = pair_of(dop853.TABLEAU)
 
 
-@compiled
+@asked
 def fixed_pair(
     bodies: Bodies, pair: Pair, origin: float, index: int, h: float, count: int,
     since_check: int, check_interval: int, ledger: np.ndarray
@@ -107,7 +107,7 @@ def fixed_pair(
     return 0, done, since_check
 
 
-@compiled
+@asked
 def adaptive_pair(
     bodies: Bodies, pair: Pair, control: np.ndarray, count: int, since_check: int,
     check_interval: int, ledger: np.ndarray

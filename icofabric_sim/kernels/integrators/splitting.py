@@ -11,16 +11,12 @@ The control is one kernel for all scenes, see bodies.py.
 
 import math
 
-from icofabric_sim.kernels.contact.displacement import farthest, STRIDE
-from icofabric_sim.kernels.contact.forces import deepest_overlap
-from icofabric_sim.kernels.contact.losses import losses_of, save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
+from icofabric_sim.kernels.contact.displacement import STRIDE
+from icofabric_sim.kernels.contact.rebuild_check import MISSED
 from icofabric_sim.kernels.contact.stiffness import swing_of
-from icofabric_sim.kernels.integrators.bodies import Bodies, examine_bodies, own
+from icofabric_sim.kernels.integrators.bodies import agree, Bodies, examine, save_sound, search
 from icofabric_sim.kernels.integrators.sweep import Splitting
-from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
-    DEEPEST_LIMIT,
     judge_roughness,
     least_scale,
     PENDING_STEPS,
@@ -29,8 +25,6 @@ from icofabric_sim.kernels.monitor import (
     ROUGHEST,
     roughness,
     sample,
-    save,
-    SAVED_AT,
     SWING,
     SWING_LIMIT,
     SWINGS,
@@ -38,21 +32,13 @@ from icofabric_sim.kernels.monitor import (
     UNSOUND,
 )
 from icofabric_sim.kernels.records import Contacts, Watch
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import asked, compiled
 from icofabric_sim.kernels.runtime.outlined import call_none
-from icofabric_sim.kernels.runtime.team import tell_all, wait_for_all
+from icofabric_sim.kernels.runtime.team import wait_for_all
 import numpy as np
 
 # An interval that never ends: no health checks.
 NEVER = 2**62
-
-
-@compiled
-def stride_of(watch: Watch | None, check_interval: int) -> int:
-    """Return the number of steps between two checks of displacements."""
-    if watch is None:
-        return check_interval
-    return int(watch.limits[STRIDE])
 
 
 @compiled
@@ -64,18 +50,66 @@ def is_guarded(contacts: Contacts | None, ledger: np.ndarray) -> bool:
 
 
 @compiled
+def swing_status(contacts: Contacts | None, h: float, ledger: np.ndarray) -> int:
+    """Return SWINGS if contacts let the energy oscillate too far in steps of `h` [s], else 0."""
+    ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
+    return SWINGS if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger) else 0
+
+
+@compiled
+def stride_of(watch: Watch | None) -> int:
+    """Return the number of steps between two checks of displacements; 0: no checks."""
+    if watch is None:
+        return 0
+    return int(watch.limits[STRIDE])
+
+
+@asked
+def can_swing(bodies: Bodies, ledger: np.ndarray) -> bool:
+    """Check that each step must be examined for the energy oscillation of contacts."""
+    return is_guarded(bodies.contacts, ledger)
+
+
+@asked
+def judge_swing(bodies: Bodies, h: float, ledger: np.ndarray) -> int:
+    """Return the status of the last step of `h` [s], 0 except in the first thread."""
+    return swing_status(bodies.contacts, h, ledger) if bodies.team.member == 0 else 0
+
+
+@asked
+def check_stride(bodies: Bodies) -> int:
+    """Return the number of steps between two checks of displacements; 0: no checks."""
+    return stride_of(bodies.watch)
+
+
+@asked
+def judge_motion(
+    bodies: Bodies, method: Splitting, check_interval: int, ledger: np.ndarray
+) -> int:
+    """Return ROUGHER if the motion is too rough for the step, 0 except in the first thread."""
+    if bodies.team.member != 0:
+        return 0
+    differences = bodies.work.weights.shape[0] - 1
+    return judge_roughness(
+        bodies.work, ledger, differences if stage_count(method) < 4 else check_interval)
+
+
+@compiled
 def stage_count(method: Splitting) -> int:
     """Return the number of force evaluations in a step."""
     return min(method.kicks.shape[0], method.drifts.shape[0])
 
 
-@compiled
+@asked
 def take_interval(
     bodies: Bodies, method: Splitting, origin: float, index: int, h: float, count: int,
-    since_check: int, check_interval: int, regular: int, ledger: np.ndarray
+    since_check: int, check_interval: int, regular: int, guarded: bool, searched: bool,
+    ledger: np.ndarray
 ) -> None:
     """
     Take `count` steps up to the next check, and sample the roughness of the motion.
+
+    `guarded`, `searched`: overlaps, displacements are examined at the end.
 
     Step ends are sampled in consecutive windows of as many steps as the difference has, regardless
     of health checks in between. If a step has few evaluations, only the last window before a
@@ -118,7 +152,7 @@ def take_interval(
         ledger[PENDING_STEPS] += count
 
 
-@compiled
+@asked
 def splitting(
     bodies: Bodies, method: Splitting, origin: float, index: int, h: float, count: int,
     since_check: int, check_interval: int, ledger: np.ndarray
@@ -133,52 +167,37 @@ def splitting(
     status other than 0 ends the call early. Return the status, the steps taken, and the steps
     since the last health check.
     """
-    state, work, team, watch = bodies.state, bodies.work, bodies.team, bodies.watch
-    contacts = bodies.contacts
-    guarded = check_interval < NEVER and is_guarded(contacts, ledger)
+    guarded = check_interval < NEVER and can_swing(bodies, ledger)
     # Read before any thread takes a step; the first counts on in the ledger.
     regular = int(ledger[REGULAR])
-    done = 0
-    while done < count:
-        # Read again, because a search within the kernel may change the stride.
-        stride = stride_of(watch, check_interval)
-        ahead = min(count - done, check_interval - since_check, stride - since_check % stride)
+    done, status = 0, 0
+    while done < count and status == 0:
+        ahead = min(count - done, check_interval - since_check)
+        # Read again, because a search within the call may change the stride.
+        stride = check_stride(bodies)
+        if stride > 0:
+            ahead = min(ahead, stride - since_check % stride)
         if guarded:
             # A strongly damped collision may be over within a few steps.
             ahead = min(ahead, 1)
+        searched = stride > 0 and (since_check + ahead) % stride == 0
         take_interval(
             bodies, method, origin, index + done, h, ahead, since_check, check_interval,
-            regular + done, ledger)
+            regular + done, guarded, searched, ledger)
         done += ahead
         since_check += ahead
         time = origin + (index + done) * h
         examined = since_check >= check_interval
-        watched = watch is not None and since_check % stride == 0
-        status = 0
-        if guarded and team.member == 0:
-            ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
-            if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger):
-                status |= SWINGS
+        if guarded:
+            status |= judge_swing(bodies, h, ledger)
         if examined:
             since_check = 0
-            status |= examine_bodies(bodies, time, ledger)
-            if team.member == 0:
-                differences = work.weights.shape[0] - 1
-                status |= judge_roughness(
-                    work, ledger, differences if stage_count(method) < 4 else check_interval)
-        if watched and team.member == 0:
-            status |= judge_ways(watch, farthest(watch, team.size), state, time, h)
-            if deepest_overlap(contacts, team.size) > ledger[DEEPEST_LIMIT]:
-                status |= TOO_DEEP
-        if examined or watched or guarded:
-            status = tell_all(team, status)
+            status |= examine(bodies, time, ledger)
+            status |= judge_motion(bodies, method, check_interval, ledger)
+        if searched:
+            status |= search(bodies, time, h, ledger)
+        if examined or searched or guarded:
+            status = agree(bodies, status)
         if examined and status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS) == 0:
-            if team.member == 0:
-                ledger[SAVED_AT] = done
-            first, last = own(bodies)
-            save(bodies.model, state, bodies.saved, first, last)
-            save_stretches(losses_of(contacts), team)
-            keep_work(bodies.loads, first, last)
-        if status != 0:
-            return status, done, since_check
-    return 0, done, since_check
+            save_sound(bodies, done, ledger)
+    return status, done, since_check

@@ -57,16 +57,16 @@ def asked(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     Compile `function`, and let Python ask an object in place of a record as first argument.
 
-    Such an object has a method of this name, which is called with the other arguments.
+    A method of this name of the object is called with the other arguments. Without such a method
+    the function runs in Python.
     """
     if not _PLAIN:
         return _Asked(function)
 
     @wraps(function)
     def ask(first: Any, *others: Any) -> Any:
-        if isinstance(first, Record):
-            return function(first, *others)
-        return getattr(first, function.__name__)(*others)
+        method = None if isinstance(first, Record) else getattr(first, function.__name__, None)
+        return function(first, *others) if method is None else method(*others)
     return ask
 
 
@@ -171,7 +171,8 @@ class _Asked(_Kernel):
     def __call__(self, first: Any, *others: Any) -> Any:
         if isinstance(first, Record):
             return super().__call__(first, *others)
-        return getattr(first, self.py_func.__name__)(*others)
+        method = getattr(first, self.py_func.__name__, None)
+        return self.py_func(first, *others) if method is None else method(*others)
 
 
 def _handing_on(function: Callable[..., Any]) -> Any:

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Verbs of ranks and GPUs, and the control of splitting methods whose steps they take.
+Verbs of ranks and GPUs, which the step control asks in Python.
 
-`RemoteSteps` makes the decisions of `splitting` in kernels/integrators/splitting.py: the ends of
-intervals, the times of health checks, and the status that ends a call. It computes with scalars
-only, and asks the verbs of `Remote`, which has the arrays of bodies.
+The control is that of a single process, `splitting` in kernels/integrators/splitting.py or that of
+pairs in embedded.py. It computes with scalars only; `Remote` has the arrays of bodies.
 """
 
 from abc import ABC, abstractmethod
@@ -16,23 +15,23 @@ from typing import Any, NamedTuple
 from icofabric_sim.kernels.contact.displacement import farthest, SOON
 from icofabric_sim.kernels.contact.forces import deepest_overlap
 from icofabric_sim.kernels.contact.losses import save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways, MISSED
-from icofabric_sim.kernels.contact.stiffness import swing_of
+from icofabric_sim.kernels.contact.rebuild_check import judge_ways
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.integrators.splitting import is_guarded, NEVER, stride_of
+from icofabric_sim.kernels.integrators.splitting import (
+    is_guarded,
+    NEVER,
+    splitting,
+    stride_of,
+    swing_status,
+)
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
     DEEPEST_LIMIT,
     examine,
     judge_roughness,
-    least_scale,
-    ROUGHER,
     save,
-    SWING,
-    SWING_LIMIT,
-    SWINGS,
+    SAVED_AT,
     TOO_DEEP,
-    UNSOUND,
 )
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
@@ -127,14 +126,20 @@ class Remote(Executor, ABC):
     def leave(self) -> None:
         """Gather the state of a trial."""
 
-    def examine(self, time: float) -> int:
+    # What the control asks.
+
+    def agree(self, status: int) -> int:
+        """Return the status: there is one control."""
+        return status
+
+    def examine(self, time: float, ledger: np.ndarray) -> int:
         """Return the status of a health check at `time` [s], with its figures in the ledger."""
-        model, loads, state, _, work, _, ledger, _ = self._call
+        model, loads, state, _, work, *_ = self._call
         self.have_state()
         place_all(model, state, work, 0, len(model.blocks.slot))
         return int(examine(model, loads, state, work, time, ledger))
 
-    def search(self, time: float, step: float) -> int:
+    def search(self, time: float, step: float, ledger: np.ndarray) -> int:
         """Return the status of displacements and overlaps at `time` [s]."""
         status, watch = 0, self._call.watch
         if watch is not None and (most := farthest(watch, 1)) > watch.limits[SOON]:
@@ -142,9 +147,14 @@ class Remote(Executor, ABC):
             status = int(judge_ways(watch, most, self._call.state, time, step))
             if not status:
                 self.follow_search()
-        if deepest_overlap(self._call.model.contacts, 1) > self._call.ledger[DEEPEST_LIMIT]:
+        if deepest_overlap(self._call.model.contacts, 1) > ledger[DEEPEST_LIMIT]:
             status |= TOO_DEEP
         return status
+
+    def save_sound(self, done: int, ledger: np.ndarray) -> None:
+        """Save the state that was just examined, after `done` steps."""
+        ledger[SAVED_AT] = done
+        self.save()
 
     def save(self) -> None:
         """Save the state that was just examined."""
@@ -188,7 +198,7 @@ class RemoteSteps(Remote):
 
     _differences: int  # order of those that measure the roughness of the motion
     _stages: int
-    _whole: Interval  # all steps of the call
+    _origin = _step = 0.0  # [s] of the call
 
     @abstractmethod
     def take(self, interval: Interval) -> None:
@@ -200,54 +210,46 @@ class RemoteSteps(Remote):
         watch: Watch | None, ledger: np.ndarray
     ) -> tuple[int, int, int]:
         """Return status, steps taken and steps since the last health check, as `splitting`."""
-        whole = self._whole = Interval(origin, index, h, count, since_check, check_interval)
+        self._origin, self._step = origin, h
         self._call = Call(
-            model, loads, state, saved, work, watch, ledger, of_run=whole.is_checked)
+            model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
         with self.together():
             self.enter()
-            taken = self._control(whole)
+            status, done, since_check = splitting(
+                self, None, origin, index, h, count, since_check, check_interval, ledger)
             self.leave()
-            return taken
-
-    def _control(self, whole: Interval) -> tuple[int, int, int]:
-        """Take the steps of a call, interval by interval."""
-        model, *_, work, watch, ledger, of_run = self._call
-        origin, index, h, count, since_check, check_interval, *_ = whole
-        contacts, book, done, status = model.contacts, Ledger.over(ledger), 0, 0
-        guarded = of_run and is_guarded(contacts, ledger)
-        while done < count and not status:
-            # A search within the call may change the stride.
-            stride = stride_of(watch, check_interval)
-            steps = min(count - done, check_interval - since_check, stride - since_check % stride)
-            if guarded:
-                # A strongly damped collision may end within a few steps.
-                steps = 1
-            is_searched = watch is not None and of_run and (since_check + steps) % stride == 0
-            is_watched = is_searched or (watch is not None and guarded)
-            self.take(whole._replace(
-                first=index + done, steps=steps, since_check=since_check,
-                regular=int(book.regular), is_watched=is_watched, is_guarded=guarded))
-            done, since_check = done + steps, since_check + steps
-            if not of_run:
-                continue
-            book.regular += steps
-            book.uncounted += steps
-            if is_watched:
-                self.exchange(is_guarded=guarded, is_searched=is_searched)
-            time, is_examined = origin + (index + done) * h, since_check >= check_interval
-            # A limit that overflows is no limit.
-            with np.errstate(over='ignore'):
-                if guarded:
-                    ledger[SWING] = max(ledger[SWING], swing_of(contacts, h))
-                    if ledger[SWING] > ledger[SWING_LIMIT] * least_scale(ledger):
-                        status |= SWINGS
-            if is_examined:
-                since_check = 0
-                status |= self.examine(time) | judge_roughness(
-                    work, ledger, self._differences if self._stages < 4 else check_interval)
-            if is_searched:
-                status |= self.search(time, h)
-            if is_examined and not status & (UNSOUND | ROUGHER | TOO_DEEP | MISSED | SWINGS):
-                book.saved_at = done
-                self.save()
         return int(status), done, since_check
+
+    # What the control asks.
+
+    def can_swing(self, ledger: np.ndarray) -> bool:
+        """Check that each step must be examined for the energy oscillation of contacts."""
+        return bool(is_guarded(self._call.model.contacts, ledger))
+
+    def judge_swing(self, h: float, ledger: np.ndarray) -> int:
+        """Return the status of the last step of `h` [s]."""
+        return int(swing_status(self._call.model.contacts, h, ledger))
+
+    def check_stride(self) -> int:
+        """Return the number of steps between two checks of displacements; 0: no checks."""
+        return int(stride_of(self._call.watch)) if self._call.of_run else 0
+
+    def judge_motion(self, method: object, check_interval: int, ledger: np.ndarray) -> int:
+        """Return ROUGHER if the motion is too rough for the step, else 0."""
+        return int(judge_roughness(
+            self._call.work, ledger, self._differences if self._stages < 4 else check_interval))
+
+    def take_interval(
+        self, method: object, origin: float, index: int, h: float, count: int, since_check: int,
+        check_interval: int, regular: int, guarded: bool, searched: bool, ledger: np.ndarray
+    ) -> None:
+        """Take the steps up to the next check, and collect what it examines."""
+        is_watched = searched or (guarded and self._call.watch is not None)
+        self.take(Interval(
+            origin, index, h, count, since_check, check_interval, regular, is_watched, guarded))
+        if self._call.of_run:
+            book = Ledger.over(ledger)
+            book.regular += count
+            book.uncounted += count
+        if is_watched:
+            self.exchange(is_guarded=guarded, is_searched=searched)

@@ -16,13 +16,11 @@ from icofabric_sim.kernels.contact.clearance import CLEAR, judge_clear, mean_vel
 from icofabric_sim.kernels.contact.displacement import FREE, MAX_REACH
 from icofabric_sim.kernels.contact.forces import set_tests, tests_of
 from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, MISSED
+from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.integrators.embedded import adaptive_pair, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.integrators.tableau import Pair
-from icofabric_sim.kernels.monitor import SAVED_AT, TOO_DEEP, UNSOUND
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
-from icofabric_sim.kernels.runtime.compiled import in_python
 from icofabric_sim.simulation.devices.executor import Call, Remote
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 import numpy as np
@@ -69,7 +67,7 @@ class DistantBodies(Remote):
         with self.together():
             self.enter()
             with np.errstate(all='ignore'):
-                status, done, since_check = in_python(kernel)(self, self._pair, *arguments)
+                status, done, since_check = kernel(self, self._pair, *arguments)
             self.leave()
         return int(status), int(done), int(since_check)
 
@@ -92,21 +90,11 @@ class DistantBodies(Remote):
         """Return True: there is one control."""
         return True
 
-    def check_health(
-        self, since_check: int, check_interval: int, ledger: np.ndarray, done: int, time: float,
-        step: float
-    ) -> tuple[int, int]:
-        """Check the state at `time` [s] if a health check is due, and save a sound state."""
-        examined, status = since_check >= check_interval, 0
+    def search(self, time: float, step: float, ledger: np.ndarray) -> int:
+        """Return the status of displacements and overlaps at `time` [s]."""
         if self._call.watch is not None and self._call.of_run:
             self.exchange(is_guarded=False, is_searched=True)
-        if examined:
-            status = self.examine(time)
-        status |= self.search(time, step)
-        if examined and not status & (UNSOUND | TOO_DEEP | MISSED):
-            ledger[SAVED_AT] = done
-            self.save()
-        return status, 0 if examined else since_check
+        return super().search(time, step, ledger)
 
     def count_tests(self) -> int:
         """Return the number of pairs tested so far."""

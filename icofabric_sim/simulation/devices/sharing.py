@@ -128,11 +128,11 @@ class Sharing(Remote):
         assert watch is not None
         self.order('watch', watch.frame.copy())
 
-    def examine(self, time: float) -> int:
+    def examine(self, time: float, ledger: np.ndarray) -> int:
         """Return the status of a health check at `time` [s], summed by ranks if they can."""
         if self._is_summed:
-            return self._sum_figures(time, self._call.ledger)
-        return super().examine(time)
+            return self._sum_figures(time, ledger)
+        return super().examine(time, ledger)
 
     def save(self) -> None:
         """Save the state that was just examined, on the ranks or after it was gathered."""

@@ -119,11 +119,11 @@ class DeviceRun(Remote):
         assert self._near is not None and self._call.watch is not None
         self._near.put(self._contacts, self._call.watch, anew=False)
 
-    def examine(self, time: float) -> int:
+    def examine(self, time: float, ledger: np.ndarray) -> int:
         """Return the status of a health check at `time` [s], on the device if it can."""
-        model, loads, *_, ledger, _ = self._call
+        model, loads, *_ = self._call
         self._is_examined_there = self._health.can_examine(model, loads, ledger)
         if self._is_examined_there:
             return int(self._health.examine(
                 self._state, self._now, loads, self._acting, ledger, self._spent_sum))
-        return super().examine(time)
+        return super().examine(time, ledger)

@@ -116,7 +116,7 @@ class DeviceSteps(DeviceRun, RemoteSteps):
     def enter(self) -> None:
         """Copy the state of the call to the device, unless the device holds it already."""
         super().enter()
-        self._clock.start.assign(np.array([self._whole.origin, self._whole.step]))
+        self._clock.start.assign(np.array([self._origin, self._step]))
 
     def take(self, interval: Interval) -> None:
         """Take the steps of an interval, and sample the roughness of the motion."""
