@@ -80,9 +80,9 @@ test:
 	.ci/environment test
 	.venv/bin/python test/browser.py
 	$(call stage,lint (ruff),.venv/bin/ruff check .)
-	$(call stage,tests side by side: physics 1 (pytest)$(comma) types (mypy),$(call types_beside,$(call workers,auto,test/physics/test_[a-d]*.py)))
-	$(call side_by_side,physics 2,auto,test/physics/test_[e-z]*.py)
-	$(call side_by_side,all else and nodes,$(twice),test validation/test --ignore test/physics)
+	$(call stage,tests side by side: physics 1 (pytest)$(comma) types (mypy),$(call types_beside,$(call workers,auto,test/physics/test_[a-m]*.py)))
+	$(call side_by_side,physics 2,auto,test/physics/test_[n-z]*.py test/terms)
+	$(call side_by_side,all else and nodes,$(twice),test validation/test --ignore test/physics --ignore test/terms)
 endif
 
 # Rules of the house, descriptions, messages, and the physics of bare fabrics: few kernels.

@@ -63,7 +63,7 @@ def separation(
     Separation
         Distances [m] and the directions in which they are measured.
     """
-    from icofabric_sim.kernels.contact.many import signed_distances
+    from icofabric_sim.terms.contacts.many import signed_distances
 
     half_edge = checks.positive('half_edge', half_edge, 'm')
     (xa, ra), (xb, rb), single = _poses(first=first, second=second)
@@ -95,8 +95,8 @@ def contact_force(
     ContactForce
         Forces [N], torques [N m], energies [J] and depths [m].
     """
-    from icofabric_sim.kernels.contact.many import touch_pairs
-    from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+    from icofabric_sim.terms.contacts.many import touch_pairs
+    from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
 
     half_edge = checks.positive('half_edge', half_edge, 'm')
     stiffness = checks.positive('stiffness', stiffness, 'N/m')
@@ -129,8 +129,8 @@ def plane_contact_force(
     ContactForce
         Forces [N], torques [N m], energies [J] and depths [m] of the shell.
     """
-    from icofabric_sim.kernels.contact.many import touch_planes
-    from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
+    from icofabric_sim.terms.contacts.many import touch_planes
+    from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
 
     half_edge = checks.positive('half_edge', half_edge, 'm')
     stiffness = checks.positive('stiffness', stiffness, 'N/m')
@@ -160,7 +160,7 @@ def restitution(damping: float, speed: float) -> float:
     Parameters
     ----------
     damping
-        c [s/m] as in kernels/contact/laws.py; 0 has the restitution 1.
+        c [s/m] as in terms/contacts/laws.py; 0 has the restitution 1.
     speed
         Rate of delta at first touch [m/s].
 
@@ -175,7 +175,7 @@ def restitution(damping: float, speed: float) -> float:
     u below 0.0015, return sqrt((1 - r) / (1 + r)) = 0.999 by the slider of that law, with r =
     SLIDER_RATIO. Simulated collisions agree to 3e-7 for e up to 0.985 and to 3e-4 above.
     """
-    from icofabric_sim.kernels.contact.laws import SLIDER_RATIO
+    from icofabric_sim.terms.contacts.laws import SLIDER_RATIO
     from scipy.optimize import brentq
 
     u = checks.number('damping', damping, unit='s/m', least=0.0) * checks.positive(

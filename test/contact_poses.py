@@ -3,8 +3,8 @@
 """Pairs of icosahedra at first touch, and an independent way to integrate over their overlap."""
 
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius, vertices
-from icofabric_sim.kernels.contact.axis import find_facet
-from icofabric_sim.kernels.contact.pair import (
+from icofabric_sim.terms.contacts.axis import find_facet
+from icofabric_sim.terms.contacts.pair import (
     approach,
     contact_scratch,
     OUT_SIZE,
@@ -13,7 +13,7 @@ from icofabric_sim.kernels.contact.pair import (
     touch_pair,
     touch_plane,
 )
-from icofabric_sim.kernels.contact.surface import add_plane, SUM_COUNT, SUMS
+from icofabric_sim.terms.contacts.surface import add_plane, SUM_COUNT, SUMS
 import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection

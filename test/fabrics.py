@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import icofabric_sim as ico
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
-from icofabric_sim.kernels.loads import kick_load
-from icofabric_sim.kernels.profiles import factor_of
+from icofabric_sim.kernels.loads import kick_row, NONE
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
@@ -137,10 +136,8 @@ def wrenches(scene, position, orientation, *, cosines=False, loaded=False, packe
         loads = Inputs(scene).pack(layout)
         for block in range(last):
             for row in range(loads.start[block], loads.start[block + 1]):
-                kick_load(
-                    model, loads, state.orientation, state.linear_velocity, state.angular_velocity,
-                    row, int(model.blocks.slot[block]),
-                    factor_of(loads.varying, loads.wrench[row], 0.0))
+                kick_row(
+                    model, loads, state, row, int(model.blocks.slot[block]), 0.0, 1.0, NONE, 1.0)
     acceleration = layout.gather(work.acceleration)
     return Wrenches(
         scene.shell.mass * (acceleration[:, :3] + layout.gather(state.linear_velocity)),

@@ -29,9 +29,10 @@ ROOMS = (
     'version', 'checks', 'libraries', 'process', 'geometry', 'runtime', 'terms', 'parameters',
     'kernels', 'scene', 'simulation', 'statics', 'messages', 'bag', 'running', 'sweeps',
     'pictures', 'terminal', 'viewer', 'commands', 'ros')
-# Modules of `kernels` below `terms`; threads have records of kernels, which are above.
-RUNTIME = ('icofabric_sim.kernels.runtime', 'icofabric_sim.kernels.rotations')
-ABOVE_TERMS = ('icofabric_sim.kernels.runtime.team',)
+# Modules of `kernels` below `terms`.
+RUNTIME = (
+    'icofabric_sim.kernels.runtime', 'icofabric_sim.kernels.rotations',
+    'icofabric_sim.kernels.probable_error')
 # Documented names for users, above everything.
 ROOF = ('icofabric_sim', 'icofabric_sim.contact')
 
@@ -69,7 +70,7 @@ def imports_of(name: str) -> list[Import]:
 
 def room_of(name: str) -> str:
     """The room of a module; of one at the top of the package its own name."""
-    if '.'.join(name.split('.')[:3]) in RUNTIME and name not in ABOVE_TERMS:
+    if '.'.join(name.split('.')[:3]) in RUNTIME:
         return 'runtime'
     return name.split('.')[1] if '.' in name else name
 

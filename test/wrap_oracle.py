@@ -14,7 +14,7 @@ from icofabric_sim.geometry.icosahedron import (
     inscribed_radius,
     vertices,
 )
-from icofabric_sim.kernels.wrap.pairs import both_allowed, tighten
+from icofabric_sim.terms.wrapping.pairs import both_allowed, tighten
 from numba import njit
 import numpy as np
 from scipy.sparse import coo_array

@@ -10,7 +10,7 @@ in between. `event_location.py` then determines whether and when the connector b
 
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.hessian import move_links
-from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work, Wrapping
+from icofabric_sim.kernels.records import Breakage, Links, Model, State, Trail, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import (
     any_lane,
@@ -26,7 +26,8 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.kernels.runtime.team import Team, wait_for_all
-from icofabric_sim.kernels.wrap.rates import change_rates
+from icofabric_sim.terms.wrapping.rates import change_rates
+from icofabric_sim.terms.wrapping.record import Wrapping
 import numpy as np
 
 # A length within this relative distance of a limit has reached the limit: lengths are rounded.

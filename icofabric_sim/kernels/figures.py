@@ -8,19 +8,19 @@ depend on the number of blocks alone. One thread or rank adds up a group, and th
 in their order, so sums are bit-identical for every number of threads and ranks.
 """
 
-from icofabric_sim.kernels.anchors import anchor_look
-from icofabric_sim.kernels.drives import moving_energy
 from icofabric_sim.kernels.frequency_bound import bound_and_energies
-from icofabric_sim.kernels.gyration import turning_square
-from icofabric_sim.kernels.masses import weights_of
-from icofabric_sim.kernels.meters import flowed_in
+from icofabric_sim.kernels.loads import add_row_bound, driven_energy
 from icofabric_sim.kernels.obstruction import obstructed_lanes
-from icofabric_sim.kernels.records import Loads, Model, State, Work, Wrapping
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane, sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fabs, fma, LANES, load, maximum, splat, Vector
-from icofabric_sim.kernels.wrap.forces import wrapping_look
 from icofabric_sim.terms.gravity.record import Gravity
+from icofabric_sim.terms.gyration import turning_square
+from icofabric_sim.terms.masses import weights_of
+from icofabric_sim.terms.meters import flowed_in
+from icofabric_sim.terms.wrapping.bound import sum_bands
+from icofabric_sim.terms.wrapping.record import Wrapping
 import numpy as np
 
 # Sums. Energies [J] of connectors, of moments and ways around shells, of fields and of anchors;
@@ -71,7 +71,7 @@ def note_figures(
         linked, bent, field, anchored, tensions = zero, zero, zero, zero, zero
         for block in range(begin, stop):
             s = model.blocks.slot[block]
-            more, part = anchored_part(loads, model, state, block, s, time)
+            more, part = rows_part(loads, model, state, block, s, time)
             bound, straight, around, potential, pulls = bound_and_energies(
                 model, state, work, block, s, splat(limit) - more)
             linked, bent, field = linked + straight, bent + around, field + potential
@@ -125,19 +125,18 @@ def fold_figures(figures: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def anchored_part(
+def rows_part(
     loads: Loads | None, model: Model, state: State, block: int, s: int, time: float
 ) -> tuple[Vector, Vector]:
     """
-    Return what anchors of a block add to the bound of the squared frequency [1/s^2]; energy [J].
+    Return what loads on a block add to the bound of the squared frequency [1/s^2]; energy [J].
     """
     bound, energy = splat(0.0), splat(0.0)
     if loads is None:
         return bound, energy
     else:
         for m in range(loads.start[block], loads.start[block + 1]):
-            more, part = anchor_look(loads.anchors, model, loads, state, m, s, time)
-            bound, energy = bound + more, energy + part
+            bound, energy = add_row_bound(model, loads, state, m, s, time, bound, energy)
         return bound, energy
 
 
@@ -158,7 +157,7 @@ def done_in(
         for m in range(LANES * loads.start[first], LANES * loads.start[last]):
             total += loads.work[m]
             size += abs(loads.work[m])
-        return total, size, moving_energy(loads.drives, model, loads, state, first, last)
+        return total, size, driven_energy(model, loads, state, first, last, 0.0)
 
 
 @compiled
@@ -178,7 +177,7 @@ def obstructed_ends(
     else:
         total = splat(0.0)
         for block in range(first, last):
-            _, _, lost = wrapping_look(
+            _, _, lost = sum_bands(
                 wrapping, model.links, model.maxwell, model.inverse_mass, model.inverse_inertia,
                 state.position, state.orientation, state.rest, points, block,
                 model.blocks.slot[block])

@@ -8,36 +8,27 @@ isotropic. `push`: the potential energy alone, which changes velocities only. `a
 all terms of the registry that depend on the pose of a fabric; loads are listed in `push`.
 """
 
-from icofabric_sim.kernels.anchors import kick_anchor
 from icofabric_sim.kernels.composition import compose_terms
-from icofabric_sim.kernels.contact.losses import begin_lead, end_lead, losses_of, spend
-from icofabric_sim.kernels.drives import (
-    bear_loads,
-    is_wrench,
+from icofabric_sim.kernels.loads import (
+    bear_row,
+    kick_row,
+    kick_row_again,
+    NONE,
     place_row,
-    resist,
-    rest_along_path,
+    resist_row,
+    stop_row,
     velocities_before,
+    work_row,
 )
-from icofabric_sim.kernels.loads import kick_load, kick_load_again, work_load
-from icofabric_sim.kernels.profiles import factor_of, factors_over, ONES
-from icofabric_sim.kernels.records import (
-    Kinks,
-    Links,
-    Loads,
-    Model,
-    State,
-    Supports,
-    Work,
-)
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store
+from icofabric_sim.terms.contacts.losses import begin_lead, end_lead, losses_of, spend
+from icofabric_sim.terms.links.kinks import Kinks
+from icofabric_sim.terms.profiles import ONES
 from icofabric_sim.terms.shared import Six
 import numpy as np
-
-# No wrench. The profile of a wrench is reused while consecutive rows have the same wrench.
-NONE = np.int64(-1)
 
 add_forces = compose_terms(
     'add_force', 'model, state, points, kinks, part, time, block, s', 'wrench')
@@ -61,13 +52,9 @@ def drift(
         s = model.blocks.slot[block]
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                rest_along_path(loads.drives, loads, state, m, s)
+                stop_row(loads, state, m, s)
             for m in range(loads.start[block], loads.start[block + 1]):
-                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    if loads.wrench[m] != known:
-                        known = np.int64(loads.wrench[m])
-                        factors = factors_over(loads.varying, known, time, h)
-                    work_load(loads, state, m, s, h, factors)
+                known, factors = work_row(loads, state, m, s, time, h, known, factors)
         for k in range(3):
             store(state.position, k, s, fma(
                 step, load(state.linear_velocity, k, s), load(state.position, k, s)))
@@ -78,7 +65,7 @@ def drift(
             load(state.angular_velocity, 2, s))
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                place_row(loads.drives, loads, state, m, s, time + h)
+                place_row(loads, state, m, s, time + h)
         place_links(model.links, state, work, s)
 
 
@@ -133,40 +120,27 @@ def push(
                 store(work.acceleration, k + 3, s, a[k + 3])
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                a = resist(loads.drives, model, loads, state, a, m, s, h, again)
+                a = resist_row(model, loads, state, m, s, h, again, a)
         spend(losses_of(model.contacts), work.spent, state, s, h)
         kick(state, a, h, s)
         if loads is not None:
-            before = velocities_before(loads.drives, state, s)
+            before = velocities_before(loads, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
-                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    if loads.wrench[m] != known:
-                        known = np.int64(loads.wrench[m])
-                        factor = factor_of(loads.varying, known, time)
-                    kick_load(
-                        model, loads, state.orientation, state.linear_velocity,
-                        state.angular_velocity, m, s, h * factor)
-                kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+                known, factor = kick_row(model, loads, state, m, s, time, h, known, factor)
             for m in range(loads.start[block], loads.start[block + 1]):
-                bear_loads(loads.drives, loads, state, before, m, s)
+                bear_row(loads, state, before, m, s)
         spend(losses_of(model.contacts), work.spent, state, s, h)
         if again != 0.0:
             spend(losses_of(model.contacts), work.spent, state, s, again)
             begin_lead(losses_of(model.contacts), state, s)
             kick(state, a, again, s)
             if loads is not None:
-                before = velocities_before(loads.drives, state, s)
+                before = velocities_before(loads, state, s)
                 for m in range(loads.start[block], loads.start[block + 1]):
-                    if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                        if loads.wrench[m] != known:
-                            known = np.int64(loads.wrench[m])
-                            factor = factor_of(loads.varying, known, time)
-                        kick_load_again(
-                            model, loads, state.orientation, state.linear_velocity,
-                            state.angular_velocity, m, s, again * factor)
-                    kick_anchor(loads.anchors, model, loads, state, m, s, time, again)
+                    known, factor = kick_row_again(
+                        model, loads, state, m, s, time, again, known, factor)
                 for m in range(loads.start[block], loads.start[block + 1]):
-                    bear_loads(loads.drives, loads, state, before, m, s)
+                    bear_row(loads, state, before, m, s)
             end_lead(losses_of(model.contacts), state, s)
             spend(losses_of(model.contacts), work.spent, state, s, again)
 
@@ -188,23 +162,16 @@ def push_kept(
             load(work.acceleration, 4, s), load(work.acceleration, 5, s))
         if loads is not None:
             for m in range(loads.start[block], loads.start[block + 1]):
-                a = resist(loads.drives, model, loads, state, a, m, s, h, 0.0)
+                a = resist_row(model, loads, state, m, s, h, 0.0, a)
         spend(losses_of(model.contacts), work.spent, state, s, h)
         begin_lead(losses_of(model.contacts), state, s)
         kick(state, a, h, s)
         if loads is not None:
-            before = velocities_before(loads.drives, state, s)
+            before = velocities_before(loads, state, s)
             for m in range(loads.start[block], loads.start[block + 1]):
-                if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                    if loads.wrench[m] != known:
-                        known = np.int64(loads.wrench[m])
-                        factor = factor_of(loads.varying, known, time)
-                    kick_load(
-                        model, loads, state.orientation, state.linear_velocity,
-                        state.angular_velocity, m, s, h * factor)
-                kick_anchor(loads.anchors, model, loads, state, m, s, time, h)
+                known, factor = kick_row(model, loads, state, m, s, time, h, known, factor)
             for m in range(loads.start[block], loads.start[block + 1]):
-                bear_loads(loads.drives, loads, state, before, m, s)
+                bear_row(loads, state, before, m, s)
         end_lead(losses_of(model.contacts), state, s)
         spend(losses_of(model.contacts), work.spent, state, s, h)
 

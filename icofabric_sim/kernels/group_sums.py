@@ -6,11 +6,11 @@ Sums over all bodies outside health checks: of velocities, and of squares of acc
 Sums are formed over groups of blocks, and the groups in their order, as in figures.py.
 """
 
-from icofabric_sim.kernels.masses import weights_of
-from icofabric_sim.kernels.records import Blocks, Masses
+from icofabric_sim.kernels.records import Blocks
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, where
+from icofabric_sim.terms.masses import Masses, weights_of
 import numpy as np
 
 

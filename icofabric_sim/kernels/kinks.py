@@ -22,9 +22,9 @@ A fabric far from its kinks therefore takes the steps of plain springs.
 
 import math
 
-from icofabric_sim.kernels.drives import resist
 from icofabric_sim.kernels.flows import accelerate, kick
-from icofabric_sim.kernels.records import Kinks, Links, Loads, Model, State, Work
+from icofabric_sim.kernels.loads import resist_row
+from icofabric_sim.kernels.records import Links, Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
@@ -45,6 +45,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.links.kinks import Kinks
 import numpy as np
 
 _SMALLEST_SQUARE = 1e-300
@@ -544,7 +545,7 @@ def strike(
     a = accelerate(model.supports, model.inverse_mass, model.inverse_inertia, force, s)
     if loads is not None:
         for m in range(loads.start[block], loads.start[block + 1]):
-            a = resist(loads.drives, model, loads, state, a, m, s, 1.0, 0.0)
+            a = resist_row(model, loads, state, m, s, 1.0, 0.0, a)
     kick(state, a, 1.0, s)
 
 

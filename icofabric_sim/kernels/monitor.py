@@ -9,7 +9,6 @@ how rough the motion is.
 
 import math
 
-from icofabric_sim.kernels.contact.forces import contact_look
 from icofabric_sim.kernels.figures import (
     ANCHORS,
     DISSIPATED,
@@ -31,21 +30,22 @@ from icofabric_sim.kernels.figures import (
     TURNING,
     WEIGHT,
 )
-from icofabric_sim.kernels.masses import largest_of, units_of
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled, in_python
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, maximum, splat, store
+from icofabric_sim.terms.contacts.force import contact_look
 from icofabric_sim.terms.dipole.record import Dipole
 from icofabric_sim.terms.gravity.record import Gravity
+from icofabric_sim.terms.masses import largest_of, units_of
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
 RATE_HIGH, RATE_LOW, NOT_FINITE, UNBALANCED, KINETIC_HIGH, ROUGHER, OBSTRUCTING = (
     1, 2, 4, 16, 32, 128, 512)
 # Shells that overlap too deeply, and more than they should. Others are in
-# kernels/contact/rebuild_check.py.
+# terms/contacts/rebuild_check.py.
 TOO_DEEP, DEEP = 2048, 4096
 # More energy oscillates within a step because of contacts than the limit allows.
 SWINGS = 32768
@@ -88,7 +88,7 @@ BASE_LINKED, BASE_BENT, BASE_FIELD, BASE_ANCHORED, BASE_CONTACT, WORKED = 40, 41
 # of the tolerance [J]; number of checks so far.
 TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, CHECK_COUNT = 46, 47, 48, 49, 50, 51, 52
 # For steps through contacts: the largest energy [J] that oscillated within a step because of them
-# (kernels/contact/stiffness.py), its limit relative to the scale (inf: not measured), and the
+# (terms/contacts/stiffness.py), its limit relative to the scale (inf: not measured), and the
 # fraction of the longest step that remains after the limit was exceeded.
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
 # Roughness at the last check that measured it, its sum over steps, and steps not yet in the sum.

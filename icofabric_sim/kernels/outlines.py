@@ -10,8 +10,8 @@ copies.
 
 import math
 
-from icofabric_sim.kernels.records import Connectors
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.terms.shared import Connectors
 import numpy as np
 
 

@@ -7,28 +7,20 @@ Rows of a slope, slots last: 3 of the position, 4 of the quaternion (or 9 direct
 the velocity, 3 of the spin, and with Maxwell arms 12 of their rest lengths.
 """
 
-from icofabric_sim.kernels.anchors import anchor_slope
 from icofabric_sim.kernels.composition import compose_terms
-from icofabric_sim.kernels.drives import (
-    is_wrench,
-    keep_turning,
-    path_of,
+from icofabric_sim.kernels.flows import accelerations, place_links
+from icofabric_sim.kernels.loads import (
+    add_row_slope,
+    keep_row_turning,
+    NONE,
     place_row,
-    resist_slopes,
+    resist_row_slope,
 )
-from icofabric_sim.kernels.external import add_external
-from icofabric_sim.kernels.flows import accelerations, NONE, place_links
-from icofabric_sim.kernels.gyration import turn_by_moments
-from icofabric_sim.kernels.loads import kick_load, wrench_of_row
-from icofabric_sim.kernels.masses import masses_of
-from icofabric_sim.kernels.meters import note_flow
 from icofabric_sim.kernels.probable_error import probable_error
-from icofabric_sim.kernels.profiles import factor_of
-from icofabric_sim.kernels.records import Drives, Loads, Model, State, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.rotations import orthonormalise, rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled, inlined
 from icofabric_sim.kernels.runtime.lanes import (
-    bits,
     fma,
     lane,
     LANES,
@@ -40,9 +32,13 @@ from icofabric_sim.kernels.runtime.lanes import (
     store,
     store_at,
     Vector,
-    where,
 )
 from icofabric_sim.terms.damping.speeds import place_speeds
+from icofabric_sim.terms.drives.path import path_of
+from icofabric_sim.terms.drives.record import Drives
+from icofabric_sim.terms.gyration import turn_by_moments
+from icofabric_sim.terms.masses import masses_of
+from icofabric_sim.terms.meters import note_flow
 import numpy as np
 
 # Slot of the slope at the end of a step.
@@ -51,6 +47,8 @@ LAST = 12
 add_velocity_forces = compose_terms(
     'add_velocity_force',
     'model, state, points, speeds, slope, row, linear, angular, block, s, spent', 'spent')
+add_external_forces = compose_terms(
+    'add_external_force', 'model, state, external, linear, angular, s, given', 'given')
 
 
 @compiled
@@ -66,7 +64,7 @@ def place_blocks(
     for block in range(first, last):
         s = model.blocks.slot[block]
         for m in range(loads.start[block], loads.start[block + 1]):
-            place_row(loads.drives, loads, state, m, s, time)
+            place_row(loads, state, m, s, time)
         place_links(model.links, state, work, s)
         place_speeds(model.damping, state, work.points, work.speeds, s)
 
@@ -99,23 +97,17 @@ def find_slopes(
             model, state, work.points, work.speeds, slope, 9 + turn, linear, angular, block, s,
             splat(0.0))
         note_flow(work.spent, index, s, spent)
-        given = add_external(work.external, model, state, linear, angular, s)
+        given = add_external_forces(
+            model, state, work.external, linear, angular, s, splat(0.0))
         note_flow(work.given, index, s, given)
         for m in range(loads.start[block], loads.start[block + 1]):
-            if is_wrench(loads.drives, loads.anchors, loads.wrench[m]):
-                if loads.wrench[m] != known:
-                    known = np.int64(loads.wrench[m])
-                    factor = factor_of(loads.varying, known, time)
-                kick_load(model, loads, state.orientation, linear, angular, m, s, factor)
-                note_power(loads, state, m, s, factor, index)
-            anchor_slope(
-                loads.anchors, model, loads, state, linear, angular, m, s, time, index)
-        # Paths come last because they bear all other forces.
+            known, factor = add_row_slope(
+                model, loads, state, linear, angular, m, s, time, index, known, factor)
         for m in range(loads.start[block], loads.start[block + 1]):
-            resist_slopes(loads.drives, model, loads, state, linear, angular, m, s, index)
+            resist_row_slope(model, loads, state, linear, angular, m, s, index)
         turn_by_moments(model.gyration, state.orientation, state.angular_velocity, angular, s)
         for m in range(loads.start[block], loads.start[block + 1]):
-            keep_turning(model.gyration, loads.drives, loads, angular, m, s)
+            keep_row_turning(model, loads, angular, m, s)
 
 
 @compiled
@@ -142,23 +134,6 @@ def turn_slopes(
             store(slope, 3 + 3 * i, s, uy * z - uz * y)
             store(slope, 4 + 3 * i, s, uz * x - ux * z)
             store(slope, 5 + 3 * i, s, ux * y - uy * x)
-
-
-@compiled
-def note_power(
-    loads: Loads, state: State, m: int, s: int, factor: float, index: int
-) -> None:
-    """
-    Store the power [W] of row `m` of the loads on a block, times the `factor` of its profile.
-    """
-    force, torque = wrench_of_row(loads.tractions, loads, state.orientation, m, s)
-    velocity, spin = state.linear_velocity, state.angular_velocity
-    power = fma(force[0], load(velocity, 0, s), fma(
-        force[1], load(velocity, 1, s), force[2] * load(velocity, 2, s)))
-    power = fma(torque[0], load(spin, 0, s), fma(
-        torque[1], load(spin, 1, s), fma(torque[2], load(spin, 2, s), power)))
-    power = splat(factor) * power
-    store(loads.power, index, LANES * m, where(bits(loads.lanes[m]), power, splat(0.0)))
 
 
 @compiled

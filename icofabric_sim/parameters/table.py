@@ -7,10 +7,11 @@ The table only defines the vocabulary: `validation.py` checks values against it,
 its parameter descriptors from it, and docs/parameters.md prints it.
 """
 
+from collections.abc import Iterator
 from enum import Enum
 from typing import NamedTuple, TypedDict, Unpack
 
-from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.registry import LAWS, TERMS
 
 Scalar = bool | int | float | str
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
@@ -75,6 +76,14 @@ def _positive(**options: Unpack[_Options]) -> _Options:
     return {'minimum': 0.0, 'open_minimum': True, **options}
 
 
+def _of(term: str, rows: str = 'PARAMETERS') -> Iterator[Specification]:
+    """Yield parameters from the folder of a term."""
+    for name, default, unit, description, *options in getattr(
+            _TERMS[term].module('parameters'), rows):
+        yield _s(name, default, unit, description, **dict(*options))
+
+
+_TERMS = {term.name: term for term in TERMS}
 # Those of connector laws that have a name.
 LAW_PARAMETERS = [
     row for law in LAWS if law.has('parameters') for row in law.module('parameters').PARAMETERS]
@@ -157,23 +166,10 @@ STATIC: tuple[Specification, ...] = (
     _s('connector.break_length_compression', 0.0, 'm',
        'total length L_c < D at which a compressed connector breaks for good; 0: never breaks',
        minimum=0.0),
-    _s('connector.damping', 0.0, 'N s/m', 'viscous damping along the connector', minimum=0.0),
-    _s('connector.maxwell_stiffness', 0.0, 'N/m',
-       'stiffness k_1 of a Maxwell arm (spring and dashpot in series) parallel to the connector; '
-       'together they form a standard linear solid; 0: no arm',
-       minimum=0.0),
-    _s('connector.maxwell_time', 0.0, 's',
-       'relaxation time tau of the Maxwell arm, dashpot coefficient over stiffness; must be '
-       'above 0 if connector.maxwell_stiffness is',
-       minimum=0.0),
-    _s('connector.bending_stiffness', 0.0, 'N m/rad',
-       'stiffness kappa_b against bending at each end; energy kappa_b (1 - cos phi) at an angle '
-       'phi between the connector and its direction as woven, fixed in the body',
-       minimum=0.0),
-    _s('connector.twisting_stiffness', 0.0, 'N m/rad',
-       'stiffness kappa_t against a relative rotation of the two bodies by an angle phi; energy '
-       'kappa_t (1 - cos phi)',
-       minimum=0.0),
+    *_of('damping'),
+    *_of('maxwell'),
+    *_of('bending'),
+    *_of('twisting'),
     _s('connector.obstruction', 'warn', '',
        'response to a connector that enters the shell it is attached to: warn once, stop the '
        'run, or wrap the connector over the faces along the shortest path (attachment points on '
@@ -197,15 +193,13 @@ STATIC: tuple[Specification, ...] = (
         _s(f'connector.{name}', default, unit, description)
         for name, default, unit, description in LAW_PARAMETERS
     ),
-    _s('gravity', _ZERO3, 'm/s^2', 'acceleration of gravity, world axes'),
-    _s('drag.linear', 0.0, 'N s/m', 'linear drag coefficient of each body', minimum=0.0),
-    _s('drag.angular', 0.0, 'N m s/rad', 'rotational drag coefficient of each body', minimum=0.0),
+    *_of('gravity'),
+    *_of('drag'),
     _s('charge.per_body', 0.0, 'C', 'charge of each shell, distributed like its mass'),
-    _s('charge.dipole', _ZERO3, 'C m', 'electric dipole moment of each shell, body axes'),
-    _s('charge.mutual', False, '',
-       'Coulomb forces between all pairs of charged bodies; at most 5000 bodies'),
+    *_of('dipole'),
+    *_of('coulomb'),
     _s('field.electric', _ZERO3, 'V/m', 'uniform electric field, world axes'),
-    _s('field.magnetic', _ZERO3, 'T', 'uniform magnetic field, world axes'),
+    *_of('magnet'),
     _s('field.profile', 'steady', '',
        'time factor of the electric field: steady, ramp, half_sine, sine F or table FILE, as for '
        'loads; the work of a field that varies in time counts as external work, not as potential '
@@ -387,14 +381,10 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
             _s(name, default, unit, f'{description}; {default:g}: connector.{name}')
             for name, default, unit, description in LAW_PARAMETERS
         ),
-        _s('bending_stiffness', -1.0, 'N m/rad', 'kappa_b; negative: connector.bending_stiffness'),
-        _s('twisting_stiffness', -1.0, 'N m/rad',
-           'kappa_t; negative: connector.twisting_stiffness'),
-        _s('damping', -1.0, 'N s/m', 'damping along the connectors; negative: connector.damping'),
-        _s('maxwell_stiffness', -1.0, 'N/m',
-           'k_1 of a Maxwell arm; negative: connector.maxwell_stiffness'),
-        _s('maxwell_time', -1.0, 's',
-           'relaxation time tau of the Maxwell arm; negative: connector.maxwell_time'),
+        *_of('bending', 'GROUP_PARAMETERS'),
+        *_of('twisting', 'GROUP_PARAMETERS'),
+        *_of('damping', 'GROUP_PARAMETERS'),
+        *_of('maxwell', 'GROUP_PARAMETERS'),
         _s('break_length_extension', -1.0, 'm',
            'L_e > D; 0: never breaks; negative: connector.break_length_extension'),
         _s('break_length_compression', -1.0, 'm',

@@ -5,7 +5,7 @@ Masses and inertias of bodies: those of the shell, or individual ones.
 
 Bodies are icosahedra of one size or individually sized (body_sizes.py), and their filling or
 bracing may differ. The inertia of a shell is isotropic (eq 43), so the gyroscopic term vanishes.
-Bodies with unequal principal moments have a gyroscopic term (kernels/gyration.py).
+Bodies with unequal principal moments have a gyroscopic term (terms/gyration.py).
 """
 
 from collections.abc import Mapping

@@ -4,7 +4,7 @@
 
 from typing import NamedTuple
 
-from icofabric_sim.kernels.contact.laws import patch_radius
+from icofabric_sim.terms.contacts.laws import patch_radius
 import numpy as np
 
 

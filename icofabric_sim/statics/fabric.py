@@ -18,9 +18,9 @@ from typing import Any
 from icofabric_sim import checks
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, rotate_quaternions
 from icofabric_sim.kernels.conjugate import add_own_blocks, add_pair_blocks
-from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
 from icofabric_sim.kernels.hessian import hessian_times
+from icofabric_sim.kernels.loads import place_driven
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact

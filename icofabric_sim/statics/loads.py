@@ -4,11 +4,11 @@
 
 from typing import NamedTuple
 
-from icofabric_sim.kernels.records import Anchors
 from icofabric_sim.simulation.model.anchor_stiffness import stiffness_of
 from icofabric_sim.simulation.model.packing import WrenchRow
 from icofabric_sim.statics.sides import slopes_on
 from icofabric_sim.statics.tangent import as_springs, find_kinks, Stretched
+from icofabric_sim.terms.anchors.record import Anchors
 import numpy as np
 
 

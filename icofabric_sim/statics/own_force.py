@@ -5,9 +5,9 @@
 from dataclasses import dataclass
 
 from icofabric_sim.geometry.rotations import rotate_quaternions
-from icofabric_sim.kernels.external import call_function
 from icofabric_sim.simulation.model.body_force import BodyForce
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.body_force.external_force import call_function
 import numpy as np
 
 # Fourth-order central differences: offsets in steps, and weights.

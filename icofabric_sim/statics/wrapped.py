@@ -12,8 +12,9 @@ end without an edge (a straight connector) has no y.
 from typing import NamedTuple
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.records import Connectors, Wrapping
-from icofabric_sim.kernels.wrap.forces import find_ways
+from icofabric_sim.terms.shared import Connectors
+from icofabric_sim.terms.wrapping.lengths import find_ways
+from icofabric_sim.terms.wrapping.record import Wrapping
 import numpy as np
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import inspect
 from typing import Any
 
-from icofabric_sim.kernels.runtime.compiled import inlined
+from icofabric_sim.kernels.runtime.compiled import in_python, inlined
 
 # Names of all composed kernels.
 _NAMES: set[str] = set()
@@ -20,7 +20,7 @@ _NAMES: set[str] = set()
 
 def compose(
     name: str, functions: Iterable[tuple[str, Any]], arguments: str, carried: str,
-    known: Mapping[str, str], *, unless: str = '', helpers: Mapping[str, Any] | None = None
+    known: Mapping[str, str], *, unless: str = ''
 ) -> Any:
     """
     Return a kernel that calls `functions` in their order.
@@ -34,13 +34,12 @@ def compose(
     arguments
         Names of the arguments of the kernel, separated by commas.
     carried
-        Names of the values that each function returns, and receives if a parameter names them.
+        Names of the values that each function returns, and receives if a parameter names them. A
+        function that is annotated to return None changes none of them.
     known
         Expressions for parameters that are no arguments of the kernel.
     unless
         Name of an argument that is None if no term is present.
-    helpers
-        Kernels that expressions call, by their names there.
 
     Raises
     ------
@@ -52,7 +51,7 @@ def compose(
     if name in _NAMES:
         raise ValueError(f'a kernel {name} has been composed')
     _NAMES.add(name)
-    namespace: dict[str, Any] = {'__name__': __name__, **(helpers or {})}
+    namespace: dict[str, Any] = {'__name__': __name__}
     lines = []
     for term, function in functions:
         call = f'{term}_{name}'
@@ -60,7 +59,8 @@ def compose(
             call += '_'
         namespace[call] = function
         values = ', '.join(_values(function, f'{arguments}, {carried}'.split(', '), known))
-        lines.append(f'{carried} = {call}({values})')
+        returned = '' if _returns_nothing(function) else f'{carried} = '
+        lines.append(f'{returned}{call}({values})')
     lines.append(f'return {carried}')
     if unless:
         lines = [
@@ -71,11 +71,16 @@ def compose(
     return inlined(namespace[name])
 
 
+def _returns_nothing(function: Any) -> bool:
+    """Check that a function is annotated to return None."""
+    return inspect.get_annotations(in_python(function)).get('return', '') is None
+
+
 def _values(
     function: Any, arguments: Iterable[str], known: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield expressions for the parameters of a function."""
-    for name in inspect.signature(getattr(function, 'py_func', function)).parameters:
+    for name in inspect.signature(in_python(function)).parameters:
         if name not in arguments and name not in known:
             raise TypeError(
                 f'{function.__module__}.{function.__name__}: the parameter {name} is none of '

@@ -15,11 +15,21 @@ A term or law without one of the files is absent from the functions that are com
 `velocity_force.py`
     `add_velocity_force` adds accelerations to slopes, and returns `spent` plus the power [W] that
     the term dissipates.
+`external_force.py`
+    `add_external_force` adds accelerations to slopes, and returns `given` plus the power [W] that
+    comes from outside.
 `tangent.py`
     `add_product` returns the product of the Hessian with a motion, with that of the term.
 `bound.py`
     `add_bound` returns the bound of the squared frequency [1/s^2] and the energy [J] with those of
-    the term.
+    the term. `add_limited_bound` has the magnitudes of tensions [N], too, and is called last: up
+    to the `limit` [1/s^2] a coarse bound suffices.
+`parameters.py`
+    `PARAMETERS` and `GROUP_PARAMETERS`: rows of the table of parameters (name, default, unit,
+    description, range), the second for `connector_groups.NAME`.
+
+A term may change what another one has added. Its functions `change_NAME`, in the files of those
+functions, directly follow those of the term NAME.
 
 A law determines the tension of connectors instead of eq 1. Its record is a field of `Laws`.
 Its files:
@@ -38,6 +48,27 @@ Its files:
     `PARAMETERS`, which `connector.*` and `connector_groups.NAME.*` have for the law.
 `device.py`
     `replace_pull`, `replace_slope` and `replace_energy` for Warp.
+
+A load acts on the bodies of its rows of `Loads`, each for one block. Its record is a field of
+`Loads`. Its files:
+
+`record.py`
+    As above.
+`kick.py`
+    `kick_row` changes velocities by the load over a time; `kick_row_again` directly after that;
+    `add_row_slope` adds accelerations to slopes, and stores the power [W]. They return the number
+    of the wrench of the row and the factor of its profile, which consecutive rows share.
+`work.py`
+    `work_row` adds the work [J] over a drift.
+`path.py`
+    `place_row` places bodies at a time, `stop_row` stops them before a drift to their place.
+`reaction.py`
+    `resist_row` returns accelerations without those along paths; `bear_row` restores the
+    `velocities_before` the loads there. `resist_row_slope` and `keep_row_turning` do so in slopes.
+`bound.py`
+    `add_row_bound`, as `add_bound`.
+`energy.py`
+    `add_driven_energy` returns the kinetic energy [J] that paths supply, with that of the load.
 
 The first parameter of a function of kernels is the record of the term, or None if the scene lacks
 the term. Numba then omits the code of the term. All other parameters are chosen by name: fields of
@@ -86,7 +117,10 @@ class Part:
 
     def functions(self, name: str) -> tuple[Any, ...]:
         """Return the kernel of this name, or no kernel."""
-        file = self.files[name]
+        return self._kernels(self.files[name], name)
+
+    def _kernels(self, file: str, name: str) -> tuple[Any, ...]:
+        """Return the kernel of a file, or no kernel."""
         found = getattr(self.module(file), name, None) if self.has(file) else None
         return () if found is None else (found,)
 
@@ -96,14 +130,34 @@ class Term(Part):
 
     files = {
         'add_force': 'force', 'add_acceleration': 'acceleration',
-        'add_velocity_force': 'velocity_force', 'add_bound': 'bound', 'add_product': 'tangent'}
+        'add_velocity_force': 'velocity_force', 'add_bound': 'bound', 'add_limited_bound': 'bound',
+        'add_product': 'tangent', 'add_external_force': 'external_force'}
 
-    def __init__(self, name: str, *, energy: str = '', lacks: Collection[str] = ()) -> None:
+    def __init__(
+        self, name: str, *, energy: str = '', changes: Collection[str] = (),
+        lacks: Collection[str] = ()
+    ) -> None:
         """
         Name the folder, the part of the energy of a health check, and what does not compute it.
+
+        `changes` names terms whose functions are followed by functions of this one.
         """
         super().__init__(name, lacks=lacks)
-        self.energy = energy
+        self.energy, self.changes = energy, frozenset(changes)
+
+    def changing(self, name: str, hook: str) -> tuple[Any, ...]:
+        """Return the kernel that changes what the function of the term `name` has added."""
+        return self._kernels(self.files[hook], f'change_{name}')
+
+
+class Load(Part):
+    """A load on the bodies of rows."""
+
+    files = {
+        'kick_row': 'kick', 'kick_row_again': 'kick', 'add_row_slope': 'kick',
+        'work_row': 'work', 'place_row': 'path', 'stop_row': 'path', 'resist_row': 'reaction',
+        'velocities_before': 'reaction', 'bear_row': 'reaction', 'resist_row_slope': 'reaction',
+        'keep_row_turning': 'reaction', 'add_row_bound': 'bound', 'add_driven_energy': 'energy'}
 
 
 class Law(Part):

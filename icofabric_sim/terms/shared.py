@@ -65,7 +65,23 @@ class Links(Record):
     attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
     # Individual springs, k and D of other laws; of tables the largest slopes.
     variety: Variety | None
-    laws: Any  # `Laws` of kernels/records.py; None: all are springs
+    laws: Any  # `Laws` of terms/laws.py; None: all are springs
+
+
+class Connectors(Record):
+    """
+    Springs between edge midpoints, one by one; the arrays have shape (c,), or (1,) for all alike.
+    """
+
+    first: np.ndarray  # int32, the lower body
+    second: np.ndarray  # int32
+    first_edge: np.ndarray  # int8 edge codes 0-5
+    second_edge: np.ndarray
+    extension: np.ndarray  # k_e [N/m]
+    compression: np.ndarray  # k_c [N/m]
+    natural_length: np.ndarray  # D [m]
+    half_width: float  # centre to attachment point, w / 2 for edge midpoints [m]
+    attachment: np.ndarray | None  # (6, 3) the points in body axes [m]; None: on the axes
 
 
 class State(Record):
@@ -81,6 +97,18 @@ class State(Record):
     def rows(self) -> list[Any]:
         """Return the arrays that are not None, in the order of the fields."""
         return [array for array in self if array is not None]
+
+
+class Trail(Record):
+    """Slopes and states of the last Runge-Kutta step."""
+
+    slopes: np.ndarray  # (16, r, s), see kernels/rhs.py
+    stage: State  # the stage in progress, then the end of the step
+    start: State
+    errors: np.ndarray  # one for each thread
+    probable: np.ndarray  # probable errors of steps, likewise
+    speeds: np.ndarray  # [m/s] of the fastest point, likewise
+    ways: np.ndarray  # squares of the largest displacements [m^2] before the step, likewise
 
 
 @compiled

@@ -7,13 +7,14 @@ import gc
 import pickle
 
 from fabrics import make_scene
-from icofabric_sim.kernels.records import Loads, Meter, Model, Supports
+from icofabric_sim.kernels.records import Loads, Model, Supports
 from icofabric_sim.kernels.runtime import record
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.outlined import address_of, call_float
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
 from icofabric_sim.terms.drag.record import Drag
+from icofabric_sim.terms.meters import Meter
 import numpy as np
 import pytest
 
@@ -226,7 +227,7 @@ def test_only_what_is_none_and_the_kinds_of_arrays_make_another_type():
     assert Model._fields[-1] == 'gravity' and Model._defaults['gravity'] is None
     assert Model._defaults['contacts'] is None and 'blocks' not in Model._defaults
     assert Supports._fields == ('inverse_mass', 'inverse_inertia')
-    assert Loads._fields[-1] == 'anchors'
+    assert Loads._fields[-3:] == ('tractions', 'anchors', 'drives')
 
 
 @compiled

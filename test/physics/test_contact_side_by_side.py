@@ -5,10 +5,10 @@
 from contact_scenes import A, crowd
 from fabrics import changed
 import icofabric_sim as ico
-from icofabric_sim.kernels.contact.apex import APEX_UNIT
-from icofabric_sim.kernels.contact.axis import FACE_OF_FIRST
-from icofabric_sim.kernels.contact.forces import contact_look
-from icofabric_sim.kernels.contact.sleeping import AWAKE
+from icofabric_sim.terms.contacts.apex import APEX_UNIT
+from icofabric_sim.terms.contacts.axis import FACE_OF_FIRST
+from icofabric_sim.terms.contacts.force import contact_look
+from icofabric_sim.terms.contacts.sleeping import AWAKE
 import numpy as np
 
 # As other tests compile it.

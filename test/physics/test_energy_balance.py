@@ -8,11 +8,11 @@ import re
 from analytical import amplification, free_rotation, rotation_quaternion
 from fabrics import changed, FORMS, LOADED, make_scene, packed_state, RANDOM, SUPPORTED
 import icofabric_sim as ico
-from icofabric_sim.kernels.loads import work_load
-from icofabric_sim.kernels.profiles import ONES
+from icofabric_sim.kernels.loads import NONE, work_row
 from icofabric_sim.parameters.example_scenes import example_scenes
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
 from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.terms.profiles import ONES
 import numpy as np
 import pytest
 from references import axes_of
@@ -33,7 +33,7 @@ def work_of_drift(form, in_body_axes, spin, velocity, h, seed=0):
         packed, generator.standard_normal((1, 3)), orientation, velocity[None], spin[None])
     loads = pack_loads(
         [WrenchRow(np.zeros(1, np.int32), in_body_axes, force, torque, point)], packed.layout)
-    work_load(loads, state, 0, int(packed.layout.blocks.slot[0]), h, ONES)
+    work_row(loads, state, 0, int(packed.layout.blocks.slot[0]), 0.0, h, NONE, ONES)
     powers = []
     for x in NODES:
         axes = axes_of(free_rotation(orientation, spin[None], x * h))[0]

@@ -10,13 +10,13 @@ from icofabric_sim.geometry.icosahedron import face_geometry, vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.obstruction import clips
-from icofabric_sim.kernels.records import Shells
 from icofabric_sim.messages import decode_diagnostic_array, decode_marker_points, MarkerAction
 from icofabric_sim.messages.markers import OBSTRUCTED, STRAIN_CLASSES
 from icofabric_sim.messages.topics import Outputs
 from icofabric_sim.running.diagnostics import HealthReport, WARN
 from icofabric_sim.running.runner import Runner
 from icofabric_sim.simulation.stepping.events.entering import Entering
+from icofabric_sim.terms.shells import Shells
 import numpy as np
 import pytest
 

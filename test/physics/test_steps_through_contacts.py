@@ -7,8 +7,6 @@ from contact_scenes import A, crowd, loose, momenta, OBLIQUE
 from fabrics import changed, same_state
 import icofabric_sim as ico
 from icofabric_sim import contact
-from icofabric_sim.kernels.contact.forces import contact_look
-from icofabric_sim.kernels.contact.stiffness import largest_stiffness
 from icofabric_sim.simulation.checkpoints.checkpoint import Checkpoint
 from icofabric_sim.simulation.stepping import thread_team
 from icofabric_sim.simulation.stepping.controllers.measured import MeasuredStep
@@ -20,6 +18,8 @@ from icofabric_sim.simulation.stepping.method_selection import (
     MANY_WOVEN,
 )
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
+from icofabric_sim.terms.contacts.force import contact_look
+from icofabric_sim.terms.contacts.stiffness import largest_stiffness
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -11,7 +11,7 @@ E(x + i h dx) over h is its derivative to the last bits, without a difference (S
 from analytical import quaternion_product, rotation_quaternion
 from fabrics import make_scene, packed_state, same_state, wrenches
 import icofabric_sim as ico
-from icofabric_sim.kernels.anchors import kick_anchor
+from icofabric_sim.kernels.loads import kick_row, NONE
 from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.stepping import thread_team
@@ -114,8 +114,8 @@ def with_anchors(scene, position, orientation):
     loads = Inputs(scene).pack(packed.layout)
     for block in range(len(model.blocks.slot)):
         for row in range(loads.start[block], loads.start[block + 1]):
-            kick_anchor(
-                loads.anchors, model, loads, state, row, int(model.blocks.slot[block]), 0.0, 1.0)
+            kick_row(
+                model, loads, state, row, int(model.blocks.slot[block]), 0.0, 1.0, NONE, 1.0)
     return (
         work.force + scene.shell.mass * packed.layout.gather(state.linear_velocity),
         work.torque + scene.shell.inertia * packed.layout.gather(state.angular_velocity))

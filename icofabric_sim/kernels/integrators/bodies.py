@@ -16,32 +16,10 @@ from typing import Any
 from weakref import finalize
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.clearance import find_clear
-from icofabric_sim.kernels.contact.displacement import farthest, forget_ways, has_missed, ways_of
-from icofabric_sim.kernels.contact.forces import (
-    deepest_overlap,
-    has_touched,
-    note_touch,
-    set_tests,
-    tests_of,
-)
-from icofabric_sim.kernels.contact.landing import foresee, land
-from icofabric_sim.kernels.contact.losses import (
-    accept_stretches,
-    combine_stretches,
-    losses_of,
-    repeat_stretches,
-    save_stretches,
-    stretch_error,
-    touch_moving,
-)
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther, judge_ways, MISSED
-from icofabric_sim.kernels.external import ask_outside
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.integrators.sweep import kernel_of, Splitting
 from icofabric_sim.kernels.integrators.tableau import LAST, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.meters import add_flow, repeat_flow
 from icofabric_sim.kernels.monitor import (
     coarse_up_to,
     conclude,
@@ -52,16 +30,7 @@ from icofabric_sim.kernels.monitor import (
     TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import (
-    Contacts,
-    Loads,
-    Model,
-    State,
-    Team,
-    Trail,
-    Watch,
-    Work,
-)
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.kernels.rhs import (
     add_work,
     combine,
@@ -78,6 +47,29 @@ from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.outlined import address_of, call_float, call_int, call_none
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.kernels.runtime.team import own_blocks, tell_all, wait_for_all
+from icofabric_sim.terms.body_force.external_force import ask_outside
+from icofabric_sim.terms.contacts.clearance import find_clear
+from icofabric_sim.terms.contacts.displacement import farthest, forget_ways, has_missed, ways_of
+from icofabric_sim.terms.contacts.force import (
+    deepest_overlap,
+    has_touched,
+    note_touch,
+    set_tests,
+    tests_of,
+)
+from icofabric_sim.terms.contacts.landing import foresee, land
+from icofabric_sim.terms.contacts.losses import (
+    accept_stretches,
+    combine_stretches,
+    losses_of,
+    repeat_stretches,
+    save_stretches,
+    stretch_error,
+    touch_moving,
+)
+from icofabric_sim.terms.contacts.rebuild_check import can_look_farther, judge_ways, MISSED
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.meters import add_flow, repeat_flow
 import numpy as np
 
 # Sentinel: a body left the region that the neighbour list covers.

@@ -13,10 +13,8 @@ q = (1 + u) q* / (1 + u^2). The inertia is isotropic, so spins in world axes cha
 do.
 """
 
-from icofabric_sim.kernels.connectors import slope_of
-from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.hessian import hessian_times
-from icofabric_sim.kernels.laws import replace_pull, replace_slope
+from icofabric_sim.kernels.loads import place_row
 from icofabric_sim.kernels.records import Links, Loads, Model, State
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, step_error
 from icofabric_sim.kernels.rotations import rows_of
@@ -34,6 +32,8 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.terms.damping.record import Damping
+from icofabric_sim.terms.laws import replace_pull, replace_slope
+from icofabric_sim.terms.links.force import slope_of
 from icofabric_sim.terms.shared import coefficient_of, Variety
 import numpy as np
 
@@ -137,7 +137,7 @@ def place_paths(model: Model, loads: Loads, state: State, time: float) -> None:
     """Place driven bodies on their paths at `time` [s]."""
     for block in range(model.blocks.slot.shape[0]):
         for m in range(loads.start[block], loads.start[block + 1]):
-            place_row(loads.drives, loads, state, m, model.blocks.slot[block], time)
+            place_row(loads, state, m, model.blocks.slot[block], time)
 
 
 @compiled

@@ -9,9 +9,6 @@ step.
 
 from typing import Any
 
-from icofabric_sim.kernels.contact.clearance import CLEAR, NEAR_CONTACT, NO_ROOM
-from icofabric_sim.kernels.contact.landing import NEVER_MEET, UNKNOWN
-from icofabric_sim.kernels.drives import place_row
 from icofabric_sim.kernels.integrators import dop853
 from icofabric_sim.kernels.integrators.bodies import (
     accept_step,
@@ -34,11 +31,14 @@ from icofabric_sim.kernels.integrators.bodies import (
     try_step,
 )
 from icofabric_sim.kernels.integrators.tableau import FIRST, Pair, pair_of
+from icofabric_sim.kernels.loads import place_row
 from icofabric_sim.kernels.probable_error import SMOOTH_RATIO
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail
 from icofabric_sim.kernels.rhs import interpolate, LAST, normalise
 from icofabric_sim.kernels.runtime.compiled import asked, compiled
 from icofabric_sim.kernels.runtime.team import own_blocks
+from icofabric_sim.terms.contacts.clearance import CLEAR, NEAR_CONTACT, NO_ROOM
+from icofabric_sim.terms.contacts.landing import NEVER_MEET, UNKNOWN
 import numpy as np
 
 # Indices in the control array: start and length of the step in progress [s], the next length, the
@@ -266,7 +266,7 @@ def dense_state(
         interpolate(trail.start, state, trail.slopes, pair.dense, h, x, target, s)
         normalise(target.orientation, s)
         for m in range(loads.start[block], loads.start[block + 1]):
-            place_row(loads.drives, loads, target, m, s, time + x * h)
+            place_row(loads, target, m, s, time + x * h)
 
 
 def dense_sum(

@@ -6,9 +6,6 @@ Steps of splitting methods that keep their order if the slopes of connectors jum
 The treatment of the kinks is described in kernels/kinks.py.
 """
 
-from icofabric_sim.kernels.contact.displacement import add_ways, note_ways, shift_at
-from icofabric_sim.kernels.contact.forces import touch_all
-from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.flows import (
     drift,
     keep_accelerations,
@@ -35,19 +32,15 @@ from icofabric_sim.kernels.kinks import (
     stays_far,
     strike,
 )
-from icofabric_sim.kernels.records import (
-    Contacts,
-    Kinks,
-    Loads,
-    Model,
-    State,
-    Team,
-    Watch,
-    Work,
-)
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import maximum, splat, Vector, where
 from icofabric_sim.kernels.runtime.team import own_blocks, wait_for_all
+from icofabric_sim.terms.contacts.displacement import add_ways, note_ways, shift_at
+from icofabric_sim.terms.contacts.force import touch_all
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.contacts.stiffness import note_pushes
+from icofabric_sim.terms.links.kinks import Kinks
 import numpy as np
 
 
@@ -161,7 +154,8 @@ def kinked_steps(
             keep_accelerations(model, state, work, end, first, last)
             wait_for_all(team)
     note_ways(watch, team.member, most)
-    note_pushes(contacts, model, first, last)
+    note_pushes(
+        contacts, model.blocks, model.inverse_mass, model.inverse_inertia, first, last)
     wait_for_all(team)
 
 

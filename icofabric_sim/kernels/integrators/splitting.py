@@ -11,9 +11,6 @@ The control is one kernel for all scenes, see bodies.py.
 
 import math
 
-from icofabric_sim.kernels.contact.displacement import STRIDE
-from icofabric_sim.kernels.contact.rebuild_check import MISSED
-from icofabric_sim.kernels.contact.stiffness import swing_of
 from icofabric_sim.kernels.integrators.bodies import agree, Bodies, examine, save_sound, search
 from icofabric_sim.kernels.integrators.sweep import Splitting
 from icofabric_sim.kernels.monitor import (
@@ -31,10 +28,13 @@ from icofabric_sim.kernels.monitor import (
     TOO_DEEP,
     UNSOUND,
 )
-from icofabric_sim.kernels.records import Contacts, Watch
 from icofabric_sim.kernels.runtime.compiled import asked, compiled
 from icofabric_sim.kernels.runtime.outlined import call_none
 from icofabric_sim.kernels.runtime.team import wait_for_all
+from icofabric_sim.terms.contacts.displacement import STRIDE
+from icofabric_sim.terms.contacts.rebuild_check import MISSED
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.contacts.stiffness import swing_of
 import numpy as np
 
 # An interval that never ends: no health checks.

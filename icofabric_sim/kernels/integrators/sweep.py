@@ -10,16 +10,17 @@ step.
 
 from typing import Any
 
-from icofabric_sim.kernels.contact.displacement import add_ways, note_ways, shift_at
-from icofabric_sim.kernels.contact.losses import losses_of, touch_ahead
-from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.flows import drift, push, push_kept
 from icofabric_sim.kernels.integrators.kinked import kinked_steps
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import splat
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.kernels.runtime.team import own_blocks, TILE, wait_for_all
+from icofabric_sim.terms.contacts.displacement import add_ways, note_ways, shift_at
+from icofabric_sim.terms.contacts.losses import losses_of, touch_ahead
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.contacts.stiffness import note_pushes
 import numpy as np
 
 
@@ -42,7 +43,7 @@ def steps(
     Take `count` steps of length `h`, the first from origin + index h on; see `splitting`.
 
     Contacts need the positions of all bodies, so in their sweeps all bodies drift first.
-    Dissipative contacts are for the leapfrog alone (kernels/contact/losses.py). The displacements
+    Dissipative contacts are for the leapfrog alone (terms/contacts/losses.py). The displacements
     of bodies are stored only where forces are evaluated; positions in between do not count.
 
     A block can be kicked once its neighbours have drifted, so both run over the fabric in one
@@ -113,7 +114,8 @@ def steps(
                 TILE * tile, min(TILE * tile + TILE, count_own))
         if evaluation + 1 == count * stages:
             note_ways(watch, team.member, most)
-            note_pushes(contacts, model, first, last)
+            note_pushes(
+                contacts, model.blocks, model.inverse_mass, model.inverse_inertia, first, last)
         wait_for_all(team)
         now = after
         if not kick_first and stage + 1 == stages:

@@ -15,9 +15,9 @@ import platform
 import sys
 from typing import Any
 
-from icofabric_sim.kernels.records import Team
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.numba_private import cgutils
+from icofabric_sim.kernels.runtime.record import Record
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
@@ -42,6 +42,25 @@ _FUTEX = {'x86_64': 202, 'aarch64': 98}.get(
     platform.machine(), 0) if sys.platform == 'linux' else 0
 # Operations for threads of one process, and a count that is enough to wake all.
 _FUTEX_WAIT, _FUTEX_WAKE, _ALL = 128, 129, 2**31 - 1
+
+
+class Sweep(Record):
+    """The order in which a thread visits its blocks, see traversal_order.py."""
+
+    drifts: np.ndarray  # (b,) uint32, the thread's blocks in the order of drifts
+    pushes: np.ndarray  # (b,) uint32, the same blocks in the order of kicks
+    ahead: np.ndarray  # (t,) int32, number of drifted blocks before each tile is kicked
+    border: int  # number of drifted blocks before other threads kick
+
+
+class Team(Record):
+    """Threads that share a call; each takes a run of blocks."""
+
+    member: int
+    size: int
+    flags: np.ndarray  # int64, see above
+    sweep: Sweep
+    scratch: Any  # scratch arrays for contacts (terms/contacts/surface.py), or None
 
 
 def flag_count(size: int) -> int:

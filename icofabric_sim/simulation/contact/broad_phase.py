@@ -4,7 +4,7 @@
 Broad phase of contact: when to search for candidate pairs, and which pairs they are.
 
 While no pair can touch before the next search, kernels compute no contacts. Wherever forces are
-evaluated, kernels record the displacements of bodies (kernels/contact/displacement.py, with a
+evaluated, kernels record the displacements of bodies (terms/contacts/displacement.py, with a
 proof of the bound) and request the next search in time.
 """
 
@@ -14,7 +14,21 @@ import math
 from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius
-from icofabric_sim.kernels.contact.displacement import (
+from icofabric_sim.kernels.records import Blocks, Model, State
+from icofabric_sim.kernels.runtime.lanes import LANES
+from icofabric_sim.kernels.runtime.outlined import address_of
+from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
+from icofabric_sim.simulation.contact.friction_state import FrictionState, lightest
+from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
+from icofabric_sim.simulation.contact.passing import (
+    bezier_points,
+    Course,
+    first_passing,
+    turned_at_most,
+)
+from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.terms.contacts.displacement import (
     HORIZON,
     LATE,
     LIMIT_COUNT,
@@ -31,26 +45,13 @@ from icofabric_sim.kernels.contact.displacement import (
     SPEED,
     STRIDE,
 )
-from icofabric_sim.kernels.contact.forces import contact_look, LEAST_PART, touch_some
-from icofabric_sim.kernels.contact.listing import arrange
-from icofabric_sim.kernels.contact.pair import contact_scratch, found_gap, OUT_SIZE
-from icofabric_sim.kernels.contact.rebuild_check import least_reach
-from icofabric_sim.kernels.contact.sleeping import AWAKE
-from icofabric_sim.kernels.contact.stiffness import largest_stiffness
-from icofabric_sim.kernels.records import Blocks, Contacts, Model, Sleep, State, Watch
-from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.kernels.runtime.outlined import address_of
-from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
-from icofabric_sim.simulation.contact.friction_state import FrictionState, lightest
-from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
-from icofabric_sim.simulation.contact.passing import (
-    bezier_points,
-    Course,
-    first_passing,
-    turned_at_most,
-)
-from icofabric_sim.simulation.contact.setup import ContactSetup
-from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.terms.contacts.force import contact_look, LEAST_PART, touch_some
+from icofabric_sim.terms.contacts.listing import arrange
+from icofabric_sim.terms.contacts.pair import contact_scratch, found_gap, OUT_SIZE
+from icofabric_sim.terms.contacts.rebuild_check import least_reach
+from icofabric_sim.terms.contacts.record import Contacts, Sleep, Watch
+from icofabric_sim.terms.contacts.sleeping import AWAKE
+from icofabric_sim.terms.contacts.stiffness import largest_stiffness
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')
@@ -237,7 +238,7 @@ class BroadPhase:
 
         The power c K delta (d(delta)/dt)^2 is c delta times K (grad delta . u)^2, and the second
         derivatives of the energy contain K grad delta grad delta. Steps through contacts bound the
-        damping themselves (kernels/contact/losses.py); the contacts are then mostly vertices and
+        damping themselves (terms/contacts/losses.py); the contacts are then mostly vertices and
         edges, far below the bound.
         """
         if not self.rate > 0.0:

@@ -5,7 +5,7 @@ Second derivatives of the contact potential by the motions of both bodies, in cl
 
     delta = 4 M_1 / M_0,   M_k = integral of min(p_A, p_B)^k over both bodies
 
-(kernels/contact/pair.py). Each depth p is the minimum of p_i = h_i - n_i . x over the faces of its
+(terms/contacts/pair.py). Each depth p is the minimum of p_i = h_i - n_i . x over the faces of its
 body and moves with the body: dp_i = alpha_i . dq, alpha_i = (n_i, (x - x_A) x n_i) by
 displacements and rotation vectors. M_0 changes by the volume that its faces sweep. M_1 changes by
 the volume that the boundary of the region p_A < p_B sweeps. A motion of A and one of B each move
@@ -21,8 +21,8 @@ common motion of both bodies does not change the energy (pair_forces.py).
 """
 
 from icofabric_sim.geometry.icosahedron import face_geometry
-from icofabric_sim.kernels.contact.shape import INNER
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.terms.contacts.shape import INNER
 import numpy as np
 
 # Results of a pair: the volume M_0 [m^3], its derivatives by both motions (12), and M_0,AB and

@@ -6,12 +6,13 @@ import math
 from typing import Any
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
-from icofabric_sim.kernels.contact.listing import carry_over, find_both
 from icofabric_sim.kernels.integrators.tableau import DENSE, SLOPE_COUNT
-from icofabric_sim.kernels.records import ContactLosses, Contacts, Model
+from icofabric_sim.kernels.records import Model
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.terms.contacts.listing import carry_over, find_both
+from icofabric_sim.terms.contacts.record import ContactLosses, Contacts
 import numpy as np
 
 # Tangential over normal stiffness: the tangential and normal half periods of a sphere in oblique

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius
-from icofabric_sim.kernels.contact.listing import list_pairs
-from icofabric_sim.kernels.contact.search import find_reach, refresh, survey
-from icofabric_sim.kernels.records import Nearby, State
+from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.contact.setup import ContactSetup
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.contacts.listing import list_pairs
+from icofabric_sim.terms.contacts.record import Nearby
+from icofabric_sim.terms.contacts.search import find_reach, refresh, survey
 import numpy as np
 
 _NO_PAIRS = np.zeros((0, 2), np.int32)

@@ -11,13 +11,6 @@ from dataclasses import dataclass
 
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, vertices
 from icofabric_sim.geometry.rotations import rotate_axes
-from icofabric_sim.kernels.contact.many import (
-    separations_on,
-    signed_distances,
-    touch_pairs,
-    touch_planes,
-)
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.simulation.contact.curvature import (
     BY_EDGES,
     BY_SURFACE,
@@ -28,6 +21,13 @@ from icofabric_sim.simulation.contact.curvature import (
     VOLUME,
 )
 from icofabric_sim.simulation.contact.setup import ContactSetup
+from icofabric_sim.terms.contacts.many import (
+    separations_on,
+    signed_distances,
+    touch_pairs,
+    touch_planes,
+)
+from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
 import numpy as np
 
 # Group of pairs of shells; other groups are numbers of planes.

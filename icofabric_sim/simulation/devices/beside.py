@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trial steps on all ranks beside a run: names, arrays and differences."""
 
-from icofabric_sim.kernels.records import Blocks, Meter, State
+from icofabric_sim.kernels.records import Blocks, State
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.model.layout import aligned_zeros
+from icofabric_sim.terms.meters import Meter
 import numpy as np
 
 # Steps of the length that is judged, and those of half of it.

@@ -12,10 +12,6 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.displacement import farthest, SOON
-from icofabric_sim.kernels.contact.forces import deepest_overlap
-from icofabric_sim.kernels.contact.losses import save_stretches
-from icofabric_sim.kernels.contact.rebuild_check import judge_ways
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.splitting import (
     is_guarded,
@@ -33,10 +29,15 @@ from icofabric_sim.kernels.monitor import (
     SAVED_AT,
     TOO_DEEP,
 )
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.ledger import Ledger
+from icofabric_sim.terms.contacts.displacement import farthest, SOON
+from icofabric_sim.terms.contacts.force import deepest_overlap
+from icofabric_sim.terms.contacts.losses import save_stretches
+from icofabric_sim.terms.contacts.rebuild_check import judge_ways
+from icofabric_sim.terms.contacts.record import Watch
 import numpy as np
 
 

@@ -5,13 +5,14 @@
 from abc import ABC, abstractmethod
 from typing import Any
 
-from icofabric_sim.kernels.records import Blocks, Contacts
+from icofabric_sim.kernels.records import Blocks
 from icofabric_sim.simulation.devices.near_pairs import contacts_of, NearPairs, watch_of
 from icofabric_sim.simulation.devices.saved_part import SavedPart
 from icofabric_sim.simulation.devices.shared_contacts import look_at, wake
 from icofabric_sim.simulation.devices.slot_rows import SlotRows
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Window
+from icofabric_sim.terms.contacts.record import Contacts
 import numpy as np
 
 

@@ -3,12 +3,13 @@
 """Data of a fabric on a rank other than the first, for steps of an embedded pair."""
 
 from icofabric_sim.kernels.integrators.tableau import Pair, SLOPE_COUNT
-from icofabric_sim.kernels.records import Loads, Meter, State, Trail, Work
+from icofabric_sim.kernels.records import Loads, State, Trail, Work
 from icofabric_sim.simulation.devices.held import Held
 from icofabric_sim.simulation.devices.pair_steps import PairArrays, PairPart
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import resting, Window
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.terms.meters import Meter
 import numpy as np
 
 

@@ -18,7 +18,7 @@ from icofabric_sim.kernels.monitor import (
     LEDGER_COUNT,
     save,
 )
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.beside import (
     AHEAD,
@@ -51,6 +51,7 @@ from icofabric_sim.simulation.model.stability import (
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
+from icofabric_sim.terms.contacts.record import Contacts, Watch
 import numpy as np
 
 

@@ -9,26 +9,18 @@ both results are bit-identical. Each body sums its pairs in the order of the who
 
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.forces import LEAST_PART, touch_some
-from icofabric_sim.kernels.contact.listing import arrange
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
-from icofabric_sim.kernels.contact.sleeping import AWAKE
 from icofabric_sim.kernels.integrators.tableau import SLOPE_COUNT
-from icofabric_sim.kernels.records import (
-    Blocks,
-    ContactLosses,
-    Contacts,
-    Nearby,
-    Sleep,
-    Sweep,
-    Team,
-    Watch,
-)
+from icofabric_sim.kernels.records import Blocks, Sweep, Team
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.simulation.contact.broad_phase import SLOTS_OF_A_PAIR
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.terms.contacts.force import LEAST_PART, touch_some
+from icofabric_sim.terms.contacts.listing import arrange
+from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.terms.contacts.record import ContactLosses, Contacts, Nearby, Sleep, Watch
+from icofabric_sim.terms.contacts.sleeping import AWAKE
 import numpy as np
 
 # Doubles that a rank holds for each slot where shells may touch: what acts, where bodies were

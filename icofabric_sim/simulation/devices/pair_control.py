@@ -12,17 +12,18 @@ points of shells are computed where the bodies are.
 from abc import abstractmethod
 from typing import Any
 
-from icofabric_sim.kernels.contact.clearance import CLEAR, judge_clear, mean_velocity, way_between
-from icofabric_sim.kernels.contact.displacement import FREE, MAX_REACH
-from icofabric_sim.kernels.contact.forces import set_tests, tests_of
-from icofabric_sim.kernels.contact.landing import foresee, land, NEVER_MEET
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.integrators.embedded import adaptive_pair, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.integrators.tableau import Pair
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.simulation.devices.executor import Call, Remote
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
+from icofabric_sim.terms.contacts.clearance import CLEAR, judge_clear, mean_velocity, way_between
+from icofabric_sim.terms.contacts.displacement import FREE, MAX_REACH
+from icofabric_sim.terms.contacts.force import set_tests, tests_of
+from icofabric_sim.terms.contacts.landing import foresee, land, NEVER_MEET
+from icofabric_sim.terms.contacts.rebuild_check import can_look_farther
+from icofabric_sim.terms.contacts.record import Watch
 import numpy as np
 
 Mean = tuple[float, float, float]

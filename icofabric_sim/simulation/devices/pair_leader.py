@@ -10,11 +10,10 @@ from functools import partial
 from typing import Any
 
 from icofabric_sim.kernels.breakage import is_breaking, note_lengths
-from icofabric_sim.kernels.contact.displacement import LATE
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import Pair
-from icofabric_sim.kernels.records import Contacts, Model
+from icofabric_sim.kernels.records import Model
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean
 from icofabric_sim.simulation.devices.pair_steps import (
@@ -28,6 +27,8 @@ from icofabric_sim.simulation.devices.sharing import Sharing
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import exchange_of, pair_bytes_of
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.terms.contacts.displacement import LATE
+from icofabric_sim.terms.contacts.record import Contacts
 import numpy as np
 
 _NO_BLOCKS = np.zeros(0, np.int64)

@@ -9,23 +9,13 @@ ranks exchange poses, with velocities if forces depend on them, while inner bloc
 
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.clearance import fastest_points
-from icofabric_sim.kernels.contact.displacement import ways_of
-from icofabric_sim.kernels.contact.forces import has_touched, note_touch
-from icofabric_sim.kernels.contact.losses import (
-    accept_stretches,
-    combine_stretches,
-    repeat_stretches,
-    touch_moving,
-)
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.bodies import copy_last
 from icofabric_sim.kernels.integrators.tableau import DENSE, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import save
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Trail, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Trail, Work
 from icofabric_sim.kernels.rhs import add_work, find_slopes, LAST, place_blocks
 from icofabric_sim.simulation.devices.part_steps import NO_EXCHANGE, NO_TRANSPORT, RankPart
 from icofabric_sim.simulation.devices.rank_kernels import (
@@ -43,6 +33,17 @@ from icofabric_sim.simulation.devices.slot_rows import Exchanged
 from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
+from icofabric_sim.terms.contacts.clearance import fastest_points
+from icofabric_sim.terms.contacts.displacement import ways_of
+from icofabric_sim.terms.contacts.force import has_touched, note_touch
+from icofabric_sim.terms.contacts.losses import (
+    accept_stretches,
+    combine_stretches,
+    repeat_stretches,
+    touch_moving,
+)
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.meters import add_flow
 import numpy as np
 
 # Slopes that states within a step need, and that of its end, which begins the next.

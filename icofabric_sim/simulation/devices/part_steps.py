@@ -15,23 +15,12 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.displacement import ways_of
-from icofabric_sim.kernels.contact.losses import touch_ahead
-from icofabric_sim.kernels.contact.stiffness import note_pushes
 from icofabric_sim.kernels.figures import note_figures
 from icofabric_sim.kernels.flows import drift, keep_accelerations, place_all, push_kept
 from icofabric_sim.kernels.group_sums import note_squares, note_sums
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.monitor import LEDGER_COUNT, roughness, sample
-from icofabric_sim.kernels.records import (
-    Contacts,
-    Kinks,
-    Loads,
-    Model,
-    State,
-    Watch,
-    Work,
-)
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.team import TILE
 from icofabric_sim.simulation.devices.beside import bodies_of, bounds_of_state, fastest_square
@@ -60,6 +49,11 @@ from icofabric_sim.simulation.devices.transport import Transport
 from icofabric_sim.simulation.devices.window import Exchange
 from icofabric_sim.simulation.model.layout import aligned_empty
 from icofabric_sim.simulation.stepping.ledger import Ledger
+from icofabric_sim.terms.contacts.displacement import ways_of
+from icofabric_sim.terms.contacts.losses import touch_ahead
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.contacts.stiffness import note_pushes
+from icofabric_sim.terms.links.kinks import Kinks
 import numpy as np
 
 Border = tuple[int, np.ndarray, np.ndarray]  # rank, slots, and the numbers of their bodies
@@ -209,7 +203,8 @@ class PartSteps(RankPart):
                 self._sample(arrays, place % differences + 1)
         if interval.is_guarded and arrays.contacts is not None:
             note_pushes(
-                arrays.contacts, self._model, self._exchange.first, self._exchange.last)
+                arrays.contacts, self._model.blocks, self._model.inverse_mass,
+                self._model.inverse_inertia, self._exchange.first, self._exchange.last)
 
     def examine(
         self, arrays: Arrays, time: float, limit: float, inside: bool

@@ -7,26 +7,19 @@ The flows are those of kernels/flows.py. These kernels are outside the kernels p
 cache depends on that package as a whole: a change here compiles nothing else.
 """
 
-from icofabric_sim.kernels.contact.losses import stretch_error
 from icofabric_sim.kernels.flows import drift, place_links, push, push_kept
 from icofabric_sim.kernels.hessian import move_block
 from icofabric_sim.kernels.kinks import account, foretell, keep_velocities, note_motion, strike
-from icofabric_sim.kernels.records import (
-    ContactLosses,
-    Kinks,
-    Loads,
-    Model,
-    State,
-    Team,
-    Trail,
-    Work,
-)
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.kernels.rhs import combine, larger_of, normalise, path_error, step_error
 from icofabric_sim.kernels.rotations import rows_of
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load, splat, store
 from icofabric_sim.kernels.runtime.team import TILE
+from icofabric_sim.terms.contacts.losses import stretch_error
+from icofabric_sim.terms.contacts.record import ContactLosses
 from icofabric_sim.terms.damping.speeds import place_speeds
+from icofabric_sim.terms.links.kinks import Kinks
 import numpy as np
 
 # Numbers of a pose: position and quaternion; with velocities; and with those before a kick, too.

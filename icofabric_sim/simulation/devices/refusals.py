@@ -123,7 +123,7 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
     """Yield parameters that neither ranks nor devices support, with their values and remedies."""
     parameters = scene.parameters
     for term in TERMS:
-        if 'ranks' in term.lacks:
+        if 'ranks' in term.lacks and term.name in _SWITCHES:
             name, value, remedy = _SWITCHES[term.name]
             if parameters[name] == value:
                 yield name, str(value).lower(), remedy

@@ -9,13 +9,14 @@ of its bodies (near_pairs.py). The history of pairs is sent and gathered with th
 
 from collections.abc import Sequence
 
-from icofabric_sim.kernels.contact.sleeping import AWAKE
-from icofabric_sim.kernels.records import Blocks, ContactLosses, Contacts, Watch
+from icofabric_sim.kernels.records import Blocks
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import bounds_of, Part
 from icofabric_sim.simulation.devices.near_pairs import constants_of, contacts_of, NearPairs
 from icofabric_sim.simulation.devices.window import Slots
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.contacts.record import ContactLosses, Contacts, Watch
+from icofabric_sim.terms.contacts.sleeping import AWAKE
 import numpy as np
 
 # Numbers of a look: the largest square of a way since the last [m^2], the deepest overlap in the

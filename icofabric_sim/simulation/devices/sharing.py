@@ -15,7 +15,7 @@ import weakref
 
 from icofabric_sim.kernels.figures import group_size
 from icofabric_sim.kernels.monitor import coarse_up_to, conclude, looks_inside
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
 from icofabric_sim.simulation.devices.division import divide, halo_bytes, HaloBytes, received_bytes
@@ -36,6 +36,7 @@ from icofabric_sim.simulation.devices.window import loads_of, Slots, slots_of, w
 from icofabric_sim.simulation.errors import RankError
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import Ledger
+from icofabric_sim.terms.contacts.record import Contacts, Watch
 import numpy as np
 
 _numbers = iter(range(2**62))

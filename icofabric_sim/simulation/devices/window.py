@@ -11,22 +11,16 @@ places of neighbours differ.
 from typing import NamedTuple
 
 from icofabric_sim.kernels.figures import figures_room, group_size
-from icofabric_sim.kernels.records import (
-    Blocks,
-    Laws,
-    Loads,
-    Model,
-    State,
-    Supports,
-    Tractions,
-    Watch,
-)
+from icofabric_sim.kernels.records import Blocks, Loads, Model, State, Supports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.division import Part
 from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EACH
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
+from icofabric_sim.terms.contacts.record import Watch
+from icofabric_sim.terms.laws import Laws
 from icofabric_sim.terms.registry import LAWS
 from icofabric_sim.terms.shared import Variety
+from icofabric_sim.terms.tractions.record import Tractions
 import numpy as np
 
 # Doubles that a rank holds for each slot: state, its trials and the one that was saved,

@@ -3,8 +3,9 @@
 """First and second derivatives of the energy of anchors, for each anchored body."""
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.records import Anchors, Loads, Model, State
+from icofabric_sim.kernels.records import Loads, Model, State
 from icofabric_sim.simulation.model.packing import acting_lanes
+from icofabric_sim.terms.anchors.record import Anchors
 import numpy as np
 
 

@@ -4,13 +4,14 @@
 
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths
-from icofabric_sim.kernels.records import Connectors, Links, Model
-from icofabric_sim.kernels.wrap.forces import measure_wrapped
+from icofabric_sim.kernels.records import Links, Model
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.scene import SceneConnectors
 from icofabric_sim.simulation.model.damping import at_links
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.terms.maxwell.record import Maxwell
+from icofabric_sim.terms.shared import Connectors
+from icofabric_sim.terms.wrapping.lengths import measure_wrapped
 import numpy as np
 
 

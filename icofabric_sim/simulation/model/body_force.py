@@ -9,10 +9,9 @@ import math
 from typing import Any, Final
 
 from icofabric_sim import checks
-from icofabric_sim.kernels.external import C_FUNCTION
-from icofabric_sim.kernels.records import External
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
+from icofabric_sim.terms.body_force.external_force import C_FUNCTION, External
 import numba
 from numba import carray, types
 import numpy as np

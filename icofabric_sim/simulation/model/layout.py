@@ -21,7 +21,7 @@ from icofabric_sim.geometry.rotations import (
 )
 from icofabric_sim.kernels.figures import figures_room, group_size
 from icofabric_sim.kernels.integrators.tableau import SLOPE_COUNT
-from icofabric_sim.kernels.records import Blocks, Kinks, Laws, Links, Meter, State, Trail, Work
+from icofabric_sim.kernels.records import Blocks, Links, State, Trail, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.connector_laws import (
     ConnectorCurves,
@@ -31,6 +31,9 @@ from icofabric_sim.scene.connector_laws import (
 )
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.weave_connect import Connections
+from icofabric_sim.terms.laws import Laws
+from icofabric_sim.terms.links.kinks import Kinks
+from icofabric_sim.terms.meters import Meter
 from icofabric_sim.terms.shared import EDGE_COUNT, LINK_COUNT, LINKS_PER_EDGE, Variety
 from icofabric_sim.terms.tables.law import HEAD_SIZE, ROW_SIZE
 from icofabric_sim.terms.tables.record import Tables

@@ -4,11 +4,11 @@
 
 from typing import NamedTuple
 
-from icofabric_sim.kernels.records import Breakage, Connectors, Links
+from icofabric_sim.kernels.records import Breakage, Links
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.breakage import BreakLimits
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
-from icofabric_sim.terms.shared import LINK_COUNT, LINKS_PER_EDGE
+from icofabric_sim.terms.shared import Connectors, LINK_COUNT, LINKS_PER_EDGE
 import numpy as np
 
 

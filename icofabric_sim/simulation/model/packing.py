@@ -8,20 +8,7 @@ from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.records import (
-    Anchors,
-    Breakage,
-    Connectors,
-    Drives,
-    External,
-    Gyration,
-    Loads,
-    Masses,
-    Model,
-    Moments,
-    State,
-    Varying,
-)
+from icofabric_sim.kernels.records import Breakage, Loads, Model, Moments, State
 from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import has_own_attachments
@@ -53,9 +40,15 @@ from icofabric_sim.simulation.model.shells import pack_own_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
+from icofabric_sim.terms.anchors.record import Anchors
+from icofabric_sim.terms.body_force.external_force import External
 from icofabric_sim.terms.drag.record import Drag
+from icofabric_sim.terms.drives.record import Drives
 from icofabric_sim.terms.gravity.record import Gravity
-from icofabric_sim.terms.shared import LINK_COUNT
+from icofabric_sim.terms.gyration import Gyration
+from icofabric_sim.terms.masses import Masses
+from icofabric_sim.terms.profiles import Varying
+from icofabric_sim.terms.shared import Connectors, LINK_COUNT
 import numpy as np
 
 # Runge-Kutta methods need 1.7 kB more for each body: larger fabrics do not use them.
@@ -239,6 +232,8 @@ def pack_scene(
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     terms: dict[str, Any] = {
+        'wrapping': None if links is None else pack_wrapping(
+            scene.parameters, scene.geometry.half_edge),
         'bending': resisting.bending,
         'twisting': resisting.twisting,
         'damping': damping,
@@ -255,8 +250,6 @@ def pack_scene(
         links=links,
         supports=supports,
         shells=pack_own_shells(scene, layout),
-        wrapping=None if links is None else pack_wrapping(
-            scene.parameters, scene.geometry.half_edge),
         masses=None if masses.all_equal else Masses(
             layout.spread(masses.mass[:, None], empty=0.0),
             layout.spread(masses.inertia[:, None], empty=0.0),
@@ -396,6 +389,12 @@ def pack_loads(
         array[:] = 0.0
         return array
 
+    packed: dict[str, Any] = {
+        'tractions': None if tractions is None else pack_tractions(
+            tractions, layout, len(parts), block[order], wrench[order],
+            np.concatenate(lanes)[order]),
+        'drives': None if drives is None else _pack_drives(drives, layout),
+        'anchors': None if anchors is None else _pack_anchors(anchors, paths)}
     return Loads(
         start=start,
         wrench=wrench[order],
@@ -409,12 +408,7 @@ def pack_loads(
         power=room(stages),
         varying=_varying(
             [part.piece for part in parts] + [row.piece for row in surfaces]) if varying else None,
-        tractions=None if tractions is None else pack_tractions(
-            tractions, layout, len(parts), block[order], wrench[order],
-            np.concatenate(lanes)[order]),
-        drives=None if drives is None else _pack_drives(drives, layout),
-        anchors=None if anchors is None else _pack_anchors(anchors, paths),
-    )
+        **packed)
 
 
 def _without_turned(

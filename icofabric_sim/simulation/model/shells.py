@@ -3,11 +3,11 @@
 """Packing of the shells that obstruct connectors."""
 
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
-from icofabric_sim.kernels.records import Shells
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.attachments import attachment_points, has_own_attachments
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
+from icofabric_sim.terms.shells import Shells
 import numpy as np
 
 # Largest distance of a point on a face, over the inscribed radius.

@@ -13,12 +13,12 @@ from icofabric_sim.kernels.frequency_bound import field_energy
 from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
-from icofabric_sim.kernels.wrap.forces import measure_wrapped
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.wrapped_paths import Segments, straight_segments, trace_paths
+from icofabric_sim.terms.wrapping.lengths import measure_wrapped
 import numpy as np
 
 _COLUMNS = (

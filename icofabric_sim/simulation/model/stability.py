@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels.flows import place_all
-from icofabric_sim.kernels.frequency_bound import field_bound, frequency_bound
+from icofabric_sim.kernels.frequency_bound import field_bound, frequency_bound, wrapping_bound
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.records import Loads, Model, State
-from icofabric_sim.kernels.wrap.forces import largest_wrapping_bound
 from icofabric_sim.simulation.model.anchor_stiffness import anchors_eigenvalue
 from icofabric_sim.simulation.model.lanczos import (
     find_largest,
@@ -84,7 +83,7 @@ def largest_frequency(
     springs, poses = without(model, *BESIDE_CONNECTORS), without(state, 'rest')
     place_all(springs, poses, work, 0, len(layout.blocks.slot))
     if model.wrapping is not None:
-        more += largest_wrapping_bound(model, state, work)
+        more += wrapping_bound(model, state, work)
     upper = frequency_bound(springs, poses, work)
     if not math.isfinite(upper + more):
         # Products of these numbers overflow: no step is stable.

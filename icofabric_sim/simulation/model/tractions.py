@@ -5,12 +5,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from icofabric_sim.kernels.records import Tractions
 from icofabric_sim.kernels.runtime.lanes import LANES
-from icofabric_sim.kernels.tractions import FIXED, SLIDING, TURNING
 from icofabric_sim.scene.profiles import Piece
 from icofabric_sim.scene.tractions import FaceWrench
 from icofabric_sim.simulation.model.layout import aligned_zeros, Layout
+from icofabric_sim.terms.tractions.record import Tractions
+from icofabric_sim.terms.tractions.sums import FIXED, SLIDING, TURNING
 import numpy as np
 
 # Ratio of a sum of forces to the sum of magnitudes below which the sum is round-off.
@@ -25,7 +25,7 @@ class BodyTraction(NamedTuple):
     bodies: np.ndarray  # (m,) int32
     turning: np.ndarray | None  # (m, 6) force [N] and torque [N m], body axes
     fixed: np.ndarray | None  # (m, 12) force [N], world, and first moments [N m] by its axes
-    sliding: np.ndarray | None  # (m, 45) see kernels.records.Tractions
+    sliding: np.ndarray | None  # (m, 45) see terms/tractions/record.py
     force: np.ndarray  # (m,) [N] bound
     moment: np.ndarray  # (m,) [N m] bound
 

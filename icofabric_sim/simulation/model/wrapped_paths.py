@@ -12,12 +12,13 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import inscribed_radius
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.obstruction import find_obstructed
-from icofabric_sim.kernels.records import Connectors, Wrapping
-from icofabric_sim.kernels.wrap.forces import find_ways
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.packing import list_connectors
 from icofabric_sim.simulation.model.shells import pack_shells
 from icofabric_sim.simulation.model.wrapping import pack_wrapping, ways_from
+from icofabric_sim.terms.shared import Connectors
+from icofabric_sim.terms.wrapping.lengths import find_ways
+from icofabric_sim.terms.wrapping.record import Wrapping
 import numpy as np
 
 # Rank of the second end, beyond the number of edges that a path crosses.

@@ -8,7 +8,7 @@ it passes into a plane, and turn the free remainder about the last edge into the
 connector is then one straight line (Sharir and Schorr 1986, SIAM J. Comput. 15, 193). So each row
 of edges is a few constants: the position of the attachment point relative to the last edge, and
 the interval of that edge where the line crosses all other edges between their ends. See
-kernels/wrap/path.py.
+terms/wrapping/path.py.
 
 An attachment point sees the faces that it lies on or over. Its connector reaches the other faces
 of the shell over the edges around the seen faces: from a point on the shell along a face, from a
@@ -26,10 +26,10 @@ from icofabric_sim.geometry.icosahedron import (
     inscribed_radius,
     vertices,
 )
-from icofabric_sim.kernels.records import Wrapping
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.scene.attachments import attachment_points
 from icofabric_sim.simulation.model.shells import pack_shells
+from icofabric_sim.terms.wrapping.record import Wrapping
 import numpy as np
 
 # No geodesic to a point outside crosses more edges (tested), from any point on a shell or outside,

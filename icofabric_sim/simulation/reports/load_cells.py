@@ -14,11 +14,8 @@ from typing import Any
 
 from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.contact.forces import contact_look
-from icofabric_sim.kernels.contact.losses import lose_some
-from icofabric_sim.kernels.drives import place_driven
-from icofabric_sim.kernels.external import ask_alone
-from icofabric_sim.kernels.records import Contacts, Loads, State
+from icofabric_sim.kernels.loads import place_driven
+from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import Parameters
@@ -33,6 +30,10 @@ from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
 from icofabric_sim.simulation.model.shared_kinds import BESIDE_DRIVES, TERMS, without
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
+from icofabric_sim.terms.body_force.external_force import ask_alone
+from icofabric_sim.terms.contacts.force import contact_look
+from icofabric_sim.terms.contacts.losses import lose_some
+from icofabric_sim.terms.contacts.record import Contacts
 import numpy as np
 
 

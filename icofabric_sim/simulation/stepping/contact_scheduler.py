@@ -7,7 +7,7 @@ import logging
 import math
 from typing import Any, NoReturn
 
-from icofabric_sim.kernels.records import Contacts, State, Watch
+from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.contact.broad_phase import (
     BroadPhase,
@@ -16,6 +16,7 @@ from icofabric_sim.simulation.contact.broad_phase import (
     Touching,
 )
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.terms.contacts.record import Contacts, Watch
 
 _LOGGER = logging.getLogger('icofabric_sim')
 

@@ -13,7 +13,6 @@ import math
 from typing import Any, TypeVar
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.contact.rebuild_check import MISSED, MOVED_FAR
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.runtime.kernel_guard import is_compiler_free, no_compiling
 from icofabric_sim.process.compile_notice import KernelsMissing
@@ -38,6 +37,7 @@ from icofabric_sim.simulation.stepping.touching_errors import TouchingErrors
 from icofabric_sim.simulation.stepping.trajectory import RunSetup, Start, Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
 from icofabric_sim.simulation.stepping.uniform_stepping import UniformStepping
+from icofabric_sim.terms.contacts.rebuild_check import MISSED, MOVED_FAR
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')

@@ -14,8 +14,9 @@ from icofabric_sim.kernels.integrators.embedded import (
     prepare_dense,
 )
 from icofabric_sim.kernels.integrators.tableau import Pair
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.simulation.stepping.scene_kernel import SceneKernel
+from icofabric_sim.terms.contacts.record import Watch
 
 
 class EmbeddedKernels(NamedTuple):

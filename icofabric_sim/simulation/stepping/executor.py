@@ -8,8 +8,9 @@ Ranks and a GPU (simulation/devices) are executors that hold the state themselve
 all bodies are answered by `Threads` or by ranks; the results are bit-identical.
 """
 
-from icofabric_sim.kernels.records import Loads, Model, State, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.simulation.model.stability import Frequency
+from icofabric_sim.terms.contacts.record import Watch
 import numpy as np
 
 

@@ -13,9 +13,6 @@ from collections.abc import Callable
 import math
 from typing import Any, NamedTuple
 
-from icofabric_sim.kernels.contact.clearance import CLEAR, find_clear, NEAR_CONTACT, NO_ROOM
-from icofabric_sim.kernels.contact.displacement import forget_ways, has_missed, LATE, ways_of
-from icofabric_sim.kernels.contact.rebuild_check import can_look_farther
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.integrators.bodies import bodies_of, check_health, slope_at
 from icofabric_sim.kernels.integrators.diagonal import (
@@ -53,9 +50,8 @@ from icofabric_sim.kernels.integrators.embedded import (
 )
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.loads import keep_work
-from icofabric_sim.kernels.meters import add_flow
 from icofabric_sim.kernels.monitor import least_scale, LIMIT, save
-from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Watch, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.kernels.rhs import add_work, path_error, place_blocks
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import ElsewhereError
@@ -64,6 +60,11 @@ from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.velocity_matrix import Factors, freedom_masses, VelocityMatrix
 from icofabric_sim.simulation.stepping.embedded_kernels import EmbeddedKernels
 from icofabric_sim.simulation.stepping.methods import facts_of, Method
+from icofabric_sim.terms.contacts.clearance import CLEAR, find_clear, NEAR_CONTACT, NO_ROOM
+from icofabric_sim.terms.contacts.displacement import forget_ways, has_missed, LATE, ways_of
+from icofabric_sim.terms.contacts.rebuild_check import can_look_farther
+from icofabric_sim.terms.contacts.record import Watch
+from icofabric_sim.terms.meters import add_flow
 import numpy as np
 
 # Sufficiently small corrections of a stage, over a or in rad: the first value, or the second ratio

@@ -9,10 +9,8 @@ import math
 from time import perf_counter
 from typing import Any
 
-from icofabric_sim.kernels.contact.pair import contact_scratch
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.lanczos import added_up
-from icofabric_sim.kernels.masses import units_of
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
@@ -26,6 +24,8 @@ from icofabric_sim.simulation.stepping.executor import Executor
 from icofabric_sim.simulation.stepping.portions import Portions
 from icofabric_sim.simulation.stepping.threads import Threads
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.terms.contacts.pair import contact_scratch
+from icofabric_sim.terms.masses import units_of
 import numpy as np
 
 # Steps of a trial, at least, in one call where others take them.

@@ -12,7 +12,7 @@ from icofabric_sim.simulation.stepping.methods import ADAPTIVE, facts_of, IMPLIC
 import numpy as np
 
 # Largest gap between the stages of a pair, as a fraction of the step, for which the speeds at the
-# stages bound the motion between them (kernels/contact/clearance.py).
+# stages bound the motion between them (terms/contacts/clearance.py).
 _LARGEST_STAGE_GAP_RATIO = 0.28
 # Methods up to this order lose least where forces jump.
 _LOW_ORDER = 2

@@ -58,7 +58,7 @@ class Method(NamedTuple):
         """
         True if steps need not resolve the start and end of contacts: errors of order 2.
 
-        Such a method also takes what contacts lose (kernels/contact/losses.py).
+        Such a method also takes what contacts lose (terms/contacts/losses.py).
         """
         return self.symplectic and self.order == 2
 

@@ -5,8 +5,7 @@
 import math
 from typing import Any
 
-from icofabric_sim.kernels.anchors import look_at_anchors
-from icofabric_sim.kernels.drives import energy_of_drives
+from icofabric_sim.kernels.loads import energy_of_drives, look_at_anchors
 from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler

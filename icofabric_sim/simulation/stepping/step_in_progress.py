@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from icofabric_sim.kernels.integrators import embedded
-from icofabric_sim.kernels.records import Loads, Meter, State, Trail
+from icofabric_sim.kernels.records import Loads, State, Trail
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.layout import copy_state
 from icofabric_sim.simulation.model.shared_kinds import (
@@ -19,6 +19,7 @@ from icofabric_sim.simulation.stepping.contact_scheduler import ContactScheduler
 from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.simulation.stepping.trial_steps import TrialSteps
+from icofabric_sim.terms.meters import Meter
 import numpy as np
 
 

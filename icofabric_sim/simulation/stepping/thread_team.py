@@ -17,7 +17,6 @@ import threading
 from typing import TypeVar
 import weakref
 
-from icofabric_sim.kernels.contact.surface import contact_scratch, Scratch
 from icofabric_sim.kernels.records import Sweep, Team
 from icofabric_sim.kernels.runtime.kernel_guard import guarded_alike, none_becomes_ready
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
@@ -25,6 +24,7 @@ from icofabric_sim.kernels.runtime.team import flag_count
 from icofabric_sim.process.compile_notice import compile_notice, KernelsMissing
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.traversal_order import make_sweeps
+from icofabric_sim.terms.contacts.surface import contact_scratch, Scratch
 import numpy as np
 
 _LOGGER = logging.getLogger('icofabric_sim')

@@ -11,19 +11,9 @@ from contextlib import contextmanager
 import math
 from typing import Any, NamedTuple, NoReturn
 
-from icofabric_sim.kernels.contact.forces import touch_all
-from icofabric_sim.kernels.contact.losses import touch_ahead
-from icofabric_sim.kernels.drives import place_driven
 from icofabric_sim.kernels.flows import keep_accelerations, place_all
-from icofabric_sim.kernels.records import (
-    ContactLosses,
-    Contacts,
-    Loads,
-    Meter,
-    Model,
-    State,
-    Work,
-)
+from icofabric_sim.kernels.loads import place_driven
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
@@ -49,6 +39,10 @@ from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import KINK_ORDER, Method
 from icofabric_sim.simulation.stepping.obstruction import Obstruction
 from icofabric_sim.simulation.stepping.thread_team import ThreadTeam
+from icofabric_sim.terms.contacts.force import touch_all
+from icofabric_sim.terms.contacts.losses import touch_ahead
+from icofabric_sim.terms.contacts.record import ContactLosses, Contacts
+from icofabric_sim.terms.meters import Meter
 import numpy as np
 
 # Of what contacts lose: what a look at the forces would change.

@@ -9,7 +9,6 @@ from typing import Any
 
 from icofabric_sim.kernels.integrators.embedded import ANY
 from icofabric_sim.kernels.integrators.splitting import NEVER
-from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Trail, Work
 from icofabric_sim.process.interrupts import exit_request
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
@@ -20,6 +19,7 @@ from icofabric_sim.simulation.stepping.embedded_control import EmbeddedControl
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.method_calls import MethodCalls
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
+from icofabric_sim.terms.meters import flowed
 import numpy as np
 
 

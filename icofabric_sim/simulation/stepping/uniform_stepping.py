@@ -21,12 +21,12 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.kernels import monitor
-from icofabric_sim.kernels.contact.rebuild_check import MISSED
-from icofabric_sim.kernels.meters import flowed
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.stepping.faults import too_fast
 from icofabric_sim.simulation.stepping.pieces import Pieces, Stepping
 from icofabric_sim.simulation.stepping.shown_energies import work_of
+from icofabric_sim.terms.contacts.rebuild_check import MISSED
+from icofabric_sim.terms.meters import flowed
 import numpy as np
 
 # Doubles cannot count more steps.

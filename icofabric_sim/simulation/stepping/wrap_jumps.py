@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
-from icofabric_sim.kernels.contact.many import signed_distances
 from icofabric_sim.kernels.records import State
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.terms.contacts.many import signed_distances
 import numpy as np
 
 # Rounding of angles by an arc cosine near 1, or somewhat more [rad].

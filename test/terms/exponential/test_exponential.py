@@ -9,7 +9,6 @@ from fabrics import make_scene, packed_state, snapshot_of, wrenches
 import icofabric_sim as ico
 from icofabric_sim.kernels.flows import place_all
 from icofabric_sim.kernels.frequency_bound import frequency_bound
-from icofabric_sim.kernels.laws import replace_alone
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import LANES, load_at, store_at
 from icofabric_sim.parameters.validation import ParameterError
@@ -17,6 +16,7 @@ from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.stability import hessian_product, largest_frequency
 from icofabric_sim.terms.exponential.curve import ExponentialCurve
 from icofabric_sim.terms.exponential.law import growth
+from icofabric_sim.terms.laws import replace_alone
 import numpy as np
 import pytest
 from references import axes_of, integrate_quaternions, resultants

@@ -14,9 +14,9 @@ import time
 from typing import Any, NamedTuple
 
 from icofabric_sim.geometry.icosahedron import FACES, vertices
-from icofabric_sim.kernels.contact.many import apart_pairs, separations_on, touch_pairs
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.libraries import install_command
+from icofabric_sim.terms.contacts.many import apart_pairs, separations_on, touch_pairs
+from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
 from icofabric_validation.benchmarks.contact_pairs import families, HALF_EDGE, Pairs
 from icofabric_validation.benchmarks.timing import in_rounds, Spread
 import numpy as np

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 from icofabric_sim.geometry.icosahedron import face_geometry, inscribed_radius
-from icofabric_sim.kernels.contact.many import touch_pairs
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
-from icofabric_sim.kernels.contact.shape import OUTER
+from icofabric_sim.terms.contacts.many import touch_pairs
+from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
+from icofabric_sim.terms.contacts.shape import OUTER
 import numpy as np
 
 # Half edge [m].

@@ -3,7 +3,7 @@
 """
 Bodies without connectors whose positions solve x'' = f(t, x, x').
 
-The forces are external (kernels/external.py), so steps, their control and the error estimate are
+The forces are external (terms/body_force), so steps, their control and the error estimate are
 those of every run with `dop8`. The half edge is 1 m, so errors over a are errors of positions.
 """
 

@@ -54,7 +54,7 @@ class Fault(NamedTuple):
     @property
     def in_kernels(self) -> bool:
         """True if the fault changes kernels, which are then recompiled."""
-        return self.file.startswith(('kernels/', 'geometry/'))
+        return self.file.startswith(('kernels/', 'geometry/', 'terms/'))
 
     def __str__(self) -> str:
         """Return file, old line and new line."""

@@ -5,7 +5,7 @@
 import csv
 import importlib.util
 
-from icofabric_sim.kernels.contact.many import signed_distances
+from icofabric_sim.terms.contacts.many import signed_distances
 from icofabric_validation.benchmarks import contact, contact_report
 from icofabric_validation.benchmarks.contact_pairs import families, HALF_EDGE
 import numpy as np

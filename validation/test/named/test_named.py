@@ -8,12 +8,12 @@ import math
 
 from icofabric_sim import contact
 from icofabric_sim.commands.main import main
-from icofabric_sim.kernels.contact.many import touch_planes
-from icofabric_sim.kernels.contact.pair import contact_scratch, OUT_SIZE
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.simulation.errors import SimulationError
 from icofabric_sim.simulation.stepping.embedded_kernels import kernels_of
 from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.terms.contacts.many import touch_planes
+from icofabric_sim.terms.contacts.pair import contact_scratch, OUT_SIZE
 from icofabric_validation.named import (
     arenstorf,
     bouncing,

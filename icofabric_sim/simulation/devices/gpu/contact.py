@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Contact on a GPU: the law of kernels/contact/pair.py and surface.py, with one thread per pair.
+Contact on a GPU: the law of terms/contacts/pair.py and surface.py, with one thread per pair.
 
 All 400 pairs of faces are evaluated, also where the processor uses a closed form or starts from a
 known pair. Three signs reject most pairs, and no thread waits for the search of another thread.
@@ -11,12 +11,12 @@ Each body then sums the forces of its pairs in order, without scattered writes.
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.shape import INNER, OUTER
 from icofabric_sim.simulation.devices.gpu.forces import place_of, turn_of
 from icofabric_sim.simulation.devices.gpu.kernels import time_at
 from icofabric_sim.simulation.devices.gpu.options import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Clock, Fabric, Nearness
 from icofabric_sim.simulation.devices.gpu.rotations import axes_of, on_axes
+from icofabric_sim.terms.contacts.shape import INNER, OUTER
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -374,7 +374,7 @@ def fold_ways(values: wp.array(dtype=wp.float64), count: int, found: wp.array(dt
 
 @wp.kernel(module='unique', enable_backward=False, module_options=OPTIONS, grid_stride=False)
 def fold_pushes(fabric: Fabric, near: Nearness, found: wp.array(dtype=wp.float64)):
-    """Sum squared mass-scaled contact forces of each block, see kernels/contact/stiffness.py."""
+    """Sum squared mass-scaled contact forces of each block, see terms/contacts/stiffness.py."""
     block = wp.tid()
     n, total = fabric.stride, wp.float64(0.0)
     for lane in range(fabric.lanes):

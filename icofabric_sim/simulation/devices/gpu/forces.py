@@ -3,7 +3,7 @@
 """
 Forces and torques on one body on a GPU: connectors, moments, wrenches and anchors.
 
-The formulas are those of kernels/connectors.py, moments.py, loads.py and anchors.py. A body sums
+The formulas are those of terms/links/force.py, moments.py, loads.py and anchors.py. A body sums
 the forces of its connectors in the order of their numbers, without scattered writes.
 """
 
@@ -11,13 +11,6 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.profiles import (
-    FAR_OFFSET,
-    FAR_WEIGHT,
-    MIDDLE_WEIGHT,
-    NEAR_OFFSET,
-    NEAR_WEIGHT,
-)
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
 from icofabric_sim.simulation.devices.gpu.rotations import (
     arm_on_axis,
@@ -28,6 +21,13 @@ from icofabric_sim.simulation.devices.gpu.rotations import (
     sine_and_cosine,
     to_world,
     turned_by,
+)
+from icofabric_sim.terms.profiles import (
+    FAR_OFFSET,
+    FAR_WEIGHT,
+    MIDDLE_WEIGHT,
+    NEAR_OFFSET,
+    NEAR_WEIGHT,
 )
 from icofabric_sim.terms.registry import LAWS
 
@@ -330,7 +330,7 @@ def wrench_of(acting: Acting, turn: wp.vec4d, w: int):
 def steady_power(
     acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d, h: wp.float64
 ):
-    """Return the mean power [W] of a steady wrench over a drift of `h`, see kernels/loads.py."""
+    """Return the mean power [W] of a steady wrench over a drift, see terms/wrenches/work.py."""
     force, torque = wrench_of(acting, turn, w)
     if int(acting.turning[w]) != 0:
         mean = mean_of_turning(force, spin, h)
@@ -363,7 +363,7 @@ def mean_power(
     acting: Acting, w: int, turn: wp.vec4d, velocity: wp.vec3d, spin: wp.vec3d,
     time: wp.float64, h: wp.float64
 ):
-    """Return the mean power [W] of a wrench over a drift, see kernels/loads.py."""
+    """Return the mean power [W] of a wrench over a drift, see terms/wrenches/work.py."""
     if acting.varying[5 * w + 2] == _ZERO_F64 and acting.varying[5 * w + 3] == _ZERO_F64:
         return acting.varying[5 * w + 1] * steady_power(acting, w, turn, velocity, spin, h)
     mean = wp.float64(0.0)

@@ -11,7 +11,6 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.obstruction import ALONG, LEAN
 from icofabric_sim.simulation.devices.gpu.forces import (
     arm_anywhere,
     arm_at_midpoint,
@@ -23,6 +22,7 @@ from icofabric_sim.simulation.devices.gpu.forces import (
 )
 from icofabric_sim.simulation.devices.gpu.options import OPTIONS
 from icofabric_sim.simulation.devices.gpu.records import Acting, Fabric
+from icofabric_sim.terms.shells import ALONG, LEAN
 
 wp: Any = import_module('warp')
 
@@ -134,7 +134,7 @@ def figures_kernel(
         place, turn = place_of(pose, n, s), turn_of(pose, n, s)
         energy, pulls, bound = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
         if wp.static(linked):
-            # See block_bound in kernels/frequency_bound.py.
+            # See terms/links/bound.py.
             mass, inertia = fabric.inverse_mass, fabric.inverse_inertia
             root_mass, root_inertia = wp.sqrt(mass), wp.sqrt(inertia)
             form, tension = _SixBySix(), wp.float64(0.0)
@@ -189,7 +189,7 @@ def figures_kernel(
 def obstructed(
     fabric: Fabric, pose: wp.array(dtype=wp.float64), found: wp.array(dtype=wp.float64)
 ):
-    """Count the connectors that enter the shell of a body, see kernels/obstruction.py."""
+    """Count the connectors that enter the shell of a body, see terms/shells.py."""
     thread = wp.tid()
     block = thread / fabric.lanes
     lane = thread - block * fabric.lanes

@@ -11,8 +11,6 @@ them.
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.displacement import LATE
-from icofabric_sim.kernels.contact.forces import set_tests, tests_of
 from icofabric_sim.kernels.integrators.bodies import LEFT_REGION
 from icofabric_sim.kernels.integrators.tableau import DENSE, FIRST, LAST, Pair
 from icofabric_sim.kernels.records import Loads, Model, State, Work
@@ -50,6 +48,8 @@ from icofabric_sim.simulation.devices.gpu.slopes import (
 )
 from icofabric_sim.simulation.devices.pair_control import DistantBodies, Mean
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.terms.contacts.displacement import LATE
+from icofabric_sim.terms.contacts.force import set_tests, tests_of
 import numpy as np
 
 wp: Any = import_module('warp')
@@ -178,7 +178,7 @@ class DevicePair(DeviceRun, DistantBodies):
 
     def _quickest(self, mean: Mean, time: float) -> tuple[float, float]:
         """
-        Return the largest speed and displacement, as `fastest_points` of contact/clearance.py.
+        Return the largest speed and displacement, as `fastest_points` of contacts/clearance.py.
         """
         assert self._near is not None
         if not self._speeds:

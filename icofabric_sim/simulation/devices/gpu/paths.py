@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Bodies on prescribed paths on a GPU: the formulas of kernels/drives.py for one body.
+Bodies on prescribed paths on a GPU: the formulas of terms/drives/path.py for one body.
 
 A row of the loads with a negative number is a path, or an anchor after all paths.
 """

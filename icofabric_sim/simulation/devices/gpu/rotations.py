@@ -149,7 +149,7 @@ def turned_by(v: wp.vec3d, cosine: wp.float64, axis: wp.vec3d):
 @wp.func
 def mean_of_turning(v: wp.vec3d, spin: wp.vec3d, h: wp.float64):
     """
-    Return the mean over `h` of a vector that rotates at omega from `v`, see kernels/turning.py.
+    Return the mean over `h` of a vector that rotates at omega from `v`, see terms/turning.py.
     """
     cosine, sine = half_angle_factors(h, spin)
     sine = sine * (_ONE / h)

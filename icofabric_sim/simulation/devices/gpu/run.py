@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.records import Contacts, Loads, Model, State, Work
+from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.simulation.devices.executor import Call, Remote
 from icofabric_sim.simulation.devices.gpu.arrays import (
     doubles,
@@ -28,6 +28,7 @@ from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Clock
 from icofabric_sim.simulation.devices.gpu.touching import DeviceContacts
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.terms.contacts.record import Contacts
 import numpy as np
 
 wp: Any = import_module('warp')

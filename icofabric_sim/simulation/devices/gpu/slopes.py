@@ -254,7 +254,7 @@ def find_quickest(
     Compute the largest speed [m/s] of a point of each body relative to `mean` at all stages.
 
     Also computes its squared displacement [m^2] since the last search at `time` [s], the start of
-    the step, as `fastest_points` of kernels/contact/clearance.py.
+    the step, as `fastest_points` of terms/contacts/clearance.py.
     """
     thread = wp.tid()
     found[0, thread] = _ZERO_F64

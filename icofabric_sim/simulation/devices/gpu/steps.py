@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
-from icofabric_sim.kernels.contact.forces import set_tests, tests_of
 from icofabric_sim.kernels.monitor import roughness
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
@@ -42,6 +41,7 @@ from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.stepping.ledger import Ledger
 from icofabric_sim.simulation.stepping.methods import Method, METHODS
 from icofabric_sim.simulation.stepping.step_monitor import differences_of
+from icofabric_sim.terms.contacts.force import set_tests, tests_of
 import numpy as np
 
 wp: Any = import_module('warp')

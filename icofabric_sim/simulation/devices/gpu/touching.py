@@ -12,8 +12,6 @@ from importlib import import_module
 from typing import Any
 
 from icofabric_sim.geometry.icosahedron import vertices
-from icofabric_sim.kernels.contact.shape import CORNERS, EDGE_WAYS, NEIGHBOURS, NORMALS
-from icofabric_sim.kernels.records import Contacts, Watch
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.simulation.devices.gpu.arrays import doubles, seen
 from icofabric_sim.simulation.devices.gpu.contact import (
@@ -30,6 +28,8 @@ from icofabric_sim.simulation.devices.gpu.launching import launch, load
 from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Nearness
 from icofabric_sim.simulation.model.layout import Layout
+from icofabric_sim.terms.contacts.record import Contacts, Watch
+from icofabric_sim.terms.contacts.shape import CORNERS, EDGE_WAYS, NEIGHBOURS, NORMALS
 import numpy as np
 
 wp: Any = import_module('warp')

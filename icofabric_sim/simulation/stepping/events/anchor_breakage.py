@@ -5,13 +5,14 @@
 from typing import Any
 
 from icofabric_sim.geometry.rotations import cosines_from_quaternions, quaternions_from_cosines
-from icofabric_sim.kernels.records import Anchors, State
+from icofabric_sim.kernels.records import State
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
 from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+from icofabric_sim.terms.anchors.record import Anchors
 import numpy as np
 
 

@@ -12,8 +12,7 @@ from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.breakage import doubt_of
 from icofabric_sim.kernels.integrators import embedded
 from icofabric_sim.kernels.records import Breakage as Limits
-from icofabric_sim.kernels.records import Connectors, State
-from icofabric_sim.kernels.wrap.rates import measure_runs
+from icofabric_sim.kernels.records import State
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.link_places import link_places
@@ -21,6 +20,8 @@ from icofabric_sim.simulation.stepping.broken import connector_numbers
 from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
+from icofabric_sim.terms.shared import Connectors
+from icofabric_sim.terms.wrapping.rates import measure_runs
 import numpy as np
 
 
