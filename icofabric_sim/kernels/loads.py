@@ -9,7 +9,7 @@ all its arrays at every call, which takes ten times as long as the computation i
 
 from icofabric_sim.kernels.composition import compose_loads
 from icofabric_sim.kernels.records import Model, State
-from icofabric_sim.kernels.runtime.compiled import compiled, inlined
+from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import lane, LANES, load_at, splat, store_at
 from icofabric_sim.terms.loads import Loads
 import numpy as np
@@ -42,12 +42,6 @@ add_row_bound = compose_loads(
     'add_row_bound', 'model, loads, state, m, s, time, bound, energy', 'bound, energy')
 driven_energy = compose_loads(
     'add_driven_energy', 'model, loads, state, first, last, total', 'total')
-
-
-@inlined
-def has_rows(loads: Loads) -> bool:
-    """Check that there is at least one load."""
-    return loads.wrench.shape[0] != 0
 
 
 @compiled
