@@ -3,7 +3,7 @@
 """
 Forces and torques on one body on a GPU: connectors, moments, wrenches and anchors.
 
-The formulas are those of terms/links/force.py, moments.py, loads.py and anchors.py. A body sums
+The formulas are those of terms/links and terms/wrenches, or in `device.py` of a term. A body sums
 the forces of its connectors in the order of their numbers, without scattered writes.
 """
 
@@ -22,6 +22,8 @@ from icofabric_sim.simulation.devices.gpu.rotations import (
     to_world,
     turned_by,
 )
+from icofabric_sim.terms.anchors.device import point_at, pull_along
+from icofabric_sim.terms.bending.device import wrench_of as wrench_of_bending
 from icofabric_sim.terms.profiles import (
     FAR_OFFSET,
     FAR_WEIGHT,
@@ -30,11 +32,12 @@ from icofabric_sim.terms.profiles import (
     NEAR_WEIGHT,
 )
 from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.twisting.device import torque_of as torque_of_twisting
 
 wp: Any = import_module('warp')
 
 _DOUBLE = wp.float64
-_ZERO_F64, _HALF, _ONE, _TWO, _THREE = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
+_ZERO_F64, _HALF, _ONE = (wp.constant(_DOUBLE(x)) for x in (0.0, 0.5, 1.0))
 # Lower bound of squared lengths, where a force has no direction.
 _MIN_SQUARE = wp.constant(_DOUBLE(1e-300))
 # Gauss rule for the mean power of a wrench over a drift.
@@ -230,23 +233,13 @@ def moments(arm_to: Any) -> Any:
                     arm = arm_to(fabric, turn, edge)
                     u = (place_of(pose, fabric.stride, other) + arm_to(
                         fabric, there, edge ^ 1)) - (place + arm)
-                    square = wp.dot(u, u)
-                    if square > _MIN_SQUARE:
-                        inverse = _ONE / wp.sqrt(square)
-                        d = u * inverse
-                        n = on_axes(own, fabric.direction[link]) - d
-                        m = n + (on_axes(axes, fabric.direction[link]) - d)
-                        factor = kappa * inverse
-                        push = factor * (wp.dot(m, d) * d - m)
-                        force = force + push
-                        torque = torque + (
-                            kappa * wp.cross(n, d) + wp.cross(arm, push))
+                    push, turning = wrench_of_bending(
+                        kappa, u, arm, on_axes(own, fabric.direction[link]),
+                        on_axes(axes, fabric.direction[link]))
+                    force, torque = force + push, torque + turning
                 kappa = stiffness_of(fabric.twisting, fabric.stride, link, s)
                 if kappa > _ZERO_F64:
-                    # Exactly opposite at the other end.
-                    total = wp.cross(own[0], axes[0]) + wp.cross(own[1], axes[1])
-                    total = total + wp.cross(own[2], axes[2])
-                    torque = torque + _HALF * kappa * total
+                    torque = torque + torque_of_twisting(kappa, own, axes)
         return force, torque
     return resistance
 
@@ -377,17 +370,11 @@ def mean_power(
 def anchor_pull(acting: Acting, a: int, place: wp.vec3d, turn: wp.vec4d, time: wp.float64):
     """Return force [N], torque about the centre [N m] and power of the point [W] of an anchor."""
     t = time - acting.anchor_start[a]
-    first, second = acting.anchor_cubic[4 * a + 1], acting.anchor_cubic[4 * a + 2]
-    third = acting.anchor_cubic[4 * a + 3]
-    point = acting.anchor_cubic[4 * a] + t * (first + t * (second + t * third))
-    speed = first + t * (_TWO * second + t * (_THREE * third))
+    point, speed = point_at(
+        acting.anchor_cubic[4 * a], acting.anchor_cubic[4 * a + 1], acting.anchor_cubic[4 * a + 2],
+        acting.anchor_cubic[4 * a + 3], t)
     arm = to_world(turn, acting.anchor_arm[a])
     u = (point - place) - arm
-    square = wp.max(wp.dot(u, u), _MIN_SQUARE)
-    length = wp.sqrt(square)
-    stretch = length - acting.anchor_law[3 * a + 2]
-    tension = acting.anchor_law[3 * a + 1] * stretch
-    if stretch > _ZERO_F64:
-        tension = acting.anchor_law[3 * a] * stretch
-    force = (tension / length) * u
+    force = pull_along(
+        u, acting.anchor_law[3 * a], acting.anchor_law[3 * a + 1], acting.anchor_law[3 * a + 2])
     return force, wp.cross(arm, force), wp.dot(force, speed)
