@@ -602,7 +602,7 @@ class Simulation:
                 return None
             process = self._compile_ahead() if self._lacks_kernels else None
             contact = self._driver.contact
-            may_touch = contact.is_possible and contact.contacts is None
+            may_touch = contact.phase.is_possible and contact.phase.contacts is None
             self._driver.awaits_kernels = self._lacks_kernels or may_touch
             self.contact_kernels = ContactKernels(
                 process, self._compile_ahead, partial(self._load_kernels, may_touch),

@@ -60,7 +60,7 @@ def test_kernels_with_contact_are_ready_after_the_task_of_the_other_process(begu
     assert touching['contact.mode'] == 'always' and touching['solver.method'] == 'leapfrog'
     precompile_process._compile(task)
     fresh = ico.compile_scene(make_scene((2, 2, 2), CHANGES))
-    assert fresh._driver.contact.contacts is None
+    assert fresh._driver.contact.phase.contacts is None
     assert fresh._driver.is_ready()
     fresh.warm_up()
     assert len(begun) == 1

@@ -132,7 +132,7 @@ def test_each_pair_is_with_the_ranks_of_its_bodies_in_order():
         'solver': {'method': 'leapfrog', 'tolerance': 0.5}})
     simulation = ico.compile_scene(scene)
     simulation.advance_to(0.002)
-    packed, contacts = simulation.packed, simulation._event_loop.driver.contact.contacts
+    packed, contacts = simulation.packed, simulation._event_loop.driver.contact.phase.contacts
     layout, links, count = packed.layout, packed.model.links, 3
     shared = SharedContacts(layout, count)
     assert shared.is_shared(None) and not shared.is_shared(contacts)

@@ -21,7 +21,8 @@ def fastest_place(driver: Driver) -> str:
 
 
 def _deepest_pair(driver: Driver) -> str:
-    touching = driver.contact.touching(driver.trajectory.state)
+    touching = driver.contact.phase.touching(
+        driver.trajectory.state, driver.trajectory.stretches())
     if not len(touching.overlap):
         return 'no pair in contact now'
     deepest = int(np.argmax(touching.overlap))

@@ -55,7 +55,8 @@ class SimulationStatus:
     def touching(self) -> Touching:
         """Return the contacts of shells with shells and planes at the present time."""
         driver = self._driver
-        return driver.contact.touching(self._event_loop.state())
+        state = self._event_loop.state()
+        return driver.contact.phase.touching(state, driver.trajectory.stretches())
 
     def fastest_place(self) -> str:
         """
@@ -219,7 +220,7 @@ class SimulationStatus:
                 'of fixed size detect: use solver.method dop8 without solver.step')
         if self._packed.model.wrapping is not None:
             # Windows are not measured if shells may touch.
-            blind = self._driver.contact.is_possible and not self._trajectory.is_given
+            blind = self._driver.contact.phase.is_possible and not self._trajectory.is_given
             found.append(
                 'forces jump where connectors around shells change to another geodesic, and '
                 'the tolerance is not kept' + (
@@ -264,7 +265,7 @@ class SimulationStatus:
     @property
     def has_contacts(self) -> bool:
         """True if steps test for contacts: shells are near each other or near a plane."""
-        return self._driver.contact.contacts is not None
+        return self._driver.contact.phase.contacts is not None
 
     @property
     def contact_tests(self) -> int:

@@ -13,7 +13,6 @@ from icofabric_sim.simulation.contact.broad_phase import (
     BroadPhase,
     NoContacts,
     Overlap,
-    Touching,
 )
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 from icofabric_sim.terms.contacts.record import Contacts, Watch
@@ -36,16 +35,6 @@ class ContactScheduler:
         """Report overlaps from now on, once."""
         self._trajectory.ledger.reported_limit = self.phase.reported
 
-    @property
-    def is_possible(self) -> bool:
-        """True if shells can touch."""
-        return self.phase.is_possible
-
-    @property
-    def contacts(self) -> Contacts | None:
-        """Candidate pairs until the next search; None: no pair."""
-        return self.phase.contacts
-
     def note_rounding(self, extent: float, noise: float) -> None:
         """
         Warn once that round-off `extent` [m] from the origin causes a `noise` [1/s] of contacts.
@@ -58,10 +47,6 @@ class ContactScheduler:
                 'origin, or give a smaller contact.stiffness or a larger solver.tolerance')
             _LOGGER.warning('%s', self.rounding)
 
-    def watching(self, *, trial: bool = False) -> Watch | None:
-        """Return the limits that kernels check; displacements of a `trial` step are discarded."""
-        return self.phase.trial_watch if trial else self.phase.watch
-
     def counted(self, work: Callable[[], Any]) -> Any:
         """Call `work`, which takes steps, and count the pairs of shells that the steps test."""
         before = self.phase.evaluated
@@ -69,10 +54,6 @@ class ContactScheduler:
             return work()
         finally:
             self.phase.tests += self.phase.evaluated - before
-
-    def touching(self, state: State) -> Touching:
-        """Return the pairs in contact in a state near the last search."""
-        return self.phase.touching(state, self._trajectory.stretches())
 
     def search(
         self, time: float, step: float, steps: float, *, displacement: float = 0.0
@@ -82,7 +63,7 @@ class ContactScheduler:
 
         The search also covers a `displacement` [m] of bodies, up to the longest reach.
         """
-        if not self.is_possible:
+        if not self.phase.is_possible:
             return
         ledger = self._trajectory.ledger
         before = ledger.contact_rate
@@ -102,10 +83,6 @@ class ContactScheduler:
         """
         self.search(time, step, steps, displacement=factor * self.phase.displacement)
         return self.phase.searched == time
-
-    def make_room(self) -> None:
-        """Enlarge the list for all pairs near the present state; listed pairs remain."""
-        self.phase.make_room(self._trajectory.state)
 
     def pace(self, step: float, *, alone: bool) -> None:
         """
@@ -195,7 +172,7 @@ class ContactScheduler:
 
     def _compute_found(self) -> None:
         """Evaluate only the listed pairs from now on."""
-        self._trajectory.set_contacts(self.contacts)
+        self._trajectory.set_contacts(self.phase.contacts)
         self._trajectory.ledger.contact_rate = self._judged_rate
 
     @property

@@ -120,7 +120,7 @@ class Driver:
     @property
     def is_near_contact(self) -> bool:
         """True if shells are near each other, so that another driver has to continue."""
-        return self._leaves_contacts and self.contact.contacts is not None
+        return self._leaves_contacts and self.contact.phase.contacts is not None
 
     def advance(self, time: float) -> None:
         """
@@ -349,7 +349,7 @@ class Driver:
         compiles. Any other exception, except a failed run, restores the state before.
         """
         def is_touching() -> bool:
-            return self.contact.contacts is not None
+            return self.contact.phase.contacts is not None
 
         if not self.awaits_kernels:
             return work()
@@ -484,7 +484,7 @@ class Driver:
     def _search_again(self, time: float, *, missed: bool) -> None:
         """Find the candidate pairs after bodies have moved far, and adapt the step to them."""
         contact, trajectory = self.contact, self.trajectory
-        if not contact.is_possible:
+        if not contact.phase.is_possible:
             return
         if missed:
             contact.phase.miss(self.monitor.way_out())
@@ -510,7 +510,7 @@ class Driver:
         trajectory.place_driven()
         self.contact.phase.forget_friction()
         self.contact.calm()
-        if self.contact.is_possible:
+        if self.contact.phase.is_possible:
             self.contact.search(trajectory.time, *self.controller.outlook())
         self.calls.refresh()
         trajectory.clear_meters()

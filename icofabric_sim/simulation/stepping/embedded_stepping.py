@@ -173,7 +173,7 @@ class EmbeddedStepping(Stepping):
         return (
             model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work, team,
             self._step.control.numbers, 1, 0, pieces.monitor.interval,
-            pieces.contact.watching(), trajectory.ledger.numbers)
+            pieces.contact.phase.watch, trajectory.ledger.numbers)
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add the step in progress and the events at its end."""
@@ -242,8 +242,8 @@ class EmbeddedStepping(Stepping):
             if trajectory.ledger.saved_at == done:
                 trajectory.note_saved(end)
             if status & embedded.LIST_FULL:
-                pieces.contact.make_room()
-            if status & embedded.TOO_FAR and pieces.contact.is_possible:
+                pieces.contact.phase.make_room(trajectory.state)
+            if status & embedded.TOO_FAR and pieces.contact.phase.is_possible:
                 # Before a state is asked for: that of dense output is gone.
                 rate = pieces.contact.phase.rate
                 found = pieces.contact.search_farther(
@@ -270,7 +270,7 @@ class EmbeddedStepping(Stepping):
     def _call(self, count: int) -> tuple[int, int]:
         """Let kernels take up to `count` steps; return the status and the number of steps."""
         pieces, trajectory, checks = self._pieces, self._pieces.trajectory, self._pieces.monitor
-        watch, control = pieces.contact.watching(), self._step.control
+        watch, control = pieces.contact.phase.watch, self._step.control
         # Do not read trajectory.loads: that gathers the whole state from ranks or a GPU.
         loads, *_ = trajectory.for_steps()
         self._before = None if loads.drives is None else trajectory.ledger.numbers[_LASTING]

@@ -56,7 +56,7 @@ class MethodCalls:
         """
         trajectory = self._trajectory
         arguments = (
-            origin, index, step, count, since_check, interval, self._contact.watching(),
+            origin, index, step, count, since_check, interval, self._contact.phase.watch,
             trajectory.ledger.numbers)
         with trajectory.or_lost():
             status, done, since_check = self.timed(partial(
@@ -69,7 +69,7 @@ class MethodCalls:
         step: float, count: int
     ) -> None:
         """Take `count` steps from `start` [s] on, on a trial `state`, without health checks."""
-        trajectory, watch = self._trajectory, self._contact.watching(trial=True)
+        trajectory, watch = self._trajectory, self._contact.phase.trial_watch
         for done, portion in self._trial_portions(count):
             arguments = start, done, step, portion, 0, NEVER, watch, trajectory.ledger.numbers
             try:
@@ -87,7 +87,7 @@ class MethodCalls:
         loads, state, _, work = trajectory.for_steps()
         with trajectory.or_lost():
             trajectory.executor.begin_trial(
-                trajectory.model, loads, state, work, self._contact.watching())
+                trajectory.model, loads, state, work, self._contact.phase.watch)
 
     def compare_trials(self, start: float, step: float, count: int) -> tuple[float, float]:
         """
@@ -131,7 +131,7 @@ class MethodCalls:
         loads, state, _, work = trajectory.for_steps()
         with trajectory.or_lost():
             if executor.can_sum(trajectory.model, loads, work):
-                executor.hold(trajectory.model, loads, state, work, self._contact.watching())
+                executor.hold(trajectory.model, loads, state, work, self._contact.phase.watch)
                 yield executor
             else:
                 yield self._here
@@ -245,7 +245,7 @@ class MethodCalls:
         return all(function.is_ready(*arguments(*kind)) for kind in kinds)
 
     def _own_kernel(self) -> Kernel:
-        trajectory, watch = self._trajectory, self._contact.watching()
+        trajectory, watch = self._trajectory, self._contact.phase.watch
         return trajectory.method.advance, lambda model, team: (
             model, trajectory.loads, trajectory.state, trajectory.saved, trajectory.work,
             team, trajectory.origin, trajectory.index, trajectory.step, 1, 0, 1, watch,

@@ -110,7 +110,7 @@ class MotionRates:
             'bodies under loads and drives': self.load_rate,
             'what takes energy from velocities (damping, Maxwell arms, drag, magnetic field)': (
                 trajectory.packed.velocity_rate)}
-        if contact.is_possible:
+        if contact.phase.is_possible:
             rates[f'contacts (contact.stiffness {contact.phase.stiffness:.4g} N/m)'] = math.sqrt(
                 contact.phase.rate)
         return rates
@@ -136,7 +136,7 @@ class MotionRates:
         step = trajectory.step
         if not trajectory.is_given or step <= self.limit:
             return
-        if contact.is_possible and step <= trajectory.method.stability / max(
+        if contact.phase.is_possible and step <= trajectory.method.stability / max(
                 self.fabric.rate + trajectory.packed.velocity_rate, 1e-300):
             trajectory.fail(
                 f'solver.step {step!r} s is too long for present or possible contacts from t = '

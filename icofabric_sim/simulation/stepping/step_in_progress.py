@@ -101,7 +101,7 @@ class StepInProgress:
         if self._has_dense:
             return
         trajectory, length = self._trajectory, self.length
-        loads, watch = self._trials.copy_loads(), self._contact.watching(trial=True)
+        loads, watch = self._trials.copy_loads(), self._contact.phase.trial_watch
         trajectory.thread_team.run(lambda team: self._kernels.prepare(
             trajectory.model, loads, trajectory.state, trajectory.work, team, watch,
             trajectory.time, length))

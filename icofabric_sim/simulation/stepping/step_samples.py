@@ -92,7 +92,7 @@ class StepSamples:
         # Mean of decay rate and frequency [1/s]; inf: no step is too short for a measurement.
         self._decay = (
             math.inf if self._pace is _KINKED else math.sqrt(decay * frequency))
-        self._touches = pieces.contact.is_possible
+        self._touches = pieces.contact.phase.is_possible
         self._trail: Trail | None = None
         self._companion: State | None = None
         # Errors until a time [s], and what kernels had summed up by then.

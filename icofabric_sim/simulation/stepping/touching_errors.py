@@ -132,7 +132,7 @@ class TouchingErrors:
         trajectory, self._interval = self._trajectory, interval
         if step != trajectory.step:
             self.spoil()
-        if self._contact.contacts is None and not self._touched:
+        if self._contact.phase.contacts is None and not self._touched:
             return count
         self._contact.phase.has_touched()
         count = min(count, interval - since_check)
@@ -158,7 +158,7 @@ class TouchingErrors:
         """
         length, step, rate_now = time - self._start, self._trajectory.step, self._rates.fabric.rate
         period = 2.0 * math.pi / rate_now if rate_now > 0.0 else 0.0
-        if not is_last and self._always and not self._contact.is_possible and (
+        if not is_last and self._always and not self._contact.phase.is_possible and (
                 0.0 < length and length + 0.5 * self._interval * step < period):
             # A later health check will judge it.
             return
@@ -169,7 +169,7 @@ class TouchingErrors:
         else:
             self._stays = False
         self._waiting += self._touched or (
-            self._runs_through and self._contact.contacts is not None)
+            self._runs_through and self._contact.phase.contacts is not None)
         count = round(length / step) if 0.0 < length < math.inf else 0
         whole = count > 0 and abs(length - count * step) < 1e-6 * step
         if self._runs_through:

@@ -93,7 +93,7 @@ class TrialSteps:
             # Where connectors begin a step is noted there.
             work = work._replace(breakage=work.breakage._replace(
                 **{name: value.copy() for name, value in work.breakage._asdict().items()}))
-        model, watch = self._copy_model(), self._contact.watching(trial=True)
+        model, watch = self._copy_model(), self._contact.phase.trial_watch
 
         def advance(team: Team) -> tuple[int, int, int]:
             assert trajectory.method.embedded is not None

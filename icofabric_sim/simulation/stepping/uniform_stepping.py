@@ -217,7 +217,7 @@ class UniformStepping(Stepping):
     def _is_judged(self) -> bool:
         """True if steps may pass through a contact, as no kernel rejects them."""
         pieces = self._pieces
-        return pieces.contact.is_possible and pieces.trajectory.control is None
+        return pieces.contact.phase.is_possible and pieces.trajectory.control is None
 
     def _save_where_judged(self) -> None:
         """Save a state from which equal steps under the same loads can be repeated."""
@@ -425,7 +425,7 @@ class UniformStepping(Stepping):
     def _counts_touching(self) -> bool:
         """Return True if the step follows the number of pairs in contact."""
         pieces = self._pieces
-        return pieces.contact.contacts is not None and (
+        return pieces.contact.phase.contacts is not None and (
             pieces.trajectory.method.runs_through_contacts)
 
     def _follow_touching(self, time: float) -> None:

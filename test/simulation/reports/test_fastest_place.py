@@ -36,7 +36,8 @@ def test_a_body_that_spins_and_a_pair_that_touches_are_named():
         assert simulation.time < 0.22
         simulation.advance_to(simulation.time + 0.0005)
     assert 'contacts' in simulation.status.fastest_term
-    touching = simulation._driver.contact.touching(simulation._driver.trajectory.state)
+    touching = simulation._driver.contact.phase.touching(
+        simulation._driver.trajectory.state)
     if len(touching.overlap):
         deepest = touching.describe(int(np.argmax(touching.overlap)))
         assert simulation.status.fastest_place().startswith(f'deepest: {deepest}, by ')

@@ -106,7 +106,7 @@ class EmbeddedError(StepController):
         control.shortest = first * _SHORTEST_PART
         control.longest = ANY
         control.close = 0.0
-        if contact.is_possible:
+        if contact.phase.is_possible:
             # Implicit steps do not resolve decaying motion, after which bodies are slow.
             followed = rate if not trajectory.method.implicit else pieces.rates.fastest(
                 contacts=False, losses=False)
@@ -138,7 +138,7 @@ class EmbeddedError(StepController):
         if self._pieces.trajectory.model.wrapping is not None:
             # A jump of force in such a short step is no reason to stop.
             control.kink = control.shortest
-        if not contact.is_possible:
+        if not contact.phase.is_possible:
             return False
         # Independent of earlier contacts: steps must not depend on searches.
         rate = math.sqrt(contact.phase.least_rate)
@@ -174,7 +174,7 @@ class EmbeddedError(StepController):
             control.tolerance = ANY
             control.longest = control.next = self._given
             # Of the given length, even with possible contacts.
-            control.close = self._given if self._pieces.contact.is_possible else 0.0
+            control.close = self._given if self._pieces.contact.phase.is_possible else 0.0
 
     def _first_step(self) -> float:
         rates, time = self._pieces.rates, self._pieces.trajectory.time
@@ -196,7 +196,7 @@ class EmbeddedError(StepController):
         Return the squared rate [1/s^2] of the fastest motion if forces may have kinks; else 0.
         """
         model, contact = self._pieces.trajectory.model, self._pieces.contact
-        if not contact.is_possible and model.wrapping is None and not self._has_kinks:
+        if not contact.phase.is_possible and model.wrapping is None and not self._has_kinks:
             return 0.0
         # With any possible contact: estimates must not depend on searches, either.
         return rate * rate + contact.phase.least_rate

@@ -144,7 +144,7 @@ class MeasuredStep:
         """Return the step for contacts, stiffer than the fabric, and the number of steps ahead."""
         method = self._pieces.trajectory.method
         if self._runs_through:
-            listed = self._pieces.contact.contacts
+            listed = self._pieces.contact.phase.contacts
             crowd = listed is not None and len(listed.pairs) > _CROWD
             searched = _SEARCHED_IN_CROWDS if crowd else _SEARCHED
             return self._contact_step(), searched * self._pieces.monitor.search_interval
