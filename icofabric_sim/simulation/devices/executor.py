@@ -63,6 +63,9 @@ class Interval(NamedTuple):
         return self.check_interval < NEVER
 
 
+Steps = tuple[int, int, int]  # status, number, and steps since the last health check
+
+
 class Call(NamedTuple):
     """Arrays of a call that takes steps."""
 
@@ -126,6 +129,16 @@ class Remote(Executor, ABC):
     @abstractmethod
     def leave(self) -> None:
         """Gather the state of a trial."""
+
+    def _take(self, call: Call, kernel: Any, method: Any, *arguments: Any) -> Steps:
+        """Take steps by the control of a `kernel`; numbers that are too large are infinite."""
+        self._call = call
+        with self.together():
+            self.enter()
+            with np.errstate(all='ignore'):
+                status, done, since_check = kernel(self, method, *arguments)
+            self.leave()
+        return int(status), int(done), int(since_check)
 
     # What the control asks.
 
@@ -209,17 +222,13 @@ class RemoteSteps(Remote):
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
         origin: float, index: int, h: float, count: int, since_check: int, check_interval: int,
         watch: Watch | None, ledger: np.ndarray
-    ) -> tuple[int, int, int]:
-        """Return status, steps taken and steps since the last health check, as `splitting`."""
+    ) -> Steps:
+        """Take steps as `splitting` does."""
         self._origin, self._step = origin, h
-        self._call = Call(
+        call = Call(
             model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
-        with self.together():
-            self.enter()
-            status, done, since_check = splitting(
-                self, None, origin, index, h, count, since_check, check_interval, ledger)
-            self.leave()
-        return int(status), done, since_check
+        return self._take(
+            call, splitting, None, origin, index, h, count, since_check, check_interval, ledger)
 
     # What the control asks.
 

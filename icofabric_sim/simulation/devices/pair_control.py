@@ -10,13 +10,12 @@ points of shells are computed where the bodies are.
 """
 
 from abc import abstractmethod
-from typing import Any
 
 from icofabric_sim.kernels.integrators.embedded import adaptive_pair, fixed_pair
 from icofabric_sim.kernels.integrators.splitting import NEVER
 from icofabric_sim.kernels.integrators.tableau import Pair
 from icofabric_sim.kernels.records import Loads, Model, State, Team, Work
-from icofabric_sim.simulation.devices.executor import Call, Remote
+from icofabric_sim.simulation.devices.executor import Call, Remote, Steps
 from icofabric_sim.simulation.devices.near_pairs import team_of_one
 from icofabric_sim.terms.contacts.clearance import CLEAR, judge_clear, mean_velocity, way_between
 from icofabric_sim.terms.contacts.displacement import FREE, MAX_REACH
@@ -27,7 +26,6 @@ from icofabric_sim.terms.contacts.record import Watch
 import numpy as np
 
 Mean = tuple[float, float, float]
-Steps = tuple[int, int, int]
 
 
 class DistantBodies(Remote):
@@ -49,7 +47,7 @@ class DistantBodies(Remote):
         call = Call(
             model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
         return self._take(
-            call, adaptive_pair, control, count, since_check, check_interval, ledger)
+            call, adaptive_pair, self._pair, control, count, since_check, check_interval, ledger)
 
     def advance(
         self, model: Model, loads: Loads, state: State, saved: State, work: Work, team: Team,
@@ -60,17 +58,8 @@ class DistantBodies(Remote):
         call = Call(
             model, loads, state, saved, work, watch, ledger, of_run=check_interval < NEVER)
         return self._take(
-            call, fixed_pair, origin, index, h, count, since_check, check_interval, ledger)
-
-    def _take(self, call: Call, kernel: Any, *arguments: Any) -> Steps:
-        """Take steps by the control of a `kernel`; numbers that are too large are infinite."""
-        self._call = call
-        with self.together():
-            self.enter()
-            with np.errstate(all='ignore'):
-                status, done, since_check = kernel(self, self._pair, *arguments)
-            self.leave()
-        return int(status), int(done), int(since_check)
+            call, fixed_pair, self._pair, origin, index, h, count, since_check, check_interval,
+            ledger)
 
     @abstractmethod
     def have_state(self, slopes: range = range(0)) -> None:

@@ -15,7 +15,6 @@ from icofabric_sim.simulation.contact.broad_phase import (
     Overlap,
 )
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
-from icofabric_sim.terms.contacts.record import Contacts, Watch
 
 _LOGGER = logging.getLogger('icofabric_sim')
 
