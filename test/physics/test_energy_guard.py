@@ -17,10 +17,11 @@ from unittest import mock
 
 import icofabric_sim as ico
 from icofabric_sim.geometry.icosahedron import inscribed_radius
-from icofabric_sim.kernels import anchors, flows
+from icofabric_sim.kernels import flows
 from icofabric_sim.simulation.stepping.accuracy_probe import AccuracyProbe
 from icofabric_sim.simulation.stepping.controllers import measured
 from icofabric_sim.simulation.stepping.methods import METHODS
+from icofabric_sim.terms.anchors import kick
 from icofabric_sim.terms.gravity.record import Gravity
 import numpy as np
 import pytest
@@ -131,7 +132,7 @@ def run(term: str, kind: str, a: float, k: float, amplitude: float, folder: str)
 
 def falsify(stack: contextlib.ExitStack) -> None:
     """Let every force be a tenth larger than the slope of its energy."""
-    accelerate, add_pull = flows.accelerate, anchors.add_pull
+    accelerate, kick_by = flows.accelerate, kick.kick_by
     # Without compilation a composed function finds the functions of terms in its namespace.
     terms = flows.add_accelerations.__globals__
     add_gravity = terms['gravity_add_acceleration']
@@ -145,12 +146,13 @@ def falsify(stack: contextlib.ExitStack) -> None:
             gravity = Gravity(more * gravity.acceleration)
         return add_gravity(gravity, supports, alive, s, a)
 
-    def harder(model, loads, velocity, spin, pull, m, s, h):
-        return add_pull(model, loads, velocity, spin, pull, m, s, more * h)
+    def harder(supports, mass, inertia, loads, velocity, spin, m, s, h, force, torque):
+        return kick_by(
+            supports, mass, inertia, loads, velocity, spin, m, s, more * h, force, torque)
 
     stack.enter_context(mock.patch.object(flows, 'accelerate', stronger))
     stack.enter_context(mock.patch.dict(terms, gravity_add_acceleration=heavier))
-    stack.enter_context(mock.patch.object(anchors, 'add_pull', harder))
+    stack.enter_context(mock.patch.object(kick, 'kick_by', harder))
 
 
 def combinations() -> dict:
