@@ -197,6 +197,17 @@ def test_goes_back_for_rougher_motion_as_the_run_it_is_of():
     assert np.isfinite(pieces._driver.errors.returned_to)
 
 
+def test_one_requested_step_is_one_step_also_after_a_reset_of_a_run_that_went_back():
+    simulation = ico.compile_scene(
+        make_scene((2, 4, 2), {**FOLDED, 'solver.method': 'srkn6', 'solver.tolerance': 1e-5}))
+    first = simulation.advance_steps(1), simulation.time, simulation.status.step_count
+    simulation.advance_to(0.1)
+    assert np.isfinite(simulation._driver.errors.returned_to)
+    simulation.reset_time()
+    again = simulation.advance_steps(1), simulation.time, simulation.status.step_count
+    assert again == first == (1, simulation.status.step, 1)
+
+
 FRESH = """
 import hashlib, sys
 import icofabric_sim as ico
