@@ -64,6 +64,19 @@ def test_a_symmetric_top_precesses():
         assert s.energy['kinetic'] == pytest.approx(first.energy['kinetic'], rel=1e-8)
 
 
+def test_a_symmetric_top_that_a_path_moves_along_one_axis_precesses_as_a_free_one():
+    moments, spin = np.array([1.0, 1.0, 1.6]) * INERTIA, np.array([20.0, 0.0, 35.0])
+    simulation = lone(moments, spin, **{
+        'groups.g': 'all', 'drives.d.group': 'g', 'drives.d.freedoms': 'tx',
+        'drives.d.motion': 'velocity', 'drives.d.linear': [0.1, 0.0, 0.0]})
+    simulation.advance_to(1.0)
+    s = simulation.snapshot()
+    angle = (moments[2] - moments[0]) / moments[0] * spin[2]
+    expected = [20.0 * math.cos(angle), 20.0 * math.sin(angle), 35.0]
+    assert np.abs(own_spin(s)[0] - expected).max() < 1e-6
+    assert s.position[0, 0] == pytest.approx(0.1, rel=1e-9)
+
+
 @pytest.mark.parametrize('cosines', [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_body_tumbles_by_jacobi_functions(cosines):
     # Landau and Lifshitz, Mechanics, section 37, for L^2 > 2 E I_2: about the middle axis it turns
