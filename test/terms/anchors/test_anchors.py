@@ -105,6 +105,19 @@ def test_energy_and_frequency_of_anchors():
     assert seen
 
 
+def test_a_slack_anchor_counts_for_the_frequency_as_when_it_pulls():
+    # A step has to be stable on both sides, wherever the anchor is now.
+    scene = tied({
+        'body': 0, 'edge': 'up', 'position': [0.01, -0.02, 0.05], 'natural_length': 0.5,
+        'stiffness_extension': 700.0, 'stiffness_compression': 0.0})
+    packed = pack_scene(scene)
+    state, loads = packed.layout.pack(scene.initial), Inputs(scene).pack(packed.layout)
+    bound, energy = look_at_anchors(packed.model, loads, state, 0.0)
+    assert energy == 0.0
+    eigenvalue = anchors_eigenvalue(packed.model, loads, state, 0.0)
+    assert bound > (1.0 - 1e-9) * eigenvalue > 0.9 * 700.0 / scene.shell.mass
+
+
 def test_force_is_minus_the_gradient_of_the_energy():
     """In a step as short as can be, v = - h grad E / M and omega = - h grad E / Lambda."""
     scene = tied({**TWO, 'groups.g': 'all', 'initial.i.group': 'g',
