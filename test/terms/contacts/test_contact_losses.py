@@ -187,6 +187,19 @@ def test_a_block_on_an_incline_stays_and_does_not_creep(part):
         losses.friction_stiffness * np.linalg.norm(losses.stretch[:, :3]), rel=1e-3)
 
 
+def test_a_return_to_the_saved_state_returns_the_springs_of_friction():
+    simulation = block(np.arctan(0.2), 0.4, solver__method='leapfrog', solver__step=1e-4)
+    trajectory, seen = simulation._driver.trajectory, {}
+    while len(seen) < 30 or not 0.0 < trajectory.saved_time < simulation.time:
+        assert simulation.advance_steps(1) == 1
+        seen[simulation.time] = trajectory.state.position.copy(), trajectory.stretches().copy()
+    (place, stretch), (_, last) = seen[trajectory.saved_time], seen[simulation.time]
+    assert np.abs(last - stretch).max() > 1e-3 * np.abs(stretch).max() > 0.0
+    trajectory.return_to_saved()
+    np.testing.assert_array_equal(trajectory.state.position, place)
+    np.testing.assert_array_equal(trajectory.stretches(), stretch)
+
+
 @pytest.mark.parametrize('part', [1.05, 2.0])
 def test_above_the_limit_it_slides_with_what_is_left_of_its_weight(part):
     tilt = np.arctan(part * 0.4)
