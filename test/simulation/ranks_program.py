@@ -198,10 +198,14 @@ def run(name, ranks=None):
     simulation.advance_to(simulation.time + 0.0007)
     found.append(state_of(simulation))
     if name in PULLED:
-        # Its force is found anew every few steps, from where the body is.
-        simulation.pull(5, simulation.snapshot().position[5] + [0.05, 0.0, 0.02])
+        # Forces are found anew every few steps, from where the bodies are: of the first rank, and
+        # of another one.
+        pulled = 5, 2 * simulation.scene.body_count // 3
+        for body in pulled:
+            simulation.pull(body, simulation.snapshot().position[body] + [0.05, 0.0, 0.02])
         simulation.advance_to(simulation.time + 0.004)
-        assert np.linalg.norm(simulation.inputs.pulls.forces[5]) > 0.0
+        for body in pulled:
+            assert np.linalg.norm(simulation.inputs.pulls.forces[body]) > 0.0
         found.append(state_of(simulation))
     checkpoint = simulation.checkpoint()
     end = simulation.time + 0.0023
