@@ -14,6 +14,7 @@ from icofabric_sim.scene.law_tables import make_law
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.model.stability import largest_frequency
+from icofabric_sim.terms.laws import replace_alone
 from icofabric_sim.terms.tables.law import ROW_SIZE, tabled_factor
 import numpy as np
 import pytest
@@ -56,6 +57,18 @@ def test_law_is_the_monotone_cubic_and_its_energy_the_integral(points):
     if law.natural_length > 0.0:
         rest = law.evaluate(np.array([law.natural_length]))
         assert abs(rest[0][0]) < 1e-14 and abs(rest[1][0]) < 1e-15
+
+
+def test_one_connector_alone_has_the_tension_and_the_integral(band):
+    links = pack_scene(make_scene((3, 3, 3), {'connector.law': band})).model.links
+    (link, s), *_ = np.argwhere(links.laws.tables.number >= 0.0)
+    lengths, forces = np.array(BAND).T
+    curve = PchipInterpolator(LENGTH * lengths, forces)
+    for length in LENGTH * np.array([0.6, 0.95, 1.05, 1.2, 1.35, 1.5]):
+        tension, energy, _ = replace_alone(
+            links.laws, links.variety, link, s, length, (1.0, 2.0, 3.0))
+        assert tension == pytest.approx(float(curve(length)), rel=1e-12)
+        assert energy == pytest.approx(float(curve.integrate(LENGTH, length)), rel=1e-11)
 
 
 def test_natural_length_is_where_it_begins_to_pull():
