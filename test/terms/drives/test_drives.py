@@ -73,6 +73,21 @@ def test_bodies_are_where_their_path_says(method, form):
     assert np.abs(snapshot.position - still.initial.position)[free].max() > 1e-4
 
 
+def test_bodies_are_on_their_path_where_connectors_cross_kinks():
+    scene = driven('velocity', {
+        'solver.step': 2e-4, 'connector.stiffness_extension': 800.0,
+        'connector.stiffness_compression': 100.0}, linear=LINEAR.tolist(), duration=1.0)
+    simulation, bodies = ico.compile_scene(scene), scene.drives['wall'].bodies
+    for _ in range(40):
+        simulation.advance_steps(1)
+        np.testing.assert_allclose(
+            simulation.snapshot().position[bodies],
+            scene.position[bodies] + LINEAR * simulation.time, rtol=0, atol=1e-14)
+    # Crossings add evaluations.
+    status = simulation.status
+    assert status.evaluation_count > status.step_count * status.stage_count + 10
+
+
 def test_ramp_and_sine_move_as_their_formulas():
     scene = driven('ramp', linear=LINEAR.tolist(), duration=0.01)
     simulation = ico.compile_scene(scene)
