@@ -6,6 +6,8 @@ import icofabric_sim as ico
 from icofabric_sim.kernels import monitor
 from icofabric_sim.kernels.figures import (
     DONE,
+    FARTHEST,
+    FASTEST,
     FIGURE_COUNT,
     figures_room,
     fold_figures,
@@ -15,6 +17,7 @@ from icofabric_sim.kernels.figures import (
     MOMENTS,
     MOVING,
     note_figures,
+    STIFFEST,
     SUMMED,
     TURNING,
     WEIGHT,
@@ -102,6 +105,23 @@ def test_the_sums_are_the_energies_of_the_snapshot(moved):
         totals[MOVING] / model.inverse_mass + totals[TURNING] / model.inverse_inertia)
     assert kinetic == pytest.approx(energy['kinetic'], rel=1e-12)
     assert work.figures[:-1, :SUMMED].any(axis=1).all()
+
+
+def test_the_largest_values_are_those_of_all_bodies(moved):
+    trajectory, snapshot = moved
+    model, work = trajectory.model, trajectory.work
+    groups = len(work.figures) - 1
+    note_figures(
+        model, trajectory.loads, trajectory.state, work, trajectory.time, -1.0, True, 0, groups,
+        len(model.blocks.slot))
+    totals = fold_figures(work.figures)
+    squares = (snapshot.angular_velocity**2).sum(axis=1)
+    assert totals[FASTEST] == pytest.approx(squares.max(), rel=1e-14)
+    assert totals[FARTHEST] == np.abs(snapshot.position).max()
+    largest = work.figures[:groups].max(axis=0)
+    assert totals[STIFFEST] == largest[STIFFEST] > 0.0
+    # The last group has smaller ones.
+    assert totals[FASTEST] > work.figures[groups - 1, FASTEST]
 
 
 def test_threads_come_to_the_same_ledger():
