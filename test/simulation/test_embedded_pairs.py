@@ -8,8 +8,11 @@ from icofabric_sim.kernels import figures, monitor
 from icofabric_sim.kernels.integrators import bodies, dop853, embedded
 from icofabric_sim.kernels.integrators.embedded import DOP8
 from icofabric_sim.kernels.integrators.tableau import pair_of, SLOPE_COUNT
+from icofabric_sim.kernels.rhs import step_error
 from icofabric_sim.kernels.runtime.compiled import in_python
+from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import ParameterError
+from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.stepping import tsit5
 import numpy as np
 import pytest
@@ -64,6 +67,22 @@ def test_embedded_formulas_have_their_orders():
                  for sign in (-1.0, 1.0)]
         assert min(found) < 1e-13
         assert np.abs(error).max() > 1e-3
+
+
+@pytest.mark.parametrize('turn_rows', [4, 9])
+def test_each_quantity_counts_by_its_scale_in_the_error_of_a_step(turn_rows):
+    # Of position, orientation, velocity and spin; e5^2 / sqrt(e5^2 + 0.01 e3^2).
+    generator, scales = np.random.default_rng(4), np.array([2.0, 3.0, 5.0, 7.0])
+    higher, lower = generator.standard_normal((2, 13))
+    ends = np.cumsum([0, 3, turn_rows, 3, 3])
+    for scale, first, last in zip(scales, ends[:-1], ends[1:]):
+        slopes = aligned_zeros((13, ends[-1], LANES))
+        slopes[:, first:last] = generator.standard_normal((13, last - first, LANES))
+        five, three = (
+            scale * (np.tensordot(weights, slopes, 1)**2).sum(axis=0)
+            for weights in (higher, lower))
+        error, _ = step_error(slopes, turn_rows, higher, lower, scales, 1e300, 0)
+        assert error == pytest.approx((five / np.sqrt(five + 0.01 * three)).max(), rel=1e-12)
 
 
 def test_dense_output_has_order_4_within_a_step():
