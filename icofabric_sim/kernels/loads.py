@@ -33,7 +33,8 @@ bear_row = compose_loads('bear_row', 'loads, state, before, m, s')
 # In a slope; paths come last because they bear all other forces.
 add_row_slope = compose_loads(
     'add_row_slope',
-    'model, loads, state, linear, angular, m, s, time, index, known, factor', 'known, factor')
+    'model, loads, state, linear, angular, m, s, time, index, meter, known, factor',
+    'known, factor')
 resist_row_slope = compose_loads(
     'resist_row_slope', 'model, loads, state, linear, angular, m, s, index')
 keep_row_turning = compose_loads('keep_row_turning', 'model, loads, angular, m, s')

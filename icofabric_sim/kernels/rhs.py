@@ -102,7 +102,8 @@ def find_slopes(
         note_flow(work.given, index, s, given)
         for m in range(loads.start[block], loads.start[block + 1]):
             known, factor = add_row_slope(
-                model, loads, state, linear, angular, m, s, time, index, known, factor)
+                model, loads, state, linear, angular, m, s, time, index, work.spent, known,
+                factor)
         for m in range(loads.start[block], loads.start[block + 1]):
             resist_row_slope(model, loads, state, linear, angular, m, s, index)
         turn_by_moments(model.gyration, state.orientation, state.angular_velocity, angular, s)

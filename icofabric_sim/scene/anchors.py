@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Anchors: connectors from an edge of a body to a fixed or moving point of the world.
+Anchors: connectors from a point of a body to a fixed or moving point of the world.
 
 Anchors use k_e, k_c and the natural length D of `connector.*` by default. They do not resist
-bending, and break only at their own limits.
+bending, and have their own damping and break limits.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.attachments import attachment_points
 from icofabric_sim.scene.breakage import BREAK_LENGTH_NAMES
 from icofabric_sim.scene.connector_laws import spring_law
-from icofabric_sim.scene.drives import Drive
+from icofabric_sim.scene.drives import Drive, make_path
 from icofabric_sim.scene.paths import Path, PathPiece, require_followed
 from icofabric_sim.scene.tables import read_numeric_table
 from icofabric_sim.scene.weave_geometry import WeaveGeometry
@@ -42,10 +42,11 @@ class Anchor(NamedTuple):
     """One anchor, `anchors.NAME`."""
 
     body: int
-    arm: np.ndarray  # (3,) [m] from the centre to the edge, body axes
+    arm: np.ndarray  # (3,) [m] from the centre to its end, body axes
     path: Path  # of the world point; only the first three coordinates are used
     law: tuple[float, float, float]  # k_e [N/m], k_c [N/m], D [m]
     limits: AnchorLimits = AnchorLimits()
+    damping: float = 0.0  # c [N s/m]
 
 
 def make_anchors(
@@ -58,7 +59,7 @@ def make_anchors(
     `half_edges` (n,) [m] are those of all bodies, if they differ.
     """
     anchors = {}
-    midpoints = attachment_points(parameters, geometry.half_edge)
+    midpoints = dict(zip(NAMED_EDGES, attachment_points(parameters, geometry.half_edge)))
     for name in parameters.names('anchors'):
         key, body = f'anchors.{name}.body', parameters[f'anchors.{name}.body']
         if not 0 <= body < body_count:
@@ -69,13 +70,15 @@ def make_anchors(
                 raise ParameterError(
                     key, f'{key}: body {body} is moved by drives.{other}, so no anchor can pull '
                     'it; leave the anchor out, or take the body out of the group')
-        edge = NAMED_EDGES.index(parameters[f'anchors.{name}.edge'])
+        arm = np.array(parameters[f'anchors.{name}.point'])
+        if not arm.any():
+            arm = midpoints.get(parameters[f'anchors.{name}.edge'], arm) * (
+                1.0 if half_edges is None else half_edges[body] / geometry.half_edge)
         anchors[name] = Anchor(
-            body, midpoints[edge] * (
-                1.0 if half_edges is None else half_edges[body] / geometry.half_edge),
-            make_anchor_path(parameters, name),
+            body, arm, make_anchor_path(parameters, name),
             law := spring_law(parameters, f'anchors.{name}', geometry.connector_length),
-            _make_limits(parameters, f'anchors.{name}', law[2]))
+            _make_limits(parameters, f'anchors.{name}', law[2]),
+            parameters[f'anchors.{name}.damping'])
     return anchors
 
 
@@ -121,10 +124,24 @@ def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimi
 
 
 def make_anchor_path(parameters: Parameters, name: str) -> Path:
-    """Return the path of the world point: fixed, of constant velocity, or through a table."""
+    """
+    Return the path of the world point: fixed, of constant velocity, through a table, or a motion.
+    """
     prefix = f'anchors.{name}'
     position, velocity = parameters[f'{prefix}.position'], parameters[f'{prefix}.velocity']
-    file = parameters[f'{prefix}.file'].strip()
+    file, motion = parameters[f'{prefix}.file'].strip(), parameters[f'{prefix}.motion']
+    for field in ('velocity',) if motion else ('linear', 'frequency'):
+        value = parameters[f'{prefix}.{field}']
+        if any(np.atleast_1d(value)):
+            raise ParameterError(
+                f'{prefix}.{field}', f'{prefix}.{field} {value!r} has no effect: ' + (
+                    f'{prefix}.motion {motion} moves the point; give {prefix}.linear' if motion
+                    else f'set {prefix}.motion to ramp or sine'))
+    if motion:
+        shift = np.append(position, np.zeros(3))
+        return Path(tuple(
+            piece._replace(cubic=(tuple((shift + piece.cubic[0]).tolist()), *piece.cubic[1:]))
+            for piece in make_path(parameters, prefix, turns=False).pieces))
     if not file:
         return Path((PathPiece(0.0, (_six(position), _six(velocity), _ZERO6, _ZERO6)),))
     key = f'{prefix}.file'

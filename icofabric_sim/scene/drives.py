@@ -160,10 +160,15 @@ def _set_initial_velocities(
         velocity[drive.bodies] = np.where(mine, wanted, velocity[drive.bodies])
 
 
-def make_path(parameters: Parameters, prefix: str) -> Path:
-    """Return the path that `prefix` (drives.NAME) describes, or raise ParameterError."""
+def make_path(parameters: Parameters, prefix: str, *, turns: bool = True) -> Path:
+    """
+    Return the path that `prefix` (drives.NAME) describes, or raise ParameterError.
+
+    Without `turns` there is no parameter `angular`.
+    """
     def field(name: str) -> Any:
-        return parameters[f'{prefix}.{name}']
+        return (0.0, 0.0, 0.0) if name == 'angular' and not turns else (
+            parameters[f'{prefix}.{name}'])
 
     motion, start, duration = field('motion'), field('start'), field('duration')
     amounts = tuple(field('linear')) + tuple(field('angular'))

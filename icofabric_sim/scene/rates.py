@@ -52,13 +52,16 @@ def _motions(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float,
     yield 'initial_random.spin_sigma', 1.0, 'rad/s'
     for name in parameters.names('anchors'):
         yield f'anchors.{name}.velocity', a, 'm/s'
-    for name in parameters.names('drives'):
-        prefix, rate, per = f'drives.{name}', 1.0, '/s'
+    for prefix in (
+            f'{family}.{name}' for family in ('anchors', 'drives')
+            for name in parameters.names(family)):
+        rate, per = 1.0, '/s'
         if parameters[f'{prefix}.motion'] == 'sine':
             yield f'{prefix}.frequency', 0.5 / math.pi, 'Hz'
             rate, per = 2.0 * math.pi * parameters[f'{prefix}.frequency'] or 1.0, ''
         yield f'{prefix}.linear', a / rate, f'm{per}'
-        yield f'{prefix}.angular', 1.0 / rate, f'rad{per}'
+        if prefix.startswith('drives'):
+            yield f'{prefix}.angular', 1.0 / rate, f'rad{per}'
 
 
 def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
@@ -74,6 +77,7 @@ def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
         for field in _SPRINGS:
             key = f'anchors.{name}.{field}'
             yield key, _spring_rate(parameters[key], mass)
+        yield f'anchors.{name}.damping', parameters[f'anchors.{name}.damping'] / mass
     yield 'contact.stiffness', _spring_rate(parameters['contact.stiffness'], mass)
     yield 'drag.linear', parameters['drag.linear'] / mass
     yield 'drag.angular', parameters['drag.angular'] / inertia

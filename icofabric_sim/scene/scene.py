@@ -196,6 +196,11 @@ class Scene:
         """True if any anchor can break."""
         return any(anchor.limits.breaks for anchor in self.anchors.values())
 
+    @property
+    def anchors_damped(self) -> bool:
+        """True if any anchor is damped."""
+        return any(anchor.damping for anchor in self.anchors.values())
+
     def with_changes(self, changes: Mapping[str, Any]) -> 'Scene':
         """
         Build a copy of this scene with some parameters changed.

@@ -243,10 +243,11 @@ def _profile(scene: Scene, prefix: str) -> str:
 
 def _anchor(scene: Scene, name: str) -> str:
     prefix = f'anchors.{name}'
-    body, edge, position, velocity, file = (
-        scene.parameters[f'{prefix}.{field}']
-        for field in ('body', 'edge', 'position', 'velocity', 'file'))
-    text = f'{name}: body {body}, edge {edge}, to {vector(np.array(position), "m")}'
+    body, edge, point, position, velocity, file, motion, damping = (
+        scene.parameters[f'{prefix}.{field}'] for field in (
+            'body', 'edge', 'point', 'position', 'velocity', 'file', 'motion', 'damping'))
+    end = f'point {vector(np.array(point), "m")}' if any(point) else f'edge {edge}'
+    text = f'{name}: body {body}, {end}, to {vector(np.array(position), "m")}'
     if any(scene.parameters[f'{prefix}.{field}'] > 0.0 for field in (
             'stiffness', 'stiffness_extension', 'stiffness_compression', 'natural_length')):
         extension, compression, rest = scene.anchors[name].law
@@ -258,6 +259,10 @@ def _anchor(scene: Scene, name: str) -> str:
         f'below {shortest:g} m'] * (shortest > 0.0)
     if limits:
         text += f', breaks {" and ".join(limits)}'
+    if damping:
+        text += f', damping {damping:g} N s/m'
+    if motion:
+        text += f', which moves as a {motion}'
     if any(velocity):
         text += f', which moves with {vector(np.array(velocity), "m/s")}'
     return f'{text}, which moves as {file} says' if file else text

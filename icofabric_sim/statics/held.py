@@ -37,7 +37,9 @@ def varying(scene: Scene) -> list[str]:
         f'drives.{name}.motion' for name in parameters.names('drives')
         if parameters[f'drives.{name}.motion'] != 'hold']
     for name in parameters.names('anchors'):
-        if parameters[f'anchors.{name}.file']:
+        if parameters[f'anchors.{name}.motion']:
+            found.append(f'anchors.{name}.motion')
+        elif parameters[f'anchors.{name}.file']:
             found.append(f'anchors.{name}.file')
         elif any(parameters[f'anchors.{name}.velocity']):
             found.append(f'anchors.{name}.velocity')

@@ -31,6 +31,14 @@ def note_flow(meter: Meter | None, index: int, s: int, power: Vector) -> None:
 
 
 @compiled
+def add_power(meter: Meter | None, index: int, s: int, power: Vector) -> None:
+    """Add a power [W] of a block to that of a stage."""
+    if meter is None:
+        return
+    store(meter.power, index, s, load(meter.power, index, s) + power)
+
+
+@compiled
 def add_flow(
     meter: Meter | None, slot: np.ndarray, h: float, weights: np.ndarray, first: int, last: int
 ) -> None:

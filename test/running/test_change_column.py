@@ -31,6 +31,9 @@ _SWAYING = {
     'drives.it.motion': 'sine', 'drives.it.linear': [0.01, 0.0, 0.0], 'drives.it.frequency': 1.0}
 _MOMENTS = {
     'connector_groups.it.bending_stiffness': 0.01, 'connector_groups.it.twisting_stiffness': 0.01}
+_WAVING = {
+    'anchors.it.motion': 'sine', 'anchors.it.linear': [0.01, 0.0, 0.0],
+    'anchors.it.frequency': 1.0}
 # What a scene needs beside, by family and by name.
 NEEDED = {
     'drag.': _DISSIPATIVE,
@@ -76,8 +79,15 @@ NEEDED = {
     'drives.it.file': {'drives.it.motion': 'table', 'drives.it.file': 'other_way.csv'},
     'planes.': {'planes.it.normal': [0.0, 0.0, 1.0], 'planes.it.offset': -1.0},
     'anchors.': {'anchors.it.position': [0.0, 0.0, 0.2]},
-    'anchors.it.break_length_extension': {'solver.method': 'dop8'},
-    'anchors.it.break_length_compression': {'solver.method': 'dop8'},
+    'anchors.it.break_length_extension': _DISSIPATIVE,
+    'anchors.it.break_length_compression': _DISSIPATIVE,
+    'anchors.it.damping': _DISSIPATIVE,
+    'anchors.it.motion': {'anchors.it.motion': 'ramp', 'anchors.it.duration': 0.5},
+    'anchors.it.linear': _WAVING,
+    'anchors.it.start': {'anchors.it.motion': 'ramp', 'anchors.it.duration': 0.5},
+    'anchors.it.duration': {'anchors.it.motion': 'ramp', 'anchors.it.duration': 0.5},
+    'anchors.it.frequency': _WAVING,
+    'anchors.it.phase': _WAVING,
     'initial.': {'initial.it.group': 'tip'},
     'bodies.': {'bodies.it.position': [0.0, 0.0, 0.5]},
 }
@@ -114,6 +124,7 @@ OTHERS = {
     'drives.it.freedoms': 'tz',
     'drives.it.file': 'way.csv',
     'anchors.it.file': 'way.csv',
+    'anchors.it.motion': '',
     'initial.it.file': 'state.csv',
     'anchors.it.break_length_extension': 0.5,
     'anchors.it.break_length_compression': 0.001,

@@ -165,5 +165,10 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
             law = ' where k_e is not k_c' if method in _THROUGH_CONTACTS else ''
             yield (f'drives.{name}', f'by {method}{law}',
                    f'take solver.method auto, leapfrog or {ADAPTIVE}')
+    for name in parameters.names('anchors'):
+        if parameters[f'anchors.{name}.damping']:
+            yield f'anchors.{name}.damping', 'above 0', 'take 0'
+        if parameters[f'anchors.{name}.motion'] == 'sine':
+            yield f'anchors.{name}.motion', 'sine', 'give a table, anchors.NAME.file'
     for name in parameters.names('tractions'):
         yield f'tractions.{name}', 'with a surface force', 'leave it out'

@@ -456,7 +456,9 @@ class Sharing(Remote):
         acting = loads.start, loads.wrench, loads.force, anchors, loads.drives, loads.tractions
         # Forces of pulls, and slopes of anchors that break, are written in place.
         written = [loads.force] if anchors is None else [
-            loads.force, anchors.extension, anchors.compression]
+            values for values in (
+                loads.force, anchors.extension, anchors.compression, anchors.damping)
+            if values is not None]
         if len(acting) == len(self._acting) and all(
                 one is other for one, other in zip(acting, self._acting)) and all(
                 np.array_equal(one, other) for one, other in zip(written, self._written)):

@@ -330,13 +330,15 @@ class Inputs:
         anchors = self.scene.anchors
         if not anchors:
             return None
-        laws = np.array([anchor.law for anchor in anchors.values()])
+        laws = np.array([(*anchor.law, anchor.damping) for anchor in anchors.values()])
         if self.anchor_breaks is not None:
-            laws[self.anchor_breaks.broken, :2] = 0.0
+            laws[self.anchor_breaks.broken] *= [0.0, 0.0, 1.0, 0.0]
         return AnchorPack(
             tuple(anchor.body for anchor in anchors.values()),
             tuple(anchor.arm for anchor in anchors.values()),
-            tuple(self._piece(AnchorPath(name)) for name in anchors), laws)
+            tuple(self._piece(AnchorPath(name)) for name in anchors), laws,
+            any(any(piece.wave) for anchor in anchors.values() for piece in anchor.path.pieces),
+            self.scene.anchors_damped)
 
     def anchor_points(self, time: float) -> np.ndarray:
         """

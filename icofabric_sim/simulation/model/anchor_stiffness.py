@@ -79,14 +79,29 @@ def _pulled(
     """
     Return arm [m], direction towards the world point, length [m] and tension [N] of an anchor.
     """
-    after = time - anchors.start[a]
-    point = after ** np.arange(4.0) @ anchors.cubic[a]
+    point, _ = motion_of_points(anchors, np.array([a]), time)
     s = anchors.arm[a] @ axes
-    reach = point - position - s
+    reach = point[0] - position - s
     length = max(float(np.linalg.norm(reach)), 1e-150)
     stretch = length - anchors.natural_length[a]
     stiffness = (anchors.extension if stretch > 0.0 else anchors.compression)[a]
     return s, reach / length, length, float(stiffness * stretch)
+
+
+def motion_of_points(
+    anchors: Anchors, chosen: np.ndarray, time: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points [m] of the `chosen` anchors, and their velocities [m/s], (m, 3) both."""
+    t = (time - anchors.start[chosen])[:, None]
+    cubic = anchors.cubic[chosen].transpose(1, 0, 2)
+    point = cubic[0] + t * (cubic[1] + t * (cubic[2] + t * cubic[3]))
+    speed = cubic[1] + t * (2.0 * cubic[2] + t * 3.0 * cubic[3])
+    if anchors.waves is not None:
+        size, rate, phase = (values[chosen] for values in anchors.waves._asdict().values())
+        angle = rate[:, None] * t + phase[:, None]
+        point = point + size * np.sin(angle)
+        speed = speed + size * rate[:, None] * np.cos(angle)
+    return point, speed
 
 
 def _anchored(model: Model, loads: Loads, anchors: Anchors) -> list[tuple[int, int]]:

@@ -40,7 +40,7 @@ from icofabric_sim.simulation.model.shells import pack_own_shells
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
-from icofabric_sim.terms.anchors.record import Anchors
+from icofabric_sim.terms.anchors.record import Anchors, Waves
 from icofabric_sim.terms.body_force.external_force import External
 from icofabric_sim.terms.drag.record import Drag
 from icofabric_sim.terms.drives.record import Drives
@@ -78,7 +78,9 @@ class AnchorPack(NamedTuple):
     bodies: tuple[int, ...]
     arms: tuple[np.ndarray, ...]
     pieces: tuple[PathPiece, ...]  # at times of the run
-    laws: np.ndarray  # (a, 3) k_e [N/m], k_c [N/m], D [m]
+    laws: np.ndarray  # (a, 4) k_e [N/m], k_c [N/m], D [m], damping [N s/m]
+    waving: bool  # a point has a sine motion at some time
+    damped: bool
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ class PackedScene:
     contact: ContactSetup | None
     masses: BodyMasses
     held: bool  # by supports
+    anchors_damped: bool
     arms: MaxwellArms | None  # of connectors
     principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] of bodies that are not isotropic
 
@@ -152,7 +155,7 @@ class PackedScene:
     def spends(self) -> bool:
         """True if forces dissipate energy."""
         model = self.model
-        return model.damping is not None or model.maxwell is not None or (
+        return model.damping is not None or model.maxwell is not None or self.anchors_damped or (
             model.drag is not None) or (self.contact is not None and self.contact.spends)
 
     def pack(self, initial: InitialState, rest: np.ndarray | None = None) -> State:
@@ -263,8 +266,9 @@ def pack_scene(
         model, layout, connector_list, None if connector_list is None else laws,
         resisting.moments, scene.connectors.curves,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
-        velocity_rate(model), breakage, body_force, external, pack_contact(scene, fall),
-        masses, scene.supports is not None, scene.connectors.arms,
+        velocity_rate(model) + _anchor_rate(scene, model), breakage, body_force, external,
+        pack_contact(scene, fall), masses, scene.supports is not None, scene.anchors_damped,
+        scene.connectors.arms,
         scene.principal_inertia)
 
 
@@ -316,6 +320,16 @@ def velocity_rate(model: Model) -> float:
         own = own + np.linalg.norm(magnet.moment, axis=0) * (mass * inertia) ** 0.5
         rate += float(own.max()) * float(np.linalg.norm(magnet.field))
     return rate
+
+
+def _anchor_rate(scene: Scene, model: Model) -> float:
+    """Return a bound [1/s] of the rates at which damping of anchors changes velocities."""
+    rates: dict[int, float] = {}
+    for anchor in scene.anchors.values():
+        square = float(anchor.arm @ anchor.arm)
+        rates[anchor.body] = rates.get(anchor.body, 0.0) + anchor.damping * (
+            model.inverse_mass + square * model.inverse_inertia)
+    return max(rates.values(), default=0.0)
 
 
 def list_connectors(scene: Scene) -> ConnectorList:
@@ -463,15 +477,20 @@ def _pack_drives(drives: DrivePack, layout: Layout) -> Drives:
 
 
 def _pack_anchors(anchors: AnchorPack, paths: int) -> Anchors:
+    waves, laws = np.array([piece.wave for piece in anchors.pieces])[:, :3], anchors.laws
     return Anchors(
         first=paths,
         start=np.array([piece.start for piece in anchors.pieces]),
         cubic=np.ascontiguousarray(
             np.array([piece.cubic for piece in anchors.pieces], dtype=float)[:, :, :3]),
         arm=np.array(anchors.arms),
-        extension=anchors.laws[:, 0].copy(),
-        compression=anchors.laws[:, 1].copy(),
-        natural_length=anchors.laws[:, 2].copy(),
+        extension=laws[:, 0].copy(),
+        compression=laws[:, 1].copy(),
+        natural_length=laws[:, 2].copy(),
+        waves=None if not anchors.waving else Waves(
+            waves.copy(), np.array([piece.rate for piece in anchors.pieces]),
+            np.array([piece.phase for piece in anchors.pieces])),
+        damping=laws[:, 3].copy() if anchors.damped else None,
     )
 
 
@@ -483,11 +502,13 @@ def acting_lanes(loads: Loads) -> tuple[np.ndarray, np.ndarray]:
 
 
 def load_rate(loads: Loads, model: Model, size: float) -> float:
-    """Return the rate [rad/s] of loads: `force_rate`, or the larger rate of factors and drives."""
+    """Return the rate [rad/s] of loads: `force_rate`, or the larger rate of factors and paths."""
     # Steps must also resolve the factors and paths.
     own = 0.0 if loads.varying is None else float(loads.varying.rate.max(initial=0.0))
     if loads.drives is not None:
         own = max(own, float(loads.drives.rate.max()))
+    if loads.anchors is not None and loads.anchors.waves is not None:
+        own = max(own, float(loads.anchors.waves.rate.max()))
     return max(force_rate(loads, model, size), own)
 
 

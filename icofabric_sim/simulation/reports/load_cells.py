@@ -24,6 +24,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
 from icofabric_sim.simulation.contact.broad_phase import BroadPhase
 from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.model.anchor_stiffness import motion_of_points
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.layout import aligned_empty, copy_state
 from icofabric_sim.simulation.model.packing import pack_supports, PackedScene
@@ -267,7 +268,7 @@ class LoadCells:
             on_bodies += part
             rows.append(resultant(part, position, np.any(mine, axis=1)))
         for end, pull in zip(anchored, self._pulls(
-                state, anchored, driver.trajectory.anchor_breaks)):
+                loads, state, time, anchored, driver.trajectory.anchor_breaks)):
             rows.append((end, pull, np.zeros(3)))
         for number, plane in enumerate(make_planes(self._scene.parameters)):
             mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3]
@@ -280,7 +281,8 @@ class LoadCells:
         return Reactions(self.names, point, total, torque, on_bodies)
 
     def _pulls(
-        self, state: State, anchored: np.ndarray, breaks: AnchorBreaks | None
+        self, loads: Loads, state: State, time: float, anchored: np.ndarray,
+        breaks: AnchorBreaks | None
     ) -> np.ndarray:
         """Return the forces [N] of the anchors on their bodies, (a, 3); 0 for broken anchors."""
         anchors = list(self._scene.anchors.values())
@@ -295,6 +297,12 @@ class LoadCells:
         extension, compression, natural = np.array([anchor.law for anchor in anchors]).T
         stretch = length - natural
         tension = np.where(stretch > 0.0, extension, compression) * stretch
+        if loads.anchors is not None and loads.anchors.damping is not None:
+            speed = motion_of_points(loads.anchors, np.arange(len(anchors)), time)[1]
+            speed = speed - now.linear_velocity[bodies] - np.cross(
+                now.angular_velocity[bodies], arm)
+            tension += loads.anchors.damping * (
+                (speed * along).sum(axis=1) / np.where(length > 0.0, length, np.inf))
         if breaks is not None:
             tension[breaks.broken] = 0.0
         # An anchor of zero length has no direction.

@@ -81,8 +81,9 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
 
 
 def is_damped(scene: Scene) -> bool:
-    """Return True if connectors are damped."""
-    return bool(scene.connector_count and scene.connectors.damping.any())
+    """Return True if connectors or anchors are damped."""
+    return scene.anchors_damped or bool(
+        scene.connector_count and scene.connectors.damping.any())
 
 
 def _refuse_blind_steps(scene: Scene) -> None:
@@ -104,7 +105,7 @@ def _reason(scene: Scene) -> str:
     """Return the first term that requires an adaptive method, if any."""
     # Forces that depend on velocities are named here; events within a step name themselves.
     if is_damped(scene):
-        return 'connectors are damped, by forces that depend on velocities'
+        return 'connectors or anchors are damped, by forces that depend on velocities'
     for name in ('drag.linear', 'drag.angular'):
         if scene.parameters[name] > 0.0:
             return f'{name} is a force that depends on velocities'

@@ -6,6 +6,14 @@ from icofabric_sim.kernels.runtime.record import Record
 import numpy as np
 
 
+class Waves(Record):
+    """Sine motions of the points of anchors."""
+
+    amplitude: np.ndarray  # (a, 3) [m], world frame
+    rate: np.ndarray  # (a,) [rad/s]
+    phase: np.ndarray  # (a,) [rad]
+
+
 class Anchors(Record):
     """Connectors from bodies to points of the world."""
 
@@ -16,3 +24,5 @@ class Anchors(Record):
     extension: np.ndarray  # (a,) k_e [N/m]
     compression: np.ndarray  # (a,) k_c [N/m]
     natural_length: np.ndarray  # (a,) D [m]
+    waves: Waves | None  # None: no point has a sine motion
+    damping: np.ndarray | None  # (a,) c [N s/m]; None: no anchor is damped

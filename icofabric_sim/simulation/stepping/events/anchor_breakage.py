@@ -9,6 +9,7 @@ from icofabric_sim.kernels.records import State
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.inputs.anchor_breaks import AnchorBreaks
+from icofabric_sim.simulation.model.anchor_stiffness import motion_of_points
 from icofabric_sim.simulation.stepping.event_location import first_limit
 from icofabric_sim.simulation.stepping.pieces import Pieces
 from icofabric_sim.simulation.stepping.step_in_progress import StepInProgress
@@ -73,6 +74,8 @@ class AnchorBreakage:
         # Also in what acts now; what is packed later knows of it.
         anchors = self._anchors
         anchors.extension[found] = anchors.compression[found] = 0.0
+        if anchors.damping is not None:
+            anchors.damping[found] = 0.0
 
     def state_tree(self) -> dict[str, Any]:
         """Return the anchors that break at the end of the step in progress, as an entry."""
@@ -103,10 +106,7 @@ class AnchorBreakage:
         if layout.cosines:
             turned = quaternions_from_cosines(turned)
         arm = np.einsum('ai,aij->aj', breaks.arm[chosen], cosines_from_quaternions(turned))
-        t = (time - anchors.start[chosen])[:, None]
-        cubic = anchors.cubic[chosen].transpose(1, 0, 2)
-        point = cubic[0] + t * (cubic[1] + t * (cubic[2] + t * cubic[3]))
-        speed = cubic[1] + t * (2.0 * cubic[2] + t * 3.0 * cubic[3])
+        point, speed = motion_of_points(anchors, chosen, time)
         line = state.position[:, slot].T + arm - point
         moving = state.linear_velocity[:, slot].T + np.cross(
             state.angular_velocity[:, slot].T, arm) - speed
