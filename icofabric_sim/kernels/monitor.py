@@ -36,9 +36,7 @@ from icofabric_sim.kernels.runtime.compiled import compiled, in_python
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import fma, LANES, load, maximum, splat, store
 from icofabric_sim.terms.contacts.force import contact_look
-from icofabric_sim.terms.dipole.record import Dipole
-from icofabric_sim.terms.gravity.record import Gravity
-from icofabric_sim.terms.masses import largest_of, units_of
+from icofabric_sim.terms.contacts.record import Contacts
 import numpy as np
 
 # Bits of the status that `examine` returns; the rates concern the bound of the largest frequency.
@@ -93,7 +91,10 @@ TENSIONS, EXTENT, BODIES, ROUNDING, NOISE, FLOOR, CHECK_COUNT = 46, 47, 48, 49, 
 SWING, SWING_LIMIT, SWING_PART = 53, 54, 55
 # Roughness at the last check that measured it, its sum over steps, and steps not yet in the sum.
 STEADY_ROUGH, ROUGH_SUM, PENDING_STEPS = 56, 57, 58
-LEDGER_COUNT = 59
+# Constants of the scene: factors of the sums that masses [kg] and inertias [kg m^2] weight, the
+# largest of each, and largest energies of weight [J/(kg m)] and dipoles [J].
+MASS, INERTIA, LARGEST_MASS, LARGEST_INERTIA, GRAVITY, DIPOLE = 59, 60, 61, 62, 63, 64
+LEDGER_COUNT = 65
 # Evaluations of the forces between two checks, or somewhat more: each rounds positions once.
 _ROUNDINGS = 100.0
 
@@ -109,7 +110,32 @@ def examine(
     note_figures(
         model, loads, state, work, time, float(in_python(coarse_up_to)(ledger)),
         bool(in_python(looks_inside)(ledger)), 0, len(work.figures) - 1, len(model.blocks.slot))
-    return conclude(model, state, work.figures, ledger)
+    return judge(model.contacts, state, work.figures, ledger)
+
+
+def judge(
+    contacts: Contacts | None, state: State, figures: np.ndarray, ledger: np.ndarray
+) -> int:
+    """Return the status bits of a state with known `figures`; write the results into `ledger`."""
+    in_python(forget_contacts)(ledger)
+    if contacts is not None:
+        add_contacts(contacts, state.position, state.orientation, ledger)
+    return conclude(figures, ledger)
+
+
+@compiled
+def forget_contacts(ledger: np.ndarray) -> None:
+    """Let there be no contacts."""
+    ledger[CONTACT] = ledger[DEEPEST] = ledger[TOUCHING] = 0.0
+
+
+@compiled
+def add_contacts(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray, ledger: np.ndarray
+) -> None:
+    """Write energy [J], deepest overlap [m] and number of the contacts into `ledger`."""
+    ledger[CONTACT], ledger[DEEPEST], ledger[TOUCHING] = contact_look(
+        contacts, position, orientation)
 
 
 @compiled
@@ -133,21 +159,19 @@ def looks_inside(ledger: np.ndarray) -> bool:
 
 
 @compiled
-def conclude(
-    model: Model, state: State, figures: np.ndarray, ledger: np.ndarray
-) -> int:
+def conclude(figures: np.ndarray, ledger: np.ndarray) -> int:
     """
     Return the status bits of a state with known `figures`; write the results into `ledger`.
 
-    The figures are of all groups (kernels/figures.py); contacts are added up here.
+    The figures are of all groups (kernels/figures.py); those of contacts are in the ledger. It is
+    the same kernel for all scenes.
     """
     totals = fold_figures(figures)
-    mass, inertia = units_of(model.masses, model.inverse_mass, model.inverse_inertia)
+    mass, inertia = ledger[MASS], ledger[INERTIA]
     ledger[SPIN] = math.sqrt(totals[FASTEST])
     rate = math.sqrt(totals[STIFFEST] + ledger[CONTACT_RATE])
     ledger[RATE] = rate + ledger[SPIN_WEIGHT] * ledger[SPIN]
     ledger[KINETIC] = 0.5 * mass * totals[MOVING] + 0.5 * inertia * totals[TURNING]
-    ledger[CONTACT], ledger[DEEPEST], ledger[TOUCHING] = contact_look(model.contacts, state)
     ledger[DEEPEST_EVER] = max(ledger[DEEPEST_EVER], ledger[DEEPEST])
     ledger[LINKED], ledger[BENT] = totals[LINKS], totals[MOMENTS]
     ledger[FIELD], ledger[ANCHORED] = totals[FIELDS], totals[ANCHORS]
@@ -162,7 +186,7 @@ def conclude(
     ledger[SPENT] = totals[DISSIPATED]
     status = balance(ledger)
     if status != NOT_FINITE:
-        status |= judge_balance(model, ledger, rate)
+        status |= judge_balance(ledger, rate)
     if not ledger[RATE] <= ledger[HIGH]:
         status |= RATE_HIGH
     if ledger[RATE] < ledger[LOW]:
@@ -260,24 +284,6 @@ def judge_roughness(work: Work, ledger: np.ndarray, interval: int) -> int:
 
 
 @compiled
-def gravity_size(gravity: Gravity | None) -> float:
-    """Return the magnitude of gravity [m/s^2]."""
-    if gravity is None:
-        return 0.0
-    g = gravity.acceleration
-    return math.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
-
-
-@compiled
-def dipole_size(dipole: Dipole | None) -> float:
-    """Return an energy bound [J] of a dipole in the field, |p| |E|."""
-    if dipole is None:
-        return 0.0
-    else:
-        return dipole.largest
-
-
-@compiled
 def balance(ledger: np.ndarray) -> int:
     """
     Compare the total energy, corrected for work and dissipated energy, with that at the start.
@@ -301,14 +307,14 @@ def balance(ledger: np.ndarray) -> int:
 
 
 @compiled
-def judge_balance(model: Model, ledger: np.ndarray, rate: float) -> int:
+def judge_balance(ledger: np.ndarray, rate: float) -> int:
     """
     Return UNBALANCED if the error exceeds the limit and the error of rounding and tolerance.
 
     `rate` [rad/s] bounds the fastest motion.
     """
     ledger[CHECK_COUNT] += 1.0
-    noise = rounding_energy(model, ledger, rate)
+    noise = rounding_energy(ledger, rate)
     if noise < math.inf:
         ledger[NOISE] = max(ledger[NOISE], noise)
     scale = least_scale(ledger)
@@ -330,7 +336,7 @@ def least_scale(ledger: np.ndarray) -> float:
 
 
 @compiled
-def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
+def rounding_energy(ledger: np.ndarray, rate: float) -> float:
     """
     Return the energy [J] that rounding may add or hide.
 
@@ -344,10 +350,10 @@ def rounding_energy(model: Model, ledger: np.ndarray, rate: float) -> float:
     u, bodies = ledger[ROUNDING], ledger[BODIES]
     # Attachment points and contacts are farther out than the centres.
     extent = ledger[EXTENT] + 2.0 / math.sqrt(max(ledger[INVERSE_SIZE], 1e-300))
-    mass, inertia = largest_of(model.masses, model.inverse_mass, model.inverse_inertia)
+    mass, inertia = ledger[LARGEST_MASS], ledger[LARGEST_INERTIA]
     displaced = u * math.sqrt(bodies * (mass * extent * extent + inertia))
     others = abs(ledger[BENT]) + abs(ledger[FIELD]) + abs(ledger[ANCHORED]) + ledger[CONTACT]
-    held = mass * gravity_size(model.gravity) * extent + dipole_size(model.dipole)
+    held = mass * ledger[GRAVITY] * extent + ledger[DIPOLE]
     summed = abs(ledger[LINKED]) + others + bodies * held + ledger[KINETIC] + ledger[WORKED]
     return u * (extent * ledger[TENSIONS] + math.sqrt(bodies) * summed) + (
         rate * displaced * math.sqrt(2.0 * others)) + (

@@ -171,7 +171,7 @@ def test_scenes_share_the_compiled_step_control():
     before = counts()
     assert steps_of(**{'drag.linear': 0.01, 'connector.twisting_stiffness': 0.02}) > 0
     control, slopes, sums, verdicts = np.array(counts()) - before
-    assert control == 0 and slopes == sums == verdicts == 1
+    assert control == verdicts == 0 and slopes == sums == 1
 
 
 def test_an_object_is_asked_in_place_of_bodies():

@@ -21,9 +21,11 @@ from icofabric_sim.kernels.integrators.sweep import kernel_of, Splitting
 from icofabric_sim.kernels.integrators.tableau import LAST, Pair, SECOND
 from icofabric_sim.kernels.loads import keep_work
 from icofabric_sim.kernels.monitor import (
+    add_contacts,
     coarse_up_to,
     conclude,
     DEEPEST_LIMIT,
+    forget_contacts,
     looks_inside,
     save,
     SAVED_AT,
@@ -93,6 +95,7 @@ class Bodies(Record):
     slopes: int
     figures: int
     verdict: int
+    contact_figures: int
     error_of_paths: int
     lengths: int
     breaking: int
@@ -129,7 +132,7 @@ def bodies_of(
             for call in calls_of(model, loads, state, work, team, watch))
     bodies = Bodies(
         model.common(), model.contacts, loads.common(), state, saved, work.common(), work.trail,
-        team, watch, *(_known[kinds] if is_called else 7 * (0,)))
+        team, watch, *(_known[kinds] if is_called else 8 * (0,)))
     if len(kept) >= _MAX_THREAD_COUNT:
         kept.clear()
     kept[id(team)] = given, bodies
@@ -153,7 +156,9 @@ def calls_of(
     trail, numbers = work.trail, np.zeros(1)
     checks = [
         (note_figures, model, loads, state, work, 0.0, 0.0, False, 0, 0, 0),
-        (conclude, model, state, work.figures, numbers)]
+        (conclude, work.figures, numbers),
+        () if model.contacts is None else (
+            add_contacts, model.contacts, state.position, state.orientation, numbers)]
     if trail is None:
         method = Splitting(numbers, numbers)
         steps = (
@@ -422,7 +427,11 @@ def examine(bodies: Bodies, time: float, ledger: np.ndarray) -> int:
     wait_for_all(team)
     if team.member != 0:
         return 0
-    return call_int(bodies.verdict, (bodies.model, bodies.state, figures, ledger))
+    forget_contacts(ledger)
+    if bodies.contact_figures != 0:
+        call_none(bodies.contact_figures, (
+            bodies.contacts, bodies.state.position, bodies.state.orientation, ledger))
+    return call_int(bodies.verdict, (figures, ledger))
 
 
 @asked

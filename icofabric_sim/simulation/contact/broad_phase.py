@@ -482,7 +482,7 @@ class BroadPhase:
         """
         if self.contacts is None:
             return 0.0, 0.0
-        energy = float(contact_look(self.contacts, state)[0])
+        energy = float(contact_look(self.contacts, state.position, state.orientation)[0])
         return energy, self.stretches.energy(self.contacts, stretches)
 
     @property
@@ -496,7 +496,7 @@ class BroadPhase:
         """
         if self.contacts is None:
             return NOTHING_TOUCHES
-        contact_look(self.contacts, state)
+        contact_look(self.contacts, state.position, state.orientation)
         which = self.contacts.aside[:, 9] > 0.0
         found, bodies = self.contacts.aside[which], self._bodies[which]
         place = state.position[:, self._layout.slot].T
@@ -514,7 +514,7 @@ class BroadPhase:
         """Return the deepest overlap in a state."""
         if self.contacts is None or not len(self._bodies):
             return None
-        contact_look(self.contacts, state)
+        contact_look(self.contacts, state.position, state.orientation)
         depth = self.contacts.aside[:, 11]
         number = int(np.argmax(depth))
         first, second = (int(body) for body in self._bodies[number])

@@ -14,7 +14,7 @@ from typing import Any
 import weakref
 
 from icofabric_sim.kernels.figures import group_size
-from icofabric_sim.kernels.monitor import coarse_up_to, conclude, looks_inside
+from icofabric_sim.kernels.monitor import coarse_up_to, judge, looks_inside
 from icofabric_sim.kernels.records import Loads, Model, State, Work
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.available_memory import available_memory
@@ -290,7 +290,8 @@ class Sharing(Remote):
             book.roughest, self.gather_figures(own, arrays.work.figures))
         # Any number that is too large is none.
         with np.errstate(all='ignore'):
-            return int(conclude(self.packed.model, arrays.state, arrays.work.figures, numbers))
+            return judge(
+                self.packed.model.contacts, arrays.state, arrays.work.figures, numbers)
 
     @property
     def has_saved(self) -> bool:

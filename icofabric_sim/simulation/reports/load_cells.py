@@ -234,7 +234,7 @@ class LoadCells:
                 np.zeros((0, 2), np.int32), empty, empty, np.zeros(0), planes,
                 np.zeros((0, 6)), np.zeros((0, 6)))
         assert isinstance(phase, BroadPhase)
-        contact_look(contacts, state)
+        contact_look(contacts, state.position, state.orientation)
         which, found = contacts.aside[:, 9] > 0.0, contacts.aside.copy()
         _lose(contacts, found, state, driver.shown.stretches)
         found, bodies = found[which], phase.bodies[which]

@@ -14,6 +14,7 @@ from icofabric_sim.kernels.records import Loads, Model
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
 from icofabric_sim.simulation.model.packing import force_rate, PackedScene
 from icofabric_sim.simulation.stepping.named_numbers import At
+from icofabric_sim.terms.masses import largest_of, units_of
 import numpy as np
 
 # Part of a coordinate, and of a sum, that counts as rounding: a few operations make it.
@@ -21,6 +22,9 @@ _ROUNDING = 16.0 * float(np.finfo(float).eps)
 # Energy of motions so small beside the tolerance that errors within it may take a part of it that
 # counts, in parts of `floor`; and how far the floor is raised above an error that is allowed.
 _SMALL_ENERGY_RATIO, _FLOOR_MARGIN_RATIO = 1e6, 1.25
+_CONSTANTS = [
+    monitor.MASS, monitor.INERTIA, monitor.LARGEST_MASS, monitor.LARGEST_INERTIA, monitor.GRAVITY,
+    monitor.DIPOLE]
 # What the balance of the energy has found since it began.
 _BALANCE = [
     monitor.BASE, monitor.BASE_LINKED, monitor.BASE_BENT, monitor.BASE_FIELD,
@@ -119,6 +123,7 @@ class Ledger:
         self.limit = energy_limit
         self.bodies = packed.layout.body_count
         self.rounding = _ROUNDING
+        self.numbers[_CONSTANTS] = _constants(packed.model)
         self._packed = packed
         self._least_floor = 0.0
 
@@ -226,7 +231,7 @@ class Ledger:
         """Restore the values from a checkpoint, with limit and size of the scene."""
         kept = [
             monitor.LIMIT, monitor.INVERSE_SIZE, monitor.DEEPEST_LIMIT, monitor.BODIES,
-            monitor.ROUNDING]
+            monitor.ROUNDING, *_CONSTANTS]
         numbers = tree.array('numbers', self.numbers.shape).copy()
         numbers[kept] = self.numbers[kept]
         if not 0.0 <= numbers[monitor.REGULAR] < math.inf:
@@ -250,3 +255,13 @@ class Ledger:
             f'{abs(balance.error) / balance.scale:.3g} of the largest energy that moved, was '
             f'exchanged or put in ({balance.scale:.3g} J), is above solver.energy_limit '
             f'{balance.limit:.3g}')
+
+
+def _constants(model: Model) -> tuple[float, ...]:
+    """Return the numbers of a ledger that depend on the model alone."""
+    masses = model.masses, model.inverse_mass, model.inverse_inertia
+    gravity = 0.0 if model.gravity is None else math.sqrt(
+        sum(part * part for part in model.gravity.acceleration.tolist()))
+    return (
+        *units_of(*masses), *largest_of(*masses), gravity,
+        0.0 if model.dipole is None else model.dipole.largest)

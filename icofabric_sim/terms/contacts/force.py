@@ -32,7 +32,7 @@ from icofabric_sim.terms.contacts.pair import LINE, Scratch, touch_pair_again, t
 from icofabric_sim.terms.contacts.record import Contacts
 from icofabric_sim.terms.contacts.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.terms.contacts.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
-from icofabric_sim.terms.shared import Six, State
+from icofabric_sim.terms.shared import Six
 import numpy as np
 
 # A gap of more than this fraction of a proves that two shells are apart for any rounding.
@@ -433,17 +433,17 @@ def set_tests(contacts: Contacts | None, member: int, tests: int) -> None:
 
 
 @compiled
-def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float, int]:
-    """Return energy [J], deepest overlap [m] and number of the contacts in a state."""
+def contact_look(
+    contacts: Contacts, position: np.ndarray, orientation: np.ndarray
+) -> tuple[float, float, int]:
+    """Return energy [J], deepest overlap [m] and number of the contacts."""
     energy, deepest, count = 0.0, 0.0, 0
-    if contacts is None:
-        return energy, deepest, count
     tests, before = contacts.tests[0], contacts.deepest[0]
     if contacts.pairs.shape[0] == 0:
         return energy, deepest, count
     sleep, aside = contacts.sleep, contacts.aside
     # Pairs that sleep at the present positions are apart; all others are tested.
-    path = path_to(sleep, state.position, state.orientation)
+    path = path_to(sleep, position, orientation)
     for p in range(contacts.pairs.shape[0]):
         sleep.looked[p] = AWAKE
         if path < sleep.until[p]:
@@ -453,7 +453,7 @@ def contact_look(contacts: Contacts | None, state: State) -> tuple[float, float,
                     aside[p, k] = 0.0
                 aside[p, 19] = 0.0
     touch_listed(
-        contacts, state.position, state.orientation, contacts.scratch, aside, sleep.looked, 0.0,
+        contacts, position, orientation, contacts.scratch, aside, sleep.looked, 0.0,
         contacts.earlier, 0, 1)
     contacts.tests[0], contacts.deepest[0] = tests, before
     for p in range(contacts.pairs.shape[0]):

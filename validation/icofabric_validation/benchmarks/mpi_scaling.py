@@ -126,7 +126,7 @@ def take_part(arguments: argparse.Namespace) -> None:
             for part in (part_steps.PartSteps, pair_steps.PairPart):
                 checking.of(part, 'examine')
             checking.of(sharing.Sharing, 'save_parts')
-            checking.of(sharing, 'conclude')
+            checking.of(sharing, 'judge')
             for name in ('place_all', 'examine', 'save'):
                 for module in (leader, pair_leader):
                     checking.of(module, name)

@@ -98,7 +98,7 @@ class HealthCheck:
         book.work = book.earlier_work + work
         status = int(monitor.balance(ledger))
         if status != monitor.NOT_FINITE:
-            status |= int(monitor.judge_balance(self._model, ledger, rate))
+            status |= int(monitor.judge_balance(ledger, rate))
         if not book.rate <= book.high:
             status |= monitor.RATE_HIGH
         if book.rate < book.low:
