@@ -12,7 +12,7 @@ from icofabric_sim.kernels.frequency_bound import bound_and_energies
 from icofabric_sim.kernels.loads import add_row_bound, driven_energy
 from icofabric_sim.kernels.obstruction import obstructed_lanes
 from icofabric_sim.kernels.records import Loads, Model, State, Work
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane, sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fabs, fma, LANES, load, maximum, splat, Vector
 from icofabric_sim.terms.gravity.record import Gravity
@@ -50,7 +50,7 @@ def figures_room(block_count: int, size: int) -> np.ndarray:
     return np.zeros((-(-block_count // size) + 1, FIGURE_COUNT))
 
 
-@compiled
+@compiled_for(model='contacts', work='')
 def note_figures(
     model: Model, loads: Loads | None, state: State, work: Work, time: float, limit: float,
     looks_inside: bool, first: int, last: int, end: int

@@ -22,7 +22,7 @@ from icofabric_sim.kernels.loads import (
 )
 from icofabric_sim.kernels.records import Links, Loads, Model, State, Supports, Work
 from icofabric_sim.kernels.rotations import place_anywhere, place_points, rotate
-from icofabric_sim.kernels.runtime.compiled import compiled, inlined
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for, inlined
 from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store
 from icofabric_sim.terms.contacts.losses import begin_lead, end_lead, losses_of, spend
 from icofabric_sim.terms.links.kinks import Kinks
@@ -90,7 +90,7 @@ def place_attachments(
         place_anywhere(attachment, position, orientation, points, s)
 
 
-@compiled
+@compiled_for(model='supports', work='')
 def place_all(model: Model, state: State, work: Work, first: int, last: int) -> None:
     """Place the attachment points of blocks first to last without motion."""
     for block in range(first, last):
@@ -176,7 +176,7 @@ def push_kept(
         spend(losses_of(model.contacts), work.spent, state, s, h)
 
 
-@compiled
+@compiled_for(model='damping', work='')
 def keep_accelerations(
     model: Model, state: State, work: Work, time: float, first: int, last: int
 ) -> None:

@@ -6,7 +6,7 @@ A bound of the largest frequency of a fabric, body by body, and the energies fro
 
 from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.records import Model, State, Work
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.lane_reductions import largest_lane
 from icofabric_sim.kernels.runtime.lanes import lane, LANES, maximum, splat, Vector
 
@@ -43,13 +43,13 @@ def bound_and_energies(
     return bound + others, linked + held, bent + wound, potential, pulls
 
 
-@compiled
+@compiled_for(model='contacts', work='')
 def frequency_bound(model: Model, state: State, work: Work) -> float:
     """Return an upper bound of the largest squared frequency [1/s^2], see `bound_and_energies`."""
     return bound_of_blocks(model, state, work, 0, model.blocks.slot.shape[0])
 
 
-@compiled
+@compiled_for(model='contacts', work='')
 def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: int) -> float:
     """
     Return the largest bound of blocks first to last; the largest of all blocks bounds the fabric.
@@ -62,7 +62,7 @@ def bound_of_blocks(model: Model, state: State, work: Work, first: int, last: in
     return largest_lane(largest)
 
 
-@compiled
+@compiled_for(model='contacts')
 def field_bound(model: Model, state: State) -> float:
     """Return a bound of what electric fields add to the squared frequency [1/s^2]."""
     largest = splat(0.0)
@@ -73,7 +73,7 @@ def field_bound(model: Model, state: State) -> float:
     return largest_lane(largest)
 
 
-@compiled
+@compiled_for(model='contacts', work='')
 def wrapping_bound(model: Model, state: State, work: Work) -> float:
     """Return the largest bound [1/s^2] that wrapping adds; attachment points are in place."""
     largest = splat(0.0)
@@ -84,7 +84,7 @@ def wrapping_bound(model: Model, state: State, work: Work) -> float:
     return largest_lane(largest)
 
 
-@compiled
+@compiled_for(model='contacts')
 def field_energy(model: Model, state: State) -> float:
     """Return the energy [J] of all dipoles in the field and of all pairs of charges."""
     total = 0.0

@@ -9,7 +9,7 @@ or forces and torques.
 
 from icofabric_sim.kernels.composition import compose_terms
 from icofabric_sim.kernels.records import Model
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.lanes import (
     load,
     splat,
@@ -81,7 +81,7 @@ def move_links(
     move_points(links.attachment, points, position, motion, moved, s)
 
 
-@compiled
+@compiled_for(model='contacts')
 def hessian_times(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
     root_m: float, root_i: float, supports: Supports | None, vector: np.ndarray,

@@ -13,7 +13,7 @@ import math
 from icofabric_sim.kernels.conjugate import add_own_terms, add_pair_terms
 from icofabric_sim.kernels.hessian import hessian_times
 from icofabric_sim.kernels.records import Blocks, Model, SecondDerivatives, State
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.lane_reductions import sum_of_lanes
 from icofabric_sim.kernels.runtime.lanes import fma, load, splat, store
 from icofabric_sim.terms.coulomb.record import Coulomb
@@ -21,7 +21,7 @@ from icofabric_sim.terms.coulomb.tangent import add_coulomb_product
 import numpy as np
 
 
-@compiled
+@compiled_for(model='contacts')
 def lanczos_steps(
     model: Model, state: State, points: np.ndarray, moved: np.ndarray, turns: np.ndarray,
     own: SecondDerivatives | None, pairs: SecondDerivatives | None, coulomb: Coulomb | None,

@@ -15,6 +15,7 @@ from icofabric_sim.kernels.runtime.team import Sweep as Sweep
 from icofabric_sim.kernels.runtime.team import Team as Team
 from icofabric_sim.terms.body_force.external_force import External
 from icofabric_sim.terms.gyration import Gyration
+from icofabric_sim.terms.interface import Term
 from icofabric_sim.terms.links.kinks import Kinks
 from icofabric_sim.terms.loads import Loads as Loads
 from icofabric_sim.terms.masses import Masses
@@ -60,9 +61,19 @@ class SecondDerivatives(Record):
     values: np.ndarray  # (m, 6, 6) or (m, 12, 12)
 
 
+def _place_of(term: Term) -> int:
+    """Return 0 for terms with a bound or an acceleration, then 1 for other forces, else 2."""
+    return 0 if term.has('bound') or term.has('acceleration') else 2 - term.has('force')
+
+
 class Model(Record, parts={
-        term.name: term.record for term in TERMS if term.has('record')}):
-    """Constants of a compiled scene; the record of each term of the registry is a field, too."""
+        term.name: term.record for term in sorted(TERMS, key=_place_of) if term.has('record')}):
+    """
+    Constants of a compiled scene; the record of each term of the registry is a field, too.
+
+    Terms that have an energy come first, then contacts, last terms that only act on velocities.
+    Kernels that do not read the last ones serve scenes with and without them (`compiled_for`).
+    """
 
     inverse_mass: float  # [1/kg] of all bodies, or of the lightest: see `masses`
     inverse_inertia: float  # [1/(kg m^2)] likewise; of the smallest principal moment

@@ -9,7 +9,7 @@ import pickle
 from fabrics import make_scene
 from icofabric_sim.kernels.records import Loads, Model, Supports
 from icofabric_sim.kernels.runtime import record
-from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.kernels.runtime.compiled import compiled, compiled_for
 from icofabric_sim.kernels.runtime.outlined import address_of, call_float
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.simulation.model.packing import pack_loads, pack_scene, WrenchRow
@@ -224,7 +224,9 @@ def test_only_what_is_none_and_the_kinds_of_arrays_make_another_type():
     assert type(Outer(1, 1.0, True, GRID, None)) is not type(Outer(1, 1.0, True, GRID, GRID))
     # Annotations are fields, in their order, then records of terms; defaults are of the class.
     assert Model._fields[:3] == ('inverse_mass', 'inverse_inertia', 'blocks')
-    assert Model._fields[-1] == 'gravity' and Model._defaults['gravity'] is None
+    # Terms that only act on velocities come last, after contacts.
+    assert Model._fields[-4:] == ('contacts', 'damping', 'drag', 'magnet')
+    assert Model._defaults['gravity'] is None
     assert Model._defaults['contacts'] is None and 'blocks' not in Model._defaults
     assert Supports._fields == ('inverse_mass', 'inverse_inertia')
     assert Loads._fields[-3:] == ('tractions', 'anchors', 'drives')
@@ -257,6 +259,29 @@ def test_first_fields_have_one_type_and_the_address_of_all():
     for cargo in (without, within):
         assert weight_by(address_of(sized, cargo), cargo.common()) == cargo.size + 5.0
     assert len(weight_by.overloads) == 1 and len(sized.overloads) == 2
+
+
+@compiled_for(tank='after')
+def doubled_size(tank, factor):
+    """Twice the size times a factor, from the fields before `after`."""
+    return 2.0 * tank.size * factor
+
+
+def test_records_that_differ_in_fields_that_are_not_read_share_a_kernel():
+    class Load(Record):
+        size: float
+        inner: Inner | None
+        after: float | None
+        last: np.ndarray | None = None
+
+    inner = Inner(np.ones(2), 2)
+    assert doubled_size(Load(2.0, None, None), 3.0) == 12.0
+    assert doubled_size(Load(2.0, None, 5.0, np.ones(1)), 3.0) == 12.0
+    assert len(doubled_size.overloads) == 1
+    assert doubled_size(Load(2.5, inner, None), 3.0) == 15.0
+    assert address_of(doubled_size, Load(2.0, inner, 7.0), 3.0) != 0
+    assert doubled_size.is_ready(Load(4.0, inner, 7.0, np.ones(3)), 3.0)
+    assert len(doubled_size.overloads) == 2
 
 
 @compiled

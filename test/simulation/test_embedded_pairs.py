@@ -172,6 +172,10 @@ def test_scenes_share_the_compiled_step_control():
     assert steps_of(**{'drag.linear': 0.01, 'connector.twisting_stiffness': 0.02}) > 0
     control, slopes, sums, verdicts = np.array(counts()) - before
     assert control == verdicts == 0 and slopes == sums == 1
+    before = counts()
+    # Damping has no energy.
+    assert steps_of(**{'drag.linear': 0.01, 'connector.damping': 0.02}) > 0
+    assert (np.array(counts()) - before).tolist() == [0, 1, 0, 0]
 
 
 def test_an_object_is_asked_in_place_of_bodies():

@@ -70,6 +70,18 @@ def asked(function: Callable[..., Any]) -> Callable[..., Any]:
     return ask
 
 
+def compiled_for(**ends: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """
+    Return a decorator like `compiled` for a function that reads only the first fields of records.
+
+    Records that differ in other fields share one kernel. `ends` names parameters, and for each the
+    field before which the fields end; '': as `Record.common`.
+    """
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        return function if _PLAIN else _FirstFields(function, ends)
+    return decorate
+
+
 def in_python(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Return the Python function of a kernel."""
     return getattr(kernel, 'py_func', kernel)
@@ -154,10 +166,18 @@ class _Kernel(_Part):
         """
         Check that the kernel for such arguments is loaded or on disk and need not be compiled.
         """
-        types = tuple(self.typeof_pyval(argument) for argument in arguments)
+        types = self.types_of(arguments)
         return types in self.overloads or (
             isinstance(self.find_cache(), KernelCache)
             and self.find_cache().holds(types, self.targetctx))
+
+    def types_of(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the types for which the kernel is compiled if it is called with `arguments`."""
+        return tuple(self.typeof_pyval(argument) for argument in self.taken(arguments))
+
+    def taken(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the arguments as compiled code takes them."""
+        return arguments
 
     def _as_part(self) -> _Part:
         if self._part is None:
@@ -173,6 +193,24 @@ class _Asked(_Kernel):
             return super().__call__(first, *others)
         method = getattr(first, self.py_func.__name__, None)
         return self.py_func(first, *others) if method is None else method(*others)
+
+
+class _FirstFields(_Kernel):
+    """A kernel that takes the first fields of some records."""
+
+    def __init__(self, function: Callable[..., Any], ends: dict[str, str]) -> None:
+        super().__init__(function)
+        self._ends = [
+            (function.__code__.co_varnames.index(name), end) for name, end in ends.items()]
+
+    def __call__(self, *arguments: Any) -> Any:
+        return super().__call__(*self.taken(arguments))
+
+    def taken(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        taken = list(arguments)
+        for place, end in self._ends:
+            taken[place] = arguments[place].common(end)
+        return tuple(taken)
 
 
 def _handing_on(function: Callable[..., Any]) -> Any:

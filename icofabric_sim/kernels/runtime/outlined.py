@@ -30,7 +30,7 @@ def address_of(kernel: Any, *arguments: Any) -> int:
         if kernel not in _plain:
             _plain.append(kernel)
         return 1 + _plain.index(kernel)
-    kinds = tuple(kernel.typeof_pyval(argument) for argument in arguments)
+    kinds = kernel.types_of(arguments)
     if kinds not in kernel.overloads:
         kernel.compile(kinds)
     found = kernel.overloads[kinds]

@@ -76,9 +76,9 @@ class Record(_Address):
     # Classes of the fields in which a record stands for None, tested at run time.
     _absent: ClassVar[dict[str, 'type[Record]']] = {}
     _is_optional: ClassVar[bool] = False
-    # The first field whose type differs between records, and a class for the fields before it.
+    # The first field whose type differs between records, and classes for the fields before one.
     _first_varying: ClassVar[str] = ''
-    _common_kind: ClassVar[type[_Common] | None] = None
+    _common_kinds: ClassVar[dict[str, type[_Common]]]
     # Set in a class that belongs to one combination of field types.
     _numba_type: ClassVar[RecordType | None] = None
     _places: ClassVar[dict[str, tuple[int, int, int]] | None] = None
@@ -217,26 +217,26 @@ class Record(_Address):
             cls._places = places
         return cls._places
 
-    def common(self) -> Any:
+    def common(self, end: str = '') -> Any:
         """
-        Return this record for kernels that serve all records of the class: only its first fields.
+        Return this record for kernels that serve many records of the class: only its first fields.
 
-        Those are the fields before the first one that may be None. The address is that of the
-        record, so a kernel can hand it on to one that reads all fields. The caller keeps the
-        record.
+        Those are the fields before the field `end`; '': before the first that may be None. The
+        address is that of the record, so a kernel can hand it on to one that reads all fields. The
+        caller keeps the record.
         """
         if is_compiling_disabled():
             return self
-        kind = type(self)
-        if kind._common_kind is None:
+        kind, end = type(self), end or self._first_varying
+        if end not in kind._common_kinds:
             all_fields = kind.numba_type().fields
             names = list(all_fields)
-            names = names[:names.index(self._first_varying)] if self._first_varying else names
-            kind._common_kind = type(f'{kind.__name__}Common', (_Common,), {
+            names = names[:names.index(end)] if end else names
+            kind._common_kinds[end] = type(f'{kind.__name__}Common', (_Common,), {
                 '_numba_type': RecordType(
                     f'{kind.__name__}Common', tuple((name, all_fields[name]) for name in names),
                     optional=self._is_optional)})
-        common: Any = kind._common_kind()
+        common: Any = kind._common_kinds[end]()
         common._address = self._address
         return common
 
@@ -281,7 +281,8 @@ def _kind(base: type[Record], fields: dict[str, Any]) -> type:
     """Return the class of records with fields of such types."""
     kinds = tuple((name, _field_type(base, name, value)) for name, value in fields.items())
     return type(base.__name__, (base,), {
-        '_numba_type': RecordType(base.__name__, kinds, optional=base._is_optional)})
+        '_numba_type': RecordType(base.__name__, kinds, optional=base._is_optional),
+        '_common_kinds': {}})
 
 
 def _field_type(base: type[Record], name: str, value: Any) -> types.Type:
