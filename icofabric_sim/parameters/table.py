@@ -199,6 +199,8 @@ STATIC: tuple[Specification, ...] = (
     *_of('dipole'),
     *_of('coulomb'),
     _s('field.electric', _ZERO3, 'V/m', 'uniform electric field, world axes'),
+    _s('field.electric_expression', '', '',
+       'electric field added to field.electric: three expressions of x, y, z, t'),
     *_of('magnet'),
     _s('field.profile', 'steady', '',
        'time factor of the electric field: steady, ramp, half_sine, sine F or table FILE, as for '
@@ -360,6 +362,9 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            f'z1, all; with and, or, not; driven groups: {RESTARTS.value}',
            required=True),
     ),
+    'constants': (
+        _s('', 0.0, '', 'constant of expressions by its name', required=True),
+    ),
     'connector_groups': (
         _s('between', '', '',
            "two groups: selects the connectors between their bodies; '': any bodies, with a "
@@ -433,6 +438,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('force', _ZERO3, 'N', 'force that the scene applies; a received wrench replaces it'),
         _s('torque', _ZERO3, 'N m',
            'torque that the scene applies; a received wrench replaces it'),
+        _s('expression', '', '',
+           'force added to all others: three expressions of x, y, z, t'),
         *_PROFILE,
     ),
     'tractions': (
@@ -447,6 +454,9 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('variation', '', '',
            'polynomial in the face coordinates (eq 35) that multiplies pressure and shear: '
            "coefficients of 1, l2, l3, l2^2, l2 l3, l3^2, ...; '': 1"),
+        _s('expression', '', '',
+           'factor of pressure and shear, or pressure and two shears [Pa]: expressions of xi, '
+           'eta, x, y, z, t'),
         _s('direction', 'follower', '',
            'follower: turns with the body; fixed: keeps its world direction as woven',
            choices=('follower', 'fixed')),

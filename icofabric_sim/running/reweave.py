@@ -28,6 +28,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.errors import KernelsAwaited
 from icofabric_sim.simulation.inputs.input_types import has_target, PullTarget
 from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.expression_force import with_expressions
 from icofabric_sim.simulation.precompile import (
     compile_elsewhere,
     counted_as_compiling,
@@ -194,6 +195,8 @@ class Reweaver:
             simulation.warm_up()
             return simulation
 
+        # Their functions are compiled in this process.
+        with_expressions(scene, None)
         return self._with_kernels(make, scene)
 
     def _load_kernels(self, simulation: Simulation) -> None:

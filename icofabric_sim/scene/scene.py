@@ -39,6 +39,13 @@ from icofabric_sim.scene.connector_laws import (
 )
 from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
+from icofabric_sim.scene.expression_loads import (
+    make_point_loads,
+    point_expression,
+    PointLoad,
+    SurfaceLoad,
+)
+from icofabric_sim.scene.expressions import check_constants
 from icofabric_sim.scene.faces import check_faces
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.masses import (
@@ -59,7 +66,7 @@ from icofabric_sim.scene.rates import check_rates
 from icofabric_sim.scene.region import make_region
 from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
 from icofabric_sim.scene.tables import read_numeric_table
-from icofabric_sim.scene.tractions import make_traction, polynomial, Traction
+from icofabric_sim.scene.tractions import make_traction, polynomial, Traction, traction_expression
 from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
 from icofabric_sim.scene.weave_connect import Connections
 from icofabric_sim.scene.weave_geometry import (
@@ -145,6 +152,8 @@ class Scene:
     supports: Supports | None
     loads: Mapping[str, LoadChannel]
     tractions: Mapping[str, Traction]
+    # Loads by expressions of place and time.
+    expression_loads: tuple[PointLoad | SurfaceLoad, ...]
     drives: Mapping[str, Drive]
     anchors: Mapping[str, Anchor]
     initial: initial.InitialState
@@ -271,6 +280,13 @@ class Scene:
         drives = make_drives(checked, groups, start, supports)
         anchors = make_anchors(checked, len(position), drives, geometry, half_edges)
         refuse_broken_anchors(anchors, start.position, start.orientation)
+        electric = make_electric(
+            checked, groups, len(position), equal_masses=masses.all_equal)
+        surfaces = {
+            name: make_traction(
+                checked, name, groups[checked[f'tractions.{name}.group']], position, orientation,
+                geometry, start)
+            for name in checked.names('tractions')}
         return cls(
             parameters=checked,
             shell=shell,
@@ -296,12 +312,11 @@ class Scene:
             supports=supports,
             loads=make_channels(checked, groups),
             tractions={
-                name: make_traction(
-                    checked, name, groups[checked[f'tractions.{name}.group']], position,
-                    orientation, geometry)
-                for name in checked.names('tractions')},
-            electric=make_electric(
-                checked, groups, len(position), equal_masses=masses.all_equal),
+                name: part for name, part in surfaces.items() if isinstance(part, Traction)},
+            expression_loads=(
+                *make_point_loads(checked, groups, electric, geometry.half_edge),
+                *(part for part in surfaces.values() if isinstance(part, SurfaceLoad))),
+            electric=electric,
             drives=drives,
             anchors=anchors,
             initial=start,
@@ -458,6 +473,11 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         check_faces(f'tractions.{name}.faces', parameters[f'tractions.{name}.faces'])
         key = f'tractions.{name}.variation'
         polynomial(key, parameters[key])
+        traction_expression(parameters, name)
+    check_constants(parameters)
+    point_expression(parameters, 'field.electric_expression', 'field')
+    for name in parameters.names('loads'):
+        point_expression(parameters, f'loads.{name}.expression', f'loads.{name}')
     for name in parameters.names('bodies'):
         initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
     return shell, geometry

@@ -8,6 +8,7 @@ import math
 from icofabric_sim.checks import counted
 from icofabric_sim.parameters.named_files import use_recorded_files
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.expression_loads import SurfaceLoad
 from icofabric_sim.scene.masses import individual_masses
 from icofabric_sim.scene.region import make_region, sides_text
 from icofabric_sim.scene.scene import BYTES_PER_BODY, Scene, weave_choices
@@ -101,8 +102,11 @@ def describe_scene(scene: Scene) -> list[Row]:
         rows += _several('drives', (_drive(scene, name) for name in scene.drives))
     if scene.anchors:
         rows += _several('anchors', (_anchor(scene, name) for name in scene.anchors))
-    if scene.tractions:
-        rows += _several('tractions', (_traction(scene, name) for name in scene.tractions))
+    if parameters.names('tractions'):
+        rows += _several(
+            'tractions', (_traction(scene, name) for name in parameters.names('tractions')))
+    if parameters['field.electric_expression']:
+        rows.append(('field', f'{parameters["field.electric_expression"]} V/m'))
     rows += _several('initial', (
         f'{name}: {_group(scene, f"initial.{name}")}{_initial(scene, name)}'
         for name in parameters.names('initial')
@@ -209,7 +213,8 @@ def _load(scene: Scene, name: str) -> str:
         text += (
             f'; {_profile(scene, f"loads.{name}")} {vector(load.force, "N")}, '
             f'{vector(load.torque, "N m")}')
-    return text
+    expression = scene.parameters[f'loads.{name}.expression']
+    return f'{text}; {expression} N' if expression else text
 
 
 def _own_masses(scene: Scene) -> str:
@@ -295,9 +300,23 @@ def _traction(scene: Scene, name: str) -> str:
         text += f', shear {vector(np.array(shear), "Pa")}'
     if scene.parameters[f'{prefix}.variation'].strip():
         text += ', varying over each face'
+    expression = scene.parameters[f'{prefix}.expression']
+    if expression:
+        text += f', {expression}{_quadrature(scene, prefix)}'
     if scene.parameters[f'{prefix}.frictionless']:
         text += ', frictionless'
     return f'{text}, {direction}; {_profile(scene, prefix)}'
+
+
+def _quadrature(scene: Scene, prefix: str) -> str:
+    """Return the Gauss rule of the expression of a load over faces, and its error, as text."""
+    kept = scene.tractions.get(prefix.split('.')[1])
+    rule = next(
+        load.quadrature for load in scene.expression_loads
+        if isinstance(load, SurfaceLoad) and load.expression.name == f'{prefix}.expression'
+    ) if kept is None else kept.quadrature
+    assert rule is not None
+    return f' (Gauss rule of degree {rule.degree}, relative error {rule.error:.1e})'
 
 
 def _initial(scene: Scene, name: str) -> str:

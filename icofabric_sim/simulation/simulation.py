@@ -35,6 +35,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     Wrench,
 )
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
+from icofabric_sim.simulation.model.expression_force import with_expressions
 from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.precompile import (
@@ -140,10 +141,13 @@ class Simulation:
         rotation = str(scene.parameters['solver.rotation']) if rotation is None else rotation
         checks.choice('rotation', rotation, ROTATIONS)
         cosines = rotation == 'direction_cosines'
-        if cosines and body_force is not None:
+        # Of the caller, without loads by expressions of the scene.
+        self.body_force = as_body_force(body_force)
+        force = with_expressions(scene, self.body_force)
+        if cosines and force is not None:
             raise ParameterError(
                 'solver.rotation',
-                "a body_force is given quaternions: solver.rotation must be 'quaternion', got "
+                f"{force.label} is given quaternions: solver.rotation must be 'quaternion', got "
                 f'{rotation!r}')
         transport = None
         if ranks is not None:
@@ -162,8 +166,7 @@ class Simulation:
             device = open_device(scene.parameters['solver.device'])
         self.scene, self.rotation = scene, rotation
         self.ranks = ranks  # also shared by a scene that follows this one
-        self.body_force = as_body_force(body_force)
-        self.packed = pack_scene(scene, cosines=cosines, body_force=self.body_force)
+        self.packed = pack_scene(scene, cosines=cosines, body_force=force)
         self._deferred = DeferredInterrupt()
         # Called every 25 to 50 ms of computing; True ends the advance with Interrupted.
         self.should_stop: Callable[[], bool] | None = None
@@ -700,7 +703,7 @@ class Simulation:
     def _energy_terms(self, state: InitialState) -> dict[str, float]:
         """Return the energies and works [J] that the balance of a snapshot needs."""
         shown, ledger, force = (
-            self._driver.shown, self._trajectory.ledger, self.body_force)
+            self._driver.shown, self._trajectory.ledger, self.packed.body_force)
         terms = {
             'work_in': shown.work, 'spent': shown.spent, 'start': ledger.base,
             'lost_at_breaks': ledger.lost, 'potential': 0.0,

@@ -374,7 +374,7 @@ def _without_potential(fabric: StaticFabric, here: Configuration) -> list[str]:
     # A run has received wrenches, too.
     turning = [] if fabric.loads.conservative else (
         without_potential(fabric.scene) or ['a received wrench'])
-    return turning + ([f'body_force {own.name}'] if own is not None and curls else [])
+    return turning + ([own.label] if own is not None and curls else [])
 
 
 def _start(fabric: StaticFabric, start: Snapshot | None) -> Configuration:

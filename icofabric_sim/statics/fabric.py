@@ -26,6 +26,7 @@ from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.contact.setup import pack_contact
 from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.expression_force import with_expressions
 from icofabric_sim.simulation.model.layout import aligned_zeros
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import pack_scene, pack_supports, PackedScene
@@ -76,7 +77,8 @@ class StaticFabric:
         - `anchors_broken_since`: likewise (a,).
         - `inputs`: inputs that replace the loads and drives of the scene; changed by this call.
         - `friction`: friction springs on a path of states; None: no friction.
-        - `body_force`: body force of the user, see own_force.py.
+        - `body_force`: body force of the user, in addition to loads by expressions, see
+          own_force.py.
         """
         self.friction = friction
         if not 0.0 <= time < math.inf:
@@ -111,8 +113,9 @@ class StaticFabric:
         place_driven(
             without(model, *TERMS), without(loads, *BESIDE_DRIVES), state, time)
         position, orientation, _, _ = self.layout.unpack(state)
-        self.own_force = None if body_force is None else OwnForce(
-            body_force, self.layout, position, orientation, self.half_edge, time, load_factor)
+        force = with_expressions(scene, body_force)
+        self.own_force = None if force is None else OwnForce(
+            force, self.layout, position, orientation, self.half_edge, time, load_factor)
         self.start = Configuration(self, position, orientation)
         self.free = np.ones((scene.body_count, 6), bool)
         if scene.supports is not None:

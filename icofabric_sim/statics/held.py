@@ -45,6 +45,9 @@ def varying(scene: Scene) -> list[str]:
             found.append(f'anchors.{name}.velocity')
     if not scene.electric.is_potential and scene.electric.profile != STEADY_PROFILE:
         found.append('field.profile')
+    found += dict.fromkeys(
+        load.expression.name for load in scene.expression_loads
+        if 't' in load.expression.variables)
     for section in ('loads', 'tractions'):
         for name in parameters.names(section):
             key = f'{section}.{name}'

@@ -46,9 +46,9 @@ class OwnForce:
         self._refuse_coupling(position, orientation)
 
     @property
-    def name(self) -> str:
-        """Name of the function."""
-        return self._force.name
+    def label(self) -> str:
+        """Name of the force in messages."""
+        return self._force.label
 
     @property
     def has_potential(self) -> bool:
@@ -106,7 +106,7 @@ class OwnForce:
         for time in _DIFFERENCES.other_times_s:
             if not self._alike(here, self._at(time, position, orientation)):
                 raise ValueError(
-                    f'body_force {self._force.name} changes with time, but an equilibrium needs '
+                    f'{self._force.label} changes with time, but an equilibrium needs '
                     'steady forces; give the time at which to hold it (time=), or a steady '
                     'function')
 
@@ -114,7 +114,7 @@ class OwnForce:
         """Raise ValueError if the force has no potential."""
         if not self.is_symmetric(blocks):
             raise ValueError(
-                f'body_force {self._force.name} has no potential: its derivative by positions and '
+                f'{self._force.label} has no potential: its derivative by positions and '
                 'rotations is not symmetric, so vibrations do not follow from an energy and may '
                 'grow; give a force that has a potential, use tractions.NAME or loads.NAME '
                 '(vibrations ignore that they turn with bodies), or simulate the motion '
@@ -142,7 +142,7 @@ class OwnForce:
                 self._at(self._time, *state)[~moved]
                 for state in ((position, orientation), (there, turned)))):
             raise ValueError(
-                f'body_force {self._force.name} acts between bodies: its force on one body '
+                f'{self._force.label} acts between bodies: its force on one body '
                 'changes if another moves. Statics supports forces that depend on the pose of '
                 'the body alone; use connectors or charge.mutual for forces between bodies, or '
                 'let a run with drag come to rest (compile_scene with body_force=)')

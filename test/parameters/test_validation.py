@@ -13,6 +13,7 @@ import pytest
 # One complete member of each family, so that a single field can be changed.
 MEMBERS = {
     'groups': {'groups.m': 'all'},
+    'constants': {'constants.m': 9.0},
     'connector_groups': {'connector_groups.m.between': 'all all'},
     'charges': {'charges.m.group': 'all'},
     'masses': {'masses.m.group': 'all'},
@@ -76,7 +77,7 @@ def test_every_default_is_accepted_and_described(name, entry):
     elif entry.name == 'between':
         value = 'all all'
     elif entry.required:
-        value = [9.0, 9.0, 9.0]
+        value = 9.0 if name == 'constants.m' else [9.0, 9.0, 9.0]
     else:
         value = entry.default
     parameters = make_parameters(with_one(name, value))

@@ -67,6 +67,8 @@ NEEDED = {
     'supports.': {'supports.it.group': 'wall'},
     'loads.': {'loads.it.group': 'tip', 'loads.it.force': [0.0, 0.0, 1e-3]},
     'tractions.': {'tractions.it.group': 'tip', 'tractions.it.pressure': 1.0},
+    'loads.it.expression': _DISSIPATIVE,
+    'field.electric_expression': {**_DISSIPATIVE, 'charge.per_body': 1e-9},
     'loads.it.profile': {'loads.it.duration': 1.0},
     'tractions.it.profile': {'tractions.it.duration': 1.0},
     'drives.': {'drives.it.group': 'wall'},
@@ -114,6 +116,7 @@ OTHERS = {
     'checkpoint.path': 'elsewhere',
     'record.path': 'elsewhere',
     'groups.it': 'y_max',
+    'constants.it': 2.0,
     'connector_groups.it.between': 'tip tip',
     'connector_groups.it.direction': 'north south',
     'connector_groups.it.law': 'law.csv',
@@ -139,6 +142,9 @@ OTHERS = {
     'bodies.it.principal_inertia': [1e-6, 1.1e-6, 1.2e-6],
     'tractions.it.faces': 'all',
     'tractions.it.variation': '1 0.5 0.5',
+    'tractions.it.expression': '1 + xi',
+    'loads.it.expression': '1e-3*x, 0, 0',
+    'field.electric_expression': 'x, 0, 0',
 }
 FILES = {
     'law.csv': 'length,force\n0.02,-2\n0.03,0\n0.05,4\n',

@@ -4,14 +4,14 @@
 
 from collections.abc import Callable
 import ctypes
-import itertools
+import inspect
 import math
 from typing import Any, Final
 
 from icofabric_sim import checks
 from icofabric_sim.kernels.runtime.numba_private import is_compiling_disabled
 from icofabric_sim.simulation.model.layout import aligned_empty, Layout
-from icofabric_sim.terms.body_force.external_force import C_FUNCTION, External
+from icofabric_sim.terms.body_force.external_force import C_FUNCTION, call_function, External
 import numba
 from numba import carray, types
 import numpy as np
@@ -35,7 +35,8 @@ class BodyForce:
 
     `force(time, position, orientation, linear_velocity, angular_velocity)` returns the force [N]
     and the torque about the centre [N m], world frame, SI units. The result must depend on these
-    arguments only.
+    arguments only. If the function has a sixth argument `body`, it gets the number of the body, or
+    the numbers of all bodies (n,).
 
     If Numba can compile `force`, kernels call the compiled function for one body at a time, with
     arrays (3,), (3,), (4,), (3,), (3,); the function returns two vectors or tuples of three
@@ -47,7 +48,8 @@ class BodyForce:
 
     The work of the force counts as external work. If the force has a potential that does not
     depend on time, give `potential(time, position, orientation)`, which returns energies [J] in
-    the same convention. The potential is then part of the energy.
+    the same convention and may have an argument `body`, too. The potential is then part of the
+    energy.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class BodyForce:
             compiled = checks.flag('compiled', compiled)
         self.force, self.potential, self._wanted = force, potential, compiled
         self.name = getattr(force, '__name__', type(force).__name__)
+        self.label = f'body_force {self.name}'  # in messages
+        self._takes_body, self._potential_takes_body = takes_body(force), takes_body(potential)
         # True if Numba has compiled the function; None before a scene is compiled.
         self.is_compiled: bool | None = None
         # True if the function is called for one body at a time; set by `prepare`.
@@ -102,11 +106,7 @@ class BodyForce:
             0, layout.slot, numbers, result, aligned_empty((6, layout.slot_count)),
             np.zeros(1, np.int64), np.zeros(1))
         external.rows[:] = 0.0
-        if self._wanted is not False and not _JIT_IS_DISABLED and self.is_compiled is None:
-            self._compiled = self._compile()
-            if self._compiled is None and self._wanted:
-                raise ValueError(f'body_force {self.name} cannot be compiled: {self._error}')
-        self.is_compiled = self._compiled is not None
+        self.compile()
         self.is_by_body = self.is_compiled or bool(_JIT_IS_DISABLED and self._wanted) or (
             self._wanted is None and self._takes_only_one(numbers))
         if self._compiled is not None:
@@ -125,6 +125,14 @@ class BodyForce:
         if not math.isfinite(start):
             raise ValueError(self._sentence(external, f'its potential is {start} J at the start'))
         return external
+
+    def compile(self) -> None:
+        """Compile the function if possible, once; raise ValueError if that was requested."""
+        if self._wanted is not False and not _JIT_IS_DISABLED and self.is_compiled is None:
+            self._compiled = self._compile()
+            if self._compiled is None and self._wanted:
+                raise ValueError(f'{self.label} cannot be compiled: {self._error}')
+        self.is_compiled = self._compiled is not None
 
     def energy(self, time: float, position: np.ndarray, orientation: np.ndarray) -> float:
         """
@@ -149,16 +157,21 @@ class BodyForce:
         orientation = checks.array('orientation', orientation, (len(position), 4))
         if self.potential is None:
             return 0.0
+        bodies = np.arange(len(position))
         if not self.is_by_body:
-            found = np.asarray(self.potential(time, position, orientation))
+            found = np.asarray(self._potential_at(time, position, orientation, bodies))
             if found.dtype.kind not in 'iuf' or found.shape not in ((), (len(position),)):
                 raise ValueError(
-                    f'the potential of body_force {self.name} must return energies [J] of '
+                    f'the potential of {self.label} must return energies [J] of '
                     f'{len(position)} bodies, got {checks.shown(found)}')
             return float(np.sum(found))
         return float(sum(
-            checks.number(f'the result of the potential of body_force {self.name}', each, unit='J')
-            for each in map(self.potential, itertools.repeat(time), position, orientation)))
+            checks.number(f'the result of the potential of {self.label}', self._potential_at(
+                time, *each), unit='J') for each in zip(position, orientation, bodies)))
+
+    def _potential_at(self, time: float, *state: Any) -> Any:
+        assert self.potential is not None
+        return self.potential(time, *(state if self._potential_takes_body else state[:-1]))
 
     def explain(self, external: External) -> str:
         """
@@ -180,7 +193,7 @@ class BodyForce:
             # Compiled code gives no reason: call the Python function.
             for body, row in enumerate(external.numbers):
                 try:
-                    found = self._of_body(external.moment[0], row)
+                    found = self._of_body(external.moment[0], row, body)
                 except Exception as raised:  # noqa: BLE001 - code of the user
                     return self._sentence(external, f'{_words(raised)} (for body {body})')
                 if not np.isfinite(found).all():
@@ -199,16 +212,17 @@ class BodyForce:
         return False
 
     def _sentence(self, external: External, what: str) -> str:
-        return f'body_force {self.name} failed at t = {external.moment[0]:.9g} s: {what}'
+        return f'{self.label} failed at t = {external.moment[0]:.9g} s: {what}'
 
     def _compile(self) -> Any:
         """Compile a C function for all bodies; return None and store the error if Numba fails."""
         force: Any = self.force
         try:
             single = force if hasattr(force, 'py_func') else numba.njit(force)
-            single.compile((types.float64, *[_ROW] * 4))
+            single.compile((
+                types.float64, *[_ROW] * 4, *[types.int64] * self._takes_body))
             # The result must be two vectors, too.
-            loop = _loop(single)
+            loop = _loop(single, self._takes_body)
         except Exception as error:  # noqa: BLE001 - Numba raises many types
             self._error = ValueError(_words(error).split('\n')[0])
             return None
@@ -220,8 +234,8 @@ class BodyForce:
         def call(time: float, count: int, numbers: int, result: int) -> int:
             try:
                 if self.is_by_body:
-                    for row, target in zip(external.numbers, external.result):
-                        target[:] = self._of_body(time, row)
+                    for body, row in enumerate(external.numbers):
+                        external.result[body] = self._of_body(time, row, body)
                 else:
                     external.result[:] = self._of_all(time, external.numbers)
                 wrong = np.flatnonzero(~np.isfinite(external.result).all(axis=1))
@@ -236,12 +250,14 @@ class BodyForce:
 
     def _of_all(self, time: float, numbers: np.ndarray) -> np.ndarray:
         parts = [numbers[:, part].copy() for part in _PARTS]
-        return self._judged(self.force(time, *parts), (len(numbers), 3))
+        bodies = [np.arange(len(numbers))] * self._takes_body
+        return self._judged(self.force(time, *parts, *bodies), (len(numbers), 3))
 
-    def _of_body(self, time: float, row: np.ndarray) -> np.ndarray:
+    def _of_body(self, time: float, row: np.ndarray, body: int = 0) -> np.ndarray:
         force: Any = self.force
         function = getattr(force, 'py_func', force)
-        return self._judged(function(time, *(row[part].copy() for part in _PARTS)), (3,))
+        parts = [row[part].copy() for part in _PARTS]
+        return self._judged(function(time, *parts, *[body] * self._takes_body), (3,))
 
     def _judged(self, found: Any, shape: tuple[int, ...]) -> np.ndarray:
         try:
@@ -278,9 +294,63 @@ class BodyForce:
         difference = np.abs(other - external.result).max(initial=0.0)
         if not difference <= _CONVENTION_TOLERANCE_RATIO * size:
             raise ValueError(
-                f'body_force {self.name} can be called for one body and for all at once, but '
+                f'{self.label} can be called for one body and for all at once, but '
                 'gives different forces: say which is meant with '
                 'BodyForce(..., compiled=True) for one, False for all')
+
+
+def takes_body(function: Any) -> bool:
+    """Return True if a function has an argument `body`."""
+    try:
+        return 'body' in inspect.signature(getattr(function, 'py_func', function)).parameters
+    except (TypeError, ValueError):
+        return False
+
+
+class SummedForce(BodyForce):
+    """The sum of several body forces; the work of all counts as external work."""
+
+    def __init__(self, *parts: BodyForce) -> None:
+        """Add up `parts`."""
+        super().__init__(self._no_force)
+        self.label = ' and '.join(part.label for part in parts)
+        self._summed = parts
+        self._externals: list[External] = []
+
+    @staticmethod
+    def _no_force(*state: Any) -> Any:
+        """Stand for the functions of the parts."""
+
+    def prepare(self, layout: Layout, numbers: np.ndarray) -> External:
+        """Prepare each part, and return the record of a function that calls all."""
+        external = External(
+            0, layout.slot, numbers, np.zeros((len(numbers), 6)),
+            aligned_empty((6, layout.slot_count)), np.zeros(1, np.int64), np.zeros(1))
+        external.rows[:] = 0.0
+        externals = [part.prepare(layout, numbers.copy()) for part in self._summed]
+
+        def call(time: float, count: int, given: int, result: int) -> int:
+            external.result[:] = 0.0
+            for part in externals:
+                part.numbers[:], part.moment[0], part.status[0] = external.numbers, time, 0
+                if call_function(part.address, time, part.numbers, part.result):
+                    part.status[0] = 1
+                    return 1
+                external.result[:] += part.result
+            return 0
+
+        function = C_FUNCTION(call)
+        self._keep.append(function)
+        self._externals = externals
+        self.is_compiled = all(part.is_compiled for part in self._summed)
+        self.is_by_body = all(part.is_by_body for part in self._summed)
+        return external._replace(address=ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+    def explain(self, external: External) -> str:
+        """Return a sentence on why a part failed."""
+        return next((
+            part.explain(own) for part, own in zip(self._summed, self._externals)
+            if own.status[0]), f'{self.label} failed')
 
 
 def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
@@ -290,16 +360,26 @@ def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
     return BodyForce(checks.function('body_force', force, 'a function or a BodyForce'))
 
 
-def _loop(single: Any) -> Any:
+def _loop(single: Any, takes_body: bool) -> Any:
     """Return a C function that calls a compiled function for each body."""
+    if takes_body:
+        call_one = single
+    else:
+        def without_body(  # type: ignore[no-untyped-def]
+            time, position, orientation, linear_velocity, angular_velocity, body
+        ):
+            return single(time, position, orientation, linear_velocity, angular_velocity)
+
+        call_one = numba.njit(without_body)
+
     @numba.cfunc(_C_TYPES)
     def call(time, count, numbers, result):  # type: ignore[no-untyped-def]
         given = carray(numbers, (count, 13))
         target = carray(result, (count, 6))
         for b in range(count):
             try:
-                force, torque = single(
-                    time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13])
+                force, torque = call_one(
+                    time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13], b)
             except Exception:  # noqa: BLE001 - `explain` finds the reason
                 return 1
             for k in range(3):

@@ -17,7 +17,7 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.body_sizes import require_shell_size
 from icofabric_sim.scene.faces import select_faces, Shells
 from icofabric_sim.scene.scene import require_scene, Scene
-from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.body_force import BodyForce, takes_body
 import numpy as np
 
 Traction = Callable[..., Any]
@@ -38,7 +38,9 @@ def surface_force(
         The scene.
     traction
         Called as `traction(face, xi, eta, time)` with the numbers (1 to 20) of the faces of m
-        points, their coordinates (m,) and the time [s]. Returns the traction [Pa], (m, 3).
+        points, their coordinates (m,) and the time [s]. Returns the traction [Pa], (m, 3). If the
+        function has an argument `body`, it also gets the numbers (m,) of the bodies; otherwise all
+        bodies have the same traction.
     group
         NAME of `groups.NAME`, or 'all'.
     faces
@@ -96,8 +98,12 @@ class _Surface:
         used = np.flatnonzero(mask.any(axis=0))
         self._mask = mask[:, used].astype(float)  # (m, f)
         self._points = points[used]  # (f, k, 3) body axes
-        self._face = np.repeat(used + 1, len(coordinates))
-        self._xi, self._eta = np.tile(coordinates, (len(used), 1)).T
+        # Points of all bodies, or of one for all.
+        bodies = self._bodies if takes_body(traction) else self._bodies[:1]
+        self._own = {'body': np.repeat(bodies, len(used) * len(coordinates))} if (
+            takes_body(traction)) else {}
+        self._face = np.tile(np.repeat(used + 1, len(coordinates)), len(bodies))
+        self._xi, self._eta = np.tile(coordinates, (len(bodies) * len(used), 1)).T
         self._frames: np.ndarray | None = None
         if axes == 'face':
             geometry = face_geometry(half_edge)
@@ -112,30 +118,35 @@ class _Surface:
         linear_velocity: np.ndarray, angular_velocity: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         found = np.asarray(self._traction(
-            self._face.copy(), self._xi.copy(), self._eta.copy(), time), float)
+            self._face.copy(), self._xi.copy(), self._eta.copy(), time,
+            **{name: of.copy() for name, of in self._own.items()}), float)
         if found.shape != (len(self._face), 3):
             raise ValueError(
                 f'the traction must return [Pa] {(len(self._face), 3)}, one row for each point, '
                 f'not {found.shape}')
-        found = found.reshape(*self._points.shape)
+        found = found.reshape(-1, *self._points.shape)  # (m or 1, f, k, 3)
         if self._frames is not None:
-            found = np.einsum('fka,fai->fki', found, self._frames)
+            found = np.einsum('mfka,fai->mfki', found, self._frames)
         weighted = found * self._areas[:, None]
+
+        def over_faces(parts: np.ndarray) -> np.ndarray:
+            return np.einsum('mf,mf...->m...', self._mask, np.broadcast_to(
+                parts, (*self._mask.shape, *parts.shape[2:])))
+
         # Of each body the sum over its faces, in its own axes or the world's.
-        push = self._mask @ weighted.sum(axis=1)
+        push = over_faces(weighted.sum(axis=2))
         axes = cosines_from_quaternions(orientation[self._bodies]).reshape(-1, 3, 3)
         force, torque = np.zeros((2, self._count, 3))
         if self._in_world:
             # sum r F^T, with r in body axes and F in those of the world.
-            moments = np.einsum('fki,fkj->fij', self._points, weighted)
-            lever = np.einsum('mf,fij->mij', self._mask, moments)
+            lever = over_faces(np.einsum('fki,mfkj->mfij', self._points, weighted))
             turned = np.einsum('mai,maj->mij', axes, lever)
             force[self._bodies] = push
             torque[self._bodies] = np.stack([
                 turned[:, 1, 2] - turned[:, 2, 1], turned[:, 2, 0] - turned[:, 0, 2],
                 turned[:, 0, 1] - turned[:, 1, 0]], axis=1)
         else:
-            moment = self._mask @ np.cross(self._points, weighted).sum(axis=1)
+            moment = over_faces(np.cross(self._points, weighted).sum(axis=2))
             force[self._bodies] = np.einsum('mi,mij->mj', push, axes)
             torque[self._bodies] = np.einsum('mi,mij->mj', moment, axes)
         return force, torque

@@ -255,11 +255,13 @@ class EmbeddedStepping(Stepping):
                     # So fast that there was no search: the same step would be asked for for ever.
                     trajectory.fail(too_fast(end, pieces.rates.fastest_term()))
         if status & embedded.TOO_SHORT:
+            own = trajectory.packed.body_force
+            jump = '' if own is None else f', or make jumps of {own.label} in time continuous'
             trajectory.fail(
                 f'no step from t = {self._step.end:.9g} s on is short enough for solver.tolerance '
                 f'{pieces.errors.probe.tolerance:g}: steps of {control.shortest:.3g} s still '
                 f'err too much, and the fastest motion is that of {pieces.rates.fastest_term()}; '
-                'allow a larger tolerance, or slow that down')
+                f'allow a larger tolerance, or slow that down{jump}')
         if self._step.end > goal:
             # Beyond what was asked for: an input may come before.
             self._due = status & self._judged & ~again

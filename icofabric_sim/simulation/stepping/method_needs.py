@@ -25,7 +25,9 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
     Dissipation by contacts is considered in method_selection.py. `outside` means that the scene
     has a body force. Raises ParameterError if another method is given.
     """
-    reason = 'a body force may depend on velocities' if outside else _reason(scene)
+    reason = _reason(scene)
+    if outside and not scene.expression_loads:
+        reason = 'a body force may depend on velocities'
     given, others = scene.parameters['solver.method'], ''
     if given in IMPLICIT:
         lacks = why_not_implicit(scene, outside=outside)
@@ -58,6 +60,8 @@ def required_method(scene: Scene, *, outside: bool = False) -> Choice | None:
 def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
     """Return what implicit steps of a scene cannot resolve, and a remedy; empty if nothing."""
     parameters = scene.parameters
+    if scene.expression_loads:
+        return f'it has {scene.expression_loads[0].expression.name}'
     if outside:
         return 'it has a body force, whose derivative is not known'
     losses = contact_losses(scene)
@@ -118,6 +122,8 @@ def beyond_losses(scene: Scene) -> str:
     """
     parameters = scene.parameters
     arm = arm_parameter_name(parameters)
+    if scene.expression_loads:
+        return f'{scene.expression_loads[0].expression.name} depends on place or time'
     if scene.connector_count and arm:
         return f'{arm} gives connectors Maxwell arms, which creep'
     if scene.principal_inertia is not None:

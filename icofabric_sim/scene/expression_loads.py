@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 The icofabric_sim authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Loads F(r, t) of eqs 15 and 47 by expressions: at points of bodies, and over faces or edges.
+
+Loads over faces and edges are sums over the points of a Gauss rule. Its degree is the smallest of
+a list for which the rule of twice that degree gives the same sums and first moments.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from icofabric_sim.geometry.rotations import cosines_from_quaternions
+from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.electric import Electric
+from icofabric_sim.scene.expressions import Expression, make_expression
+from icofabric_sim.scene.initial import InitialState
+import numpy as np
+
+# Coordinates (k, 2) and weights (k,) of the points of a rule, by its degree.
+Rule = Callable[[int], tuple[np.ndarray, np.ndarray]]
+
+_DEGREES = (2, 4, 8, 16, 32, 64)
+# Differences of sums over the sum of magnitudes: that ends the search, and the largest allowed.
+_TARGET_ERROR_RATIO, _MAX_ERROR_RATIO = 1e-8, 5e-3
+# Times [s] and number of bodies at which rules of two degrees are compared.
+_SAMPLE_TIMES_S = (0.0, 0.1372, 0.7391, 3.1847)
+_SAMPLE_BODY_COUNT = 8
+PLACE = ('x', 'y', 'z', 't')
+
+
+class Quadrature(NamedTuple):
+    """The rule of a load over faces or edges."""
+
+    degree: int
+    error: float  # difference from the rule of twice the degree, over the sum of magnitudes
+
+
+class PointLoad(NamedTuple):
+    """A force at a point of each body."""
+
+    expression: Expression  # three components [N] or, with a charge as the factor, [V/m]
+    bodies: np.ndarray  # (m,) int32
+    in_body_axes: bool
+    point: np.ndarray  # (3,) [m], body axes
+    factor: float
+
+
+class SurfaceLoad(NamedTuple):
+    """Forces over j faces or edges of each body, at k points of each."""
+
+    expression: Expression  # factors of the directions
+    bodies: np.ndarray  # (m,) int32
+    mask: np.ndarray  # (m, j) faces or edges that are loaded
+    points: np.ndarray  # (j, k, 3) [m], body axes
+    weights: np.ndarray  # (k,) [m^2] or [m]
+    coordinates: np.ndarray  # (k, 2)
+    directions: np.ndarray  # (j, c, 3) force per area or length of the components, body axes
+    normals: np.ndarray | None  # (j, 3) without friction: only the component along them acts
+    # (m, 4) orientations at which forces of fixed direction have these directions; None: they
+    # turn with the bodies
+    woven: np.ndarray | None
+    quadrature: Quadrature
+
+
+def make_point_loads(
+    parameters: Parameters, groups: Mapping[str, np.ndarray], electric: Electric, half_edge: float
+) -> list[PointLoad]:
+    """Return the loads of `loads.NAME.expression` and `field.electric_expression`."""
+    found = []
+    for name in parameters.names('loads'):
+        prefix = f'loads.{name}'
+        expression = point_expression(parameters, f'{prefix}.expression', prefix)
+        if expression is not None:
+            bodies = groups[parameters[f'{prefix}.group']]
+            share = 1.0 / len(bodies) if parameters[f'{prefix}.share'] == 'total' else 1.0
+            found.append(PointLoad(
+                expression, bodies, parameters[f'{prefix}.frame'] == 'body',
+                np.array(parameters[f'{prefix}.point'], float), share))
+    field = point_expression(parameters, 'field.electric_expression', 'field')
+    if field is not None:
+        # A wrench of a field of 1 V/m has the charge as its force.
+        unit = electric._replace(
+            electric=np.array([1.0, 0.0, 0.0]), equal_masses=False)
+        found += [
+            PointLoad(field, part.bodies, False, part.point, float(part.force[0]))
+            for part in unit.wrenches(half_edge)]
+    return found
+
+
+def point_expression(parameters: Parameters, name: str, prefix: str) -> Expression | None:
+    """Return the expression of a force at a point, or of a field; None without one."""
+    expression = make_expression(parameters, name, PLACE, (3,))
+    if expression is not None:
+        require_steady_profile(parameters, name, prefix)
+    return expression
+
+
+def require_steady_profile(parameters: Parameters, name: str, prefix: str) -> None:
+    """Raise ParameterError if a load by an expression of place and time has a profile, too."""
+    for field, default in (('profile', 'steady'), ('start', 0.0), ('duration', 0.0)):
+        value = parameters[f'{prefix}.{field}']
+        if value != default:
+            raise ParameterError(
+                f'{prefix}.{field}', f'{prefix}.{field} {value!r} does not scale {name}: write '
+                'the time t into the expression, such as where(t < 0.5, t/0.5, 1), or give the '
+                'profile to another load')
+
+
+def choose_quadrature(
+    expression: Expression, rule: Rule, places: Callable[[np.ndarray], dict[str, np.ndarray]]
+) -> Quadrature:
+    """
+    Return the quadrature of an expression over faces or edges.
+
+    `places` returns the variables at points of given coordinates, their last axis by points.
+    Raises ParameterError if the sums do not converge.
+    """
+    error, before, known = np.inf, np.zeros(0), np.zeros(0, bool)
+    for degree in (*_DEGREES, 2 * _DEGREES[-1]):
+        coordinates, weights = rule(degree)
+        values = expression.values(**places(coordinates)) * weights
+        finite = np.isfinite(values).all(axis=(0, -1))
+        values = np.where(finite[..., None], values, 0.0)
+        sums = values @ np.column_stack([np.ones(len(weights)), coordinates])
+        if degree > _DEGREES[0]:
+            # Samples where the expression is not defined do not count.
+            off = np.where((finite & known)[..., None], sums - before, 0.0)
+            size = float(np.abs(values).sum(axis=-1).max())
+            error = float(np.abs(off).max()) / size if size > 0.0 else 0.0
+            if error <= _TARGET_ERROR_RATIO:
+                return Quadrature(degree // 2, error)
+        before, known = sums, finite
+    if not error <= _MAX_ERROR_RATIO:
+        raise ParameterError(
+            expression.name,
+            f'{expression.name}: sums over a face or an edge do not converge: Gauss rules of the '
+            f'degrees {_DEGREES[-1]} and {2 * _DEGREES[-1]} differ by {error:.2g} of the sum of '
+            f'magnitudes, more than {_MAX_ERROR_RATIO:g}; give a smoother expression')
+    return Quadrature(_DEGREES[-1], error)
+
+
+def sample_places(
+    state: InitialState, bodies: np.ndarray, points: Callable[[np.ndarray], np.ndarray]
+) -> Callable[[np.ndarray], dict[str, np.ndarray]]:
+    """
+    Return the function `places` for points (j, k, 3) [m] in body axes, by their coordinates.
+
+    Samples are some of the `bodies` at the start, at several times.
+    """
+    chosen = bodies[np.unique(np.linspace(0, len(bodies) - 1, _SAMPLE_BODY_COUNT).astype(int))]
+    axes = cosines_from_quaternions(state.orientation[chosen])
+
+    def places(coordinates: np.ndarray) -> dict[str, np.ndarray]:
+        world = np.einsum('jkc,bci->ibjk', points(coordinates), axes)
+        x, y, z = world + state.position[chosen].T[:, :, None, None]
+        time = np.array(_SAMPLE_TIMES_S)[:, None, None, None]
+        return {'x': x, 'y': y, 'z': z, 't': time, **named_coordinates(coordinates)}
+
+    return places
+
+
+def named_coordinates(coordinates: np.ndarray) -> dict[str, np.ndarray]:
+    """Return xi and eta of faces, or s of edges, at points with coordinates (k, 2)."""
+    first, second = coordinates.T
+    return {'xi': first, 'eta': second, 's': first}
