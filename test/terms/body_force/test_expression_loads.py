@@ -104,11 +104,11 @@ def test_tractions_of_place_and_time_are_integrated_over_faces(direction, fricti
 
 
 def test_a_factor_of_pressure_and_shear():
-    one, two = (wrenches(scene_with({
-        'tractions.w.group': 'g', 'tractions.w.faces': 'toward 1 0 0', **changes})) for changes in (
-            {'tractions.w.pressure': 300.0, 'tractions.w.shear': [80.0, -50.0],
-             'tractions.w.expression': 'xi + t'},
-            {'tractions.w.expression': '300*(xi + t), 80*(xi + t), -50*(xi + t)'}))
+    base = {'tractions.w.group': 'g', 'tractions.w.faces': 'toward 1 0 0'}
+    one, two = (wrenches(scene_with({**base, **changes})) for changes in (
+        {'tractions.w.pressure': 300.0, 'tractions.w.shear': [80.0, -50.0],
+         'tractions.w.expression': 'xi + t'},
+        {'tractions.w.expression': '300*(xi + t), 80*(xi + t), -50*(xi + t)'}))
     assert one[0] == pytest.approx(two[0], rel=1e-13) and one[0].any()
     assert one[1] == pytest.approx(two[1], rel=1e-12, abs=1e-18)
 
@@ -179,7 +179,7 @@ def test_fields_of_place_act_on_charges_and_dipoles():
 
 
 def test_springs_to_a_point_swing():
-    """x = c + (x_0 - c) cos(w t) with w = sqrt(k / M), and a ramp by min."""
+    """The motion is c + (x_0 - c) cos(w t) with w = sqrt(k / M), and a ramp by min."""
     k, c = 3.0, 0.1
     scene = scene_with({
         'loads.w.group': 'g', 'loads.w.expression': '-k*(x - c), -k*y, 1e-3*min(t/0.1, 1)',
