@@ -227,7 +227,7 @@ def _balance(simulation: Simulation) -> str:
 
 def _loads_act(simulation: Simulation) -> bool:
     scene = simulation.scene
-    return bool(scene.tractions) or any(
+    return bool(scene.tractions or scene.expression_loads) or any(
         load.force.any() or load.torque.any() for load in scene.loads.values())
 
 

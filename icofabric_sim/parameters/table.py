@@ -463,6 +463,17 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('frictionless', False, '', 'only the component along the face normal acts'),
         *_PROFILE,
     ),
+    'line_loads': (
+        _s('group', '', '', 'group with loaded edges', required=True),
+        _s('edges', 'all', '',
+           'edges: up down north south west east, all, or F-G, where the faces F and G meet'),
+        _s('force', _ZERO3, 'N/m', 'force per length'),
+        _s('frame', 'world', '', 'axes of the force', choices=('world', 'body')),
+        _s('expression', '', '',
+           'factor of the force, or three forces per length: expressions of s (0 to 1 along the '
+           'edge), x, y, z, t'),
+        *_PROFILE,
+    ),
     'drives': (
         _s('group', '', '', 'group that moves as one rigid body', RESTARTS, required=True),
         _s('freedoms', 'all', '',

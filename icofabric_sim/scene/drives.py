@@ -78,8 +78,9 @@ def _refuse_turned_faces(
     """Refuse surface forces on bodies whose rotation is driven and whose translation is free."""
     if not drive.moves[3] or drive.moves.all():
         return
-    for other in parameters.names('tractions'):
-        key = f'tractions.{other}.group'
+    for key in (
+            f'{family}.{other}.group' for family in ('tractions', 'line_loads')
+            for other in parameters.names(family)):
         both = np.intersect1d(groups[parameters[key]], drive.bodies)
         if len(both):
             raise ParameterError(

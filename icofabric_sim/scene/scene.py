@@ -47,6 +47,7 @@ from icofabric_sim.scene.expression_loads import (
 )
 from icofabric_sim.scene.expressions import check_constants
 from icofabric_sim.scene.faces import check_faces
+from icofabric_sim.scene.line_loads import line_expression, make_line_load, select_edges
 from icofabric_sim.scene.load_channels import LoadChannel, make_channels
 from icofabric_sim.scene.masses import (
     all_members,
@@ -151,7 +152,7 @@ class Scene:
     groups: Mapping[str, np.ndarray]
     supports: Supports | None
     loads: Mapping[str, LoadChannel]
-    tractions: Mapping[str, Traction]
+    tractions: Mapping[str, Traction]  # by NAME, those on edges by line_loads.NAME
     # Loads by expressions of place and time.
     expression_loads: tuple[PointLoad | SurfaceLoad, ...]
     drives: Mapping[str, Drive]
@@ -267,8 +268,9 @@ class Scene:
         masses = make_masses(checked, shell, groups, len(position))
         half_edges = make_half_edges(
             checked, shell, all_members(checked, groups, len(position)), len(position))
-        for name in checked.names('tractions'):
-            group = f'tractions.{name}.group'
+        for group in (
+                f'{family}.{name}.group' for family in ('tractions', 'line_loads')
+                for name in checked.names(family)):
             require_shell_size(half_edges, groups[checked[group]], shell, group)
         members = grouped_connectors(checked, groups, weave)
         own = members, weave.connector_count
@@ -287,6 +289,11 @@ class Scene:
                 checked, name, groups[checked[f'tractions.{name}.group']], position, orientation,
                 geometry, start)
             for name in checked.names('tractions')}
+        surfaces |= {
+            f'line_loads.{name}': make_line_load(
+                checked, name, groups[checked[f'line_loads.{name}.group']], geometry.half_edge,
+                start)
+            for name in checked.names('line_loads')}
         return cls(
             parameters=checked,
             shell=shell,
@@ -453,7 +460,8 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('connector_groups'):
         table_of_law(parameters, f'connector_groups.{name}')
     table_of_law(parameters, 'connector')
-    for family in ('charges', 'masses', 'supports', 'loads', 'tractions', 'drives', 'initial'):
+    for family in ('charges', 'masses', 'supports', 'loads', 'tractions', 'line_loads', 'drives',
+                   'initial'):
         for name in parameters.names(family):
             _check_group(parameters, f'{family}.{name}.group')
     check_frame(parameters)
@@ -463,7 +471,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('supports'):
         fixed_freedoms(parameters, name)
     make_planes(parameters)
-    for family in ('loads', 'tractions'):
+    for family in ('loads', 'tractions', 'line_loads'):
         for name in parameters.names(family):
             check_profile(parameters, f'{family}.{name}')
     for name in parameters.names('drives'):
@@ -474,6 +482,9 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         key = f'tractions.{name}.variation'
         polynomial(key, parameters[key])
         traction_expression(parameters, name)
+    for name in parameters.names('line_loads'):
+        select_edges(f'line_loads.{name}.edges', parameters[f'line_loads.{name}.edges'])
+        line_expression(parameters, name)
     check_constants(parameters)
     point_expression(parameters, 'field.electric_expression', 'field')
     for name in parameters.names('loads'):

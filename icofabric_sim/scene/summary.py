@@ -105,6 +105,9 @@ def describe_scene(scene: Scene) -> list[Row]:
     if parameters.names('tractions'):
         rows += _several(
             'tractions', (_traction(scene, name) for name in parameters.names('tractions')))
+    if parameters.names('line_loads'):
+        rows += _several(
+            'line loads', (_line_load(scene, name) for name in parameters.names('line_loads')))
     if parameters['field.electric_expression']:
         rows.append(('field', f'{parameters["field.electric_expression"]} V/m'))
     rows += _several('initial', (
@@ -300,23 +303,33 @@ def _traction(scene: Scene, name: str) -> str:
         text += f', shear {vector(np.array(shear), "Pa")}'
     if scene.parameters[f'{prefix}.variation'].strip():
         text += ', varying over each face'
-    expression = scene.parameters[f'{prefix}.expression']
-    if expression:
-        text += f', {expression}{_quadrature(scene, prefix)}'
+    text += _quadrature(scene, name, prefix)
     if scene.parameters[f'{prefix}.frictionless']:
         text += ', frictionless'
     return f'{text}, {direction}; {_profile(scene, prefix)}'
 
 
-def _quadrature(scene: Scene, prefix: str) -> str:
-    """Return the Gauss rule of the expression of a load over faces, and its error, as text."""
-    kept = scene.tractions.get(prefix.split('.')[1])
+def _line_load(scene: Scene, name: str) -> str:
+    prefix = f'line_loads.{name}'
+    edges, force, frame = (
+        scene.parameters[f'{prefix}.{field}'] for field in ('edges', 'force', 'frame'))
+    text = f'{name}: on {_group(scene, prefix)}, edges {edges}, {vector(force, "N/m")}'
+    return f'{text}{_quadrature(scene, prefix, prefix)}, {frame} axes; {_profile(scene, prefix)}'
+
+
+def _quadrature(scene: Scene, name: str, prefix: str) -> str:
+    """Return the expression of a load over faces or edges, its Gauss rule and error, as text."""
+    expression = scene.parameters[f'{prefix}.expression']
+    if not expression:
+        return ''
+    kept = scene.tractions.get(name)
     rule = next(
         load.quadrature for load in scene.expression_loads
         if isinstance(load, SurfaceLoad) and load.expression.name == f'{prefix}.expression'
     ) if kept is None else kept.quadrature
     assert rule is not None
-    return f' (Gauss rule of degree {rule.degree}, relative error {rule.error:.1e})'
+    return (
+        f', {expression} (Gauss rule of degree {rule.degree}, relative error {rule.error:.1e})')
 
 
 def _initial(scene: Scene, name: str) -> str:

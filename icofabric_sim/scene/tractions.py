@@ -129,14 +129,12 @@ def make_traction(
         alike = bodies[kind.ravel() == number].astype(np.int32)
         faces = np.flatnonzero(mask[example])
         if follower:
-            wrenches += _follower(alike, faces, force, point)
+            wrenches += follower_wrenches(alike, faces, force, point)
         else:
             axes = cosines_from_quaternions(orientation[bodies[example]][None])[0]
-            wrenches += [
-                FaceWrench(
-                    alike, False, part @ axes, _ZERO_VECTOR, at,
-                    normals[f] if frictionless else _ZERO_VECTOR)
-                for f in faces for part, at in zip(force[f], point[f]) if part.any()]
+            wrenches += fixed_wrenches(
+                alike, faces, force, point, axes,
+                normals if frictionless else np.zeros_like(normals))
     return Traction(tuple(wrenches), make_profile(parameters, prefix), quadrature)
 
 
@@ -246,7 +244,21 @@ def two_forces(
     return forces, np.stack([levers, middles], axis=1)
 
 
-def _follower(
+def fixed_wrenches(
+    bodies: np.ndarray, faces: np.ndarray, force: np.ndarray, point: np.ndarray,
+    axes: np.ndarray, normals: np.ndarray
+) -> list[FaceWrench]:
+    """
+    Return wrenches of forces (j, k, 3) [N] of fixed direction, along `axes` as rows.
+
+    `normals` (j, 3): see FaceWrench.
+    """
+    return [
+        FaceWrench(bodies, False, part @ axes, _ZERO_VECTOR, at, normals[f])
+        for f in faces for part, at in zip(force[f], point[f]) if part.any()]
+
+
+def follower_wrenches(
     bodies: np.ndarray, faces: np.ndarray, force: np.ndarray, point: np.ndarray
 ) -> list[FaceWrench]:
     """Return one wrench about the centre for all faces, or no wrench if they cancel exactly."""

@@ -48,7 +48,7 @@ def varying(scene: Scene) -> list[str]:
     found += dict.fromkeys(
         load.expression.name for load in scene.expression_loads
         if 't' in load.expression.variables)
-    for section in ('loads', 'tractions'):
+    for section in ('loads', 'tractions', 'line_loads'):
         for name in parameters.names(section):
             key = f'{section}.{name}'
             if parameters[f'{key}.profile'] != 'steady':
@@ -59,7 +59,7 @@ def varying(scene: Scene) -> list[str]:
 
 
 def without_potential(scene: Scene) -> list[str]:
-    """Return the names of loads and tractions that follow their bodies or apply torques."""
+    """Return the names of loads on bodies that follow them or apply torques."""
     parameters = scene.parameters
     found = []
     for name in parameters.names('loads'):
@@ -72,4 +72,7 @@ def without_potential(scene: Scene) -> list[str]:
         f'tractions.{name}' for name in parameters.names('tractions')
         if parameters[f'tractions.{name}.direction'] == 'follower'
         or parameters[f'tractions.{name}.frictionless']]
+    found += [
+        f'line_loads.{name}' for name in parameters.names('line_loads')
+        if parameters[f'line_loads.{name}.frame'] == 'body']
     return found

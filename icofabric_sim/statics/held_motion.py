@@ -31,7 +31,8 @@ DIRECTED = (PULL, PUSH, SHEAR)
 # Ratio of the axial component of a displacement below which the displacement counts as lateral.
 _ACROSS_RATIO = 1e-9
 _SECTIONS = (
-    'groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'anchors.', 'initial', 'masses.')
+    'groups.', 'supports.', 'drives.', 'loads.', 'tractions.', 'line_loads.', 'anchors.',
+    'initial', 'masses.')
 # Neighbours of a body inside the weave.
 _NEIGHBOURS = 12
 # Below this angle a series is more accurate than differences of sines.

@@ -20,6 +20,7 @@ MEMBERS = {
     'supports': {'supports.m.group': 'all'},
     'loads': {'loads.m.group': 'all'},
     'tractions': {'tractions.m.group': 'all'},
+    'line_loads': {'line_loads.m.group': 'all'},
     'drives': {'drives.m.group': 'all'},
     'anchors': {'anchors.m.position': [9.0, 9.0, 9.0]},
     'planes': {'planes.m.normal': [0.0, 0.0, 1.0]},

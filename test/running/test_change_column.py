@@ -69,6 +69,8 @@ NEEDED = {
     'tractions.': {'tractions.it.group': 'tip', 'tractions.it.pressure': 1.0},
     'loads.it.expression': _DISSIPATIVE,
     'field.electric_expression': {**_DISSIPATIVE, 'charge.per_body': 1e-9},
+    'line_loads.': {'line_loads.it.group': 'tip', 'line_loads.it.force': [0.0, 0.0, 1e-2]},
+    'line_loads.it.profile': {'line_loads.it.duration': 1.0},
     'loads.it.profile': {'loads.it.duration': 1.0},
     'tractions.it.profile': {'tractions.it.duration': 1.0},
     'drives.': {'drives.it.group': 'wall'},
@@ -143,6 +145,8 @@ OTHERS = {
     'tractions.it.faces': 'all',
     'tractions.it.variation': '1 0.5 0.5',
     'tractions.it.expression': '1 + xi',
+    'line_loads.it.edges': 'up',
+    'line_loads.it.expression': '1 + s',
     'loads.it.expression': '1e-3*x, 0, 0',
     'field.electric_expression': 'x, 0, 0',
 }

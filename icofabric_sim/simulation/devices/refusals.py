@@ -173,5 +173,6 @@ def _lacking_on_device(scene: Scene) -> Iterator[tuple[str, str, str]]:
             yield f'anchors.{name}.damping', 'above 0', 'take 0'
         if parameters[f'anchors.{name}.motion'] == 'sine':
             yield f'anchors.{name}.motion', 'sine', 'give a table, anchors.NAME.file'
-    for name in parameters.names('tractions'):
-        yield f'tractions.{name}', 'with a surface force', 'leave it out'
+    for family in ('tractions', 'line_loads'):
+        for name in parameters.names(family):
+            yield f'{family}.{name}', 'with a surface force', 'leave it out'

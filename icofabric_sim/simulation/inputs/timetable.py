@@ -15,12 +15,12 @@ from icofabric_sim.simulation.inputs.input_types import ChannelTarget, DriveTarg
 
 @dataclass(frozen=True, slots=True)
 class TractionProfile:
-    """The profile of `tractions.NAME`."""
+    """The profile of `tractions.NAME`, or of `line_loads.NAME` with this whole name."""
 
     name: str
 
     def __str__(self) -> str:
-        return f'tractions.{self.name}'
+        return self.name if '.' in self.name else f'tractions.{self.name}'
 
 
 @dataclass(frozen=True, slots=True)
