@@ -345,13 +345,11 @@ STATIC: tuple[Specification, ...] = (
 
 _PROFILE = (
     _s('profile', 'steady', '',
-       'time factor: steady, ramp (0 to 1, then held), half_sine (one pulse), sine F (F in Hz, '
-       'from 0), or table FILE (CSV of time [s] and factor, linear in between, then held)'),
+       'time factor: steady, ramp, half_sine, sine F (F in Hz), or table FILE'),
     _s('start', 0.0, 's',
        'start time, from the start of the motion', minimum=0.0, maximum=_MAX_TIME_S),
     _s('duration', 0.0, 's',
-       'duration of the ramp or pulse; steady and sine: how long the load acts, 0: without end',
-       minimum=0.0, maximum=_MAX_TIME_S),
+       'duration of the profile; 0: without end', minimum=0.0, maximum=_MAX_TIME_S),
 )
 
 # Families of parameters FAMILY.NAME.FIELD with any number of NAMEs; the field '' is FAMILY.NAME.

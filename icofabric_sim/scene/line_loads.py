@@ -99,7 +99,7 @@ def line_expression(parameters: Parameters, name: str) -> Expression | None:
 
 def select_edges(name: str, text: str) -> np.ndarray:
     """Return the numbers of the edges in EDGES that the text names."""
-    found = []
+    found: list[int] = []
     for word in text.split():
         if word == 'all':
             found += range(len(EDGES))
