@@ -109,6 +109,6 @@ class Work(Record):
     spent: Meter | None  # energy dissipated by forces
     given: Meter | None  # work of external forces
     trail: Trail | None  # for Runge-Kutta methods
-    breakage: Breakage | None  # if connectors can break
     external: External | None
+    breakage: Breakage | None  # if connectors can break
     kinks: Kinks | None = None  # for methods that keep their order if slopes jump

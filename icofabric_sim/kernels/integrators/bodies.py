@@ -44,7 +44,7 @@ from icofabric_sim.kernels.rhs import (
     step_error,
 )
 from icofabric_sim.kernels.rotations import rows_of
-from icofabric_sim.kernels.runtime.compiled import asked, compiled
+from icofabric_sim.kernels.runtime.compiled import asked, compiled, compiled_for
 from icofabric_sim.kernels.runtime.lanes import LANES, load, store
 from icofabric_sim.kernels.runtime.outlined import address_of, call_float, call_int, call_none
 from icofabric_sim.kernels.runtime.record import Record
@@ -174,7 +174,7 @@ def calls_of(
 
 # -- kernels for the terms of a scene, called by address ------------------------------------------
 
-@compiled
+@compiled_for(work='breakage')
 def slope_at(
     model: Model, loads: Loads, state: State, work: Work, trail: Trail, index: int,
     team: Team, watch: Watch | None, time: float, first: int, last: int
