@@ -36,7 +36,7 @@ def missing_reason(scene: Scene) -> str:
         return 'a radial weave does not repeat in space'
     if not differ_by_direction_only(scene.parameters):
         return 'connector_groups.* make connectors differ from place to place'
-    if scene.electric.mutual and scene.electric.charge.any():
+    if scene.electric.is_mutual:
         return 'charge.mutual is an infinite sum over all charges'
     return ''
 

@@ -33,11 +33,11 @@ def lanczos_steps(
     Take steps first to last of the three-term recurrence for M^-1/2 H M^-1/2.
 
     `own` and `pairs`: second derivatives of single bodies and pairs of bodies (anchors, loads,
-    contacts); `coulomb`: charges. `sums` holds a number for each group of `size` blocks. `current`
-    is the unit vector of step `first`, `previous` that before it (zero at the start); both are
-    overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i] couples steps i and
-    i + 1. If `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector of step i is added
-    to them.
+    contacts); `coulomb`: charges and dipoles. `sums` holds a number for each group of `size`
+    blocks. `current` is the unit vector of step `first`, `previous` that before it (zero at the
+    start); both are overwritten. The tridiagonal matrix goes into `diagonal` and `off`: off[i]
+    couples steps i and i + 1. If `shapes` (j, 6, s) are given, weights[i] (i, j) times the vector
+    of step i is added to them.
     """
     root_m, root_i = math.sqrt(model.inverse_mass), math.sqrt(model.inverse_inertia)
     blocks, count, groups = model.blocks, model.blocks.slot.shape[0], sums.shape[0]
@@ -48,7 +48,8 @@ def lanczos_steps(
         add_own_terms(own, current, product)
         add_pair_terms(pairs, current, product)
         add_coulomb_product(
-            coulomb, model.blocks, state.position, model.supports, root_m, current, product)
+            coulomb, model.blocks, state.position, state.orientation, model.supports, root_m,
+            root_i, current, product)
         note_products(blocks, current, product, sums, size, 0, groups, count)
         alpha = added_up(sums)
         beta = off[step - 1] if step > 0 else 0.0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Charges and dipoles of shells, uniform electric and magnetic fields, and Coulomb forces."""
+"""Charges and dipoles of shells, uniform electric and magnetic fields, and mutual forces."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -39,6 +39,11 @@ class Electric(NamedTuple):
     def is_potential(self) -> bool:
         """True if the field adds a potential energy: one steady force on equal shells."""
         return len(self.charge) == 1 and self.profile == STEADY_PROFILE and self.equal_masses
+
+    @property
+    def is_mutual(self) -> bool:
+        """True if charges or dipoles of bodies act on each other."""
+        return self.mutual and bool(self.charge.any() or self.dipole.any())
 
     @property
     def force(self) -> np.ndarray:

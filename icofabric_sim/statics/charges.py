@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Coulomb forces between charges (charge.mutual): Hessian matrix and force scale."""
+"""Forces between charges and dipoles (charge.mutual): Hessian matrix and force scale."""
 
 from icofabric_sim.terms.coulomb.record import Coulomb
 import numpy as np
@@ -31,21 +31,29 @@ def coulomb_matrix(
 
 
 def largest_repulsion(
-    coulomb: Coulomb | None, position: np.ndarray, charge: np.ndarray
+    coulomb: Coulomb | None, position: np.ndarray, slot: np.ndarray
 ) -> float:
     """
-    Return the largest force [N] on a charge at `position` (n, 3); 0 without charges.
+    Return the largest force [N] on a charge at `position` (n, 3) [m]; 0 without charges.
 
-    `charge` (n,) are ratios to the largest charge.
+    `slot` (n,) are the slots of the bodies. Forces of dipoles count as if all had one direction.
     """
     if coulomb is None:
         return 0.0
     most = 0.0
+    charge, sizes = coulomb.charge[0, slot], np.zeros(len(slot))
+    if coulomb.moment is not None:
+        sizes = np.linalg.norm(coulomb.moment[:, slot], axis=0)
     # One body at a time, so that memory grows linearly.
-    for place, own in zip(position, np.broadcast_to(charge, len(position)).tolist()):
+    for place, own, size in zip(position, charge.tolist(), sizes.tolist()):
         apart = place - position
         square = (apart * apart).sum(axis=1)
         with np.errstate(divide='ignore'):
             cube = np.where(square > 0.0, square**-1.5, 0.0)
-        most = max(most, abs(own) * float(np.linalg.norm((cube * charge) @ apart)))
+        force = abs(own) * float(np.linalg.norm((cube * charge) @ apart))
+        if coulomb.moment is not None:
+            force += float((
+                2.0 * (abs(own) * sizes + size * np.abs(charge)) * cube
+                + 6.0 * size * sizes * np.cbrt(cube)**4).sum())
+        most = max(most, force)
     return coulomb.strength * most

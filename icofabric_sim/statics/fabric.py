@@ -145,9 +145,8 @@ class StaticFabric:
             # And force of shells face to face by the round-off of their positions.
             self.rounding = max(
                 self.rounding, 1e-15 * setup.stiffness * scene.geometry.half_edge)
-        # [N] largest Coulomb force on a body at the start.
-        self.repulsion = largest_repulsion(
-            self.model.coulomb, position, self.relative_charge)
+        # [N] largest force of charges and dipoles on a body at the start.
+        self.repulsion = largest_repulsion(self.model.coulomb, position, self.layout.slot)
         # Square roots of masses and inertias, (6,), or (n, 6) if they differ. In coordinates
         # scaled by them the eigenvalues of the Hessian are squared frequencies.
         masses = self.packed.masses
@@ -532,7 +531,7 @@ class Configuration:
         """
         Return the Hessian times a vector, (n, 6) both, on all degrees of freedom.
 
-        `pairs` includes contacts, friction, wrapped connectors and mutual charges.
+        `pairs` includes contacts, friction, wrapped connectors and mutual forces of charges.
         """
         layout, product = self.fabric.layout, self.fabric.product
         self.multiply(layout.spread(motion), product, pairs=pairs)
@@ -554,10 +553,24 @@ class Configuration:
             bodies, blocks = self.pair_blocks
             if len(bodies):
                 add_pair_blocks(fabric.layout.slot[bodies], blocks, vector, product)
-            model = fabric.model
-            if model.coulomb is not None:
-                add_coulomb_product(
-                    model.coulomb, model.blocks, self.state.position, None, 1.0, vector, product)
+            if fabric.model.coulomb is not None:
+                self._add_mutual(vector, product)
+
+    def mutual_hessian(self) -> np.ndarray:
+        """Return the Hessian (6 n, 6 n) of charges and dipoles that act on each other."""
+        layout, product = self.fabric.layout, self.fabric.product
+        columns = []
+        for unit in np.eye(6 * len(self.position)):
+            product[:] = 0.0
+            self._add_mutual(layout.spread(unit.reshape(-1, 6)), product)
+            columns.append(layout.gather(product).ravel())
+        return np.array(columns)
+
+    def _add_mutual(self, vector: np.ndarray, product: np.ndarray) -> None:
+        model, state = self.fabric.model, self.state
+        add_coulomb_product(
+            model.coulomb, model.blocks, state.position, state.orientation, None, 1.0, 1.0,
+            vector, product)
 
     @cached_property
     def own_blocks(self) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -110,7 +110,7 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
         raise ParameterError(
             'connector_groups', 'connector_groups.* make connectors differ with position; for the '
             'periodic fabric give them a direction only, or leave them out')
-    if scene.electric.mutual and scene.electric.charge.any():
+    if scene.electric.is_mutual:
         raise ParameterError(
             'charge.mutual', 'charge.mutual: the sum over all charges of a periodic fabric '
             'diverges; set it to false for the periodic fabric, or compute curves and modes of a '

@@ -90,11 +90,11 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
         columns.append(np.tile(places, (1, 12)).ravel())
         values.append((blocks * weights[:, :, None] * weights[:, None, :]).ravel())
     if fabric.model.coulomb is not None:
-        # Charges couple all bodies.
-        places = np.arange(6 * count).reshape(count, 6)[:, :3].ravel()
-        weights = scale[:, :3].ravel()
-        block = weights[:, None] * coulomb_matrix(
-            fabric.model.coulomb.strength, here.position, fabric.relative_charge) * weights
+        # Charges couple all bodies, dipoles their rotations, too.
+        coupled = 3 if fabric.model.coulomb.moment is None else 6
+        places, weights = own[:, :coupled].ravel(), scale[:, :coupled].ravel()
+        block = weights[:, None] * (here.mutual_hessian() if coupled == 6 else coulomb_matrix(
+            fabric.model.coulomb.strength, here.position, fabric.relative_charge)) * weights
         rows.append(np.repeat(places, len(places)))
         columns.append(np.tile(places, len(places)))
         values.append(block.ravel())

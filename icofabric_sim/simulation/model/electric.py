@@ -37,11 +37,18 @@ def pack_magnet(
 
 
 def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:
-    """Pack charges that repel or attract each other; None without mutual forces of charges."""
-    largest = float(np.abs(electric.charge).max(initial=0.0))
-    if not (electric.mutual and largest > 0.0 and layout.body_count > 1):
+    """
+    Pack charges and dipoles that act on each other; None without mutual forces.
+
+    They are relative to the largest charge, or to 1 C without charges.
+    """
+    if not (electric.is_mutual and layout.body_count > 1):
         return None
+    largest = float(np.abs(electric.charge).max(initial=0.0)) or 1.0
     charge = np.broadcast_to(electric.charge, layout.body_count)
+    dipole = np.broadcast_to(electric.dipole, (layout.body_count, 3))
     return Coulomb(
-        COULOMB_CONSTANT * largest**2, np.sort(layout.slot[charge != 0.0]),
-        layout.spread((charge / largest)[:, None]))
+        COULOMB_CONSTANT * largest**2,
+        np.sort(layout.slot[(charge != 0.0) | dipole.any(axis=1)]),
+        layout.spread((charge / largest)[:, None]),
+        layout.spread(dipole / largest) if dipole.any() else None)

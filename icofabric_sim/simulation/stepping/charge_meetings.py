@@ -42,7 +42,7 @@ def meeting_between(
     coulomb = packed.model.coulomb
     if coulomb is None:
         return None
-    charged = np.flatnonzero(coulomb.charge[0, packed.layout.slot])
+    charged = np.flatnonzero(np.isin(packed.layout.slot, coulomb.slots))
     found: Meeting | None = None
     for state, direction in ((before, 1.0), (after, -1.0)):
         snapshot = Snapshot(0.0, *packed.layout.unpack(state), 0, packed, {}, None)

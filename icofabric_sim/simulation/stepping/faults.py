@@ -48,7 +48,7 @@ def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
         terms['dipoles in the field (charge.dipole, field.electric)'] = (
             model.dipole.largest * inertia)
     if model.coulomb is not None:
-        terms['charges on each other (charge.mutual)'] = 0.0
+        terms['charges and dipoles on each other (charge.mutual)'] = 0.0
     if not terms and anchored:
         return 'anchors (connector.stiffness)'
     return max(terms, key=lambda name: terms[name], default='free bodies')

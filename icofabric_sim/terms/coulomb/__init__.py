@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Forces between charges at the centres of bodies."""
+"""Forces between charges and dipoles of bodies."""

@@ -4,5 +4,5 @@
 
 PARAMETERS = (
     ('charge.mutual', False, '',
-     'Coulomb forces between all pairs of charged bodies; at most 5000 bodies'),
+     'forces between charges and dipoles of all pairs of bodies; at most 5000 bodies'),
 )

@@ -7,8 +7,9 @@ import numpy as np
 
 
 class Coulomb(Record):
-    """Charges at the centres of bodies."""
+    """Charges and dipoles at the centres of bodies."""
 
-    strength: float  # kappa = q^2 / (4 pi eps_0) [J m] of the largest charge q
-    slots: np.ndarray  # (n,) int32, the slots of the bodies
+    strength: float  # kappa = q^2 / (4 pi eps_0) [J m] of the largest charge q, see packing
+    slots: np.ndarray  # (n,) int32, the slots of charged bodies and of dipoles
     charge: np.ndarray  # (1, s) relative to q
+    moment: np.ndarray | None  # (3, s) p / q [m], body axes; None: no dipoles

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 CHARGED = {
-    'charge': {'per_body': 3e-7, 'dipole': [0.0, 1e-8, 2e-8], 'mutual': True},
+    'charge': {'per_body': 3e-7, 'dipole': [0.0, 1e-9, 2e-9], 'mutual': True},
     'field': {'electric': [1e5, 0.0, 3e5]},
     'connector': {'stiffness': 500.0, 'bending_stiffness': 0.01}, 'gravity': [0.0, 0.0, -9.81],
     'contact': {'mode': 'never'}}
