@@ -127,8 +127,8 @@ STATIC: tuple[Specification, ...] = (
        RESTARTS, choices=(0, 1, 2, 3)),
     _s('weave.size', [5, 5, 5], '', 'number of grid positions Nx, Ny, Nz', RESTARTS, minimum=1),
     _s('weave.box', _ZERO3, 'm',
-       'box to fill as closely as possible with whole shells; an upright bias weave fills it '
-       'with shell centres, so shells protrude; zeros: weave.size is used',
+       'box to fill with whole shells; an upright bias weave fills it with shell centres, so '
+       'shells protrude; zeros: weave.size',
        RESTARTS, minimum=0.0),
     _s('weave.radius', 0.0, 'm',
        'radial only: radius of the lowest level about the axis; 0: the rows span a quarter '
@@ -171,16 +171,15 @@ STATIC: tuple[Specification, ...] = (
     *_of('bending'),
     *_of('twisting'),
     _s('connector.obstruction', 'warn', '',
-       'response to a connector that enters the shell it is attached to: warn once, stop the '
-       'run, or wrap the connector over the faces along the shortest path (attachment points on '
-       'the shell or outside)',
+       'response to a connector that enters its own shell: warn once, stop the run, or wrap it '
+       'over the faces along the shortest path (attachment points on the shell or outside)',
        choices=('warn', 'stop', 'wrap')),
     _s('connector.attachment_scale', 1.0, '',
        'factor by which edge midpoints are multiplied to give attachment points', **_positive()),
     *(
         _s(f'connector.attachment.{edge}', _ZERO3, 'm',
-           f'attachment point of connectors at the edge named {edge}, from the centre, body axes; '
-           'zeros: the scaled edge midpoint')
+           f'attachment point at the edge {edge}, from the centre, body axes; zeros: scaled '
+           'midpoint')
         for edge in ('up', 'down', 'north', 'south', 'west', 'east')
     ),
     _s('connector.law', '', '',
@@ -203,35 +202,33 @@ STATIC: tuple[Specification, ...] = (
        'electric field added to field.electric: three expressions of x, y, z, t'),
     *_of('magnet'),
     _s('field.profile', 'steady', '',
-       'time factor of the electric field: steady, ramp, half_sine, sine F or table FILE, as for '
-       'loads; the work of a field that varies in time counts as external work, not as potential '
-       'energy'),
+       'time factor of the electric field, as for loads; the work of a field that varies counts '
+       'as external work'),
     _s('field.start', 0.0, 's',
        'time at which the electric field starts, from the start of the motion',
        minimum=0.0, maximum=_MAX_TIME_S),
     _s('field.duration', 0.0, 's',
-       'duration of the ramp or pulse; steady and sine: how long the field acts, 0: without end',
+       'of the ramp or pulse; steady and sine: how long the field acts, 0: without end',
        minimum=0.0, maximum=_MAX_TIME_S),
     _s('contact.mode', 'auto', '',
-       'never: shells pass through each other; always: contacts are computed in every step; '
-       'auto: contacts are computed only while shells can touch, with the same result as always',
+       'never: shells pass through each other; always: computed in every step; auto: only while '
+       'shells can touch, with the same result',
        choices=('never', 'always', 'auto')),
     _s('contact.stiffness', 0.0, 'N/m',
        'K, between shells, and between shells and planes: energy K d^2 / 2 at overlap d; 0: '
        'chosen for the scene so that overlaps stay below 1 % of a',
        minimum=0.0),
     _s('contact.damping', 0.0, 's/m',
-       'c: the normal force of a contact is multiplied by 1 + c times the rate of overlap, and '
-       'is never attractive; the Python function icofabric_sim.contact.damping_for computes c for '
-       'a coefficient of restitution',
+       'c: normal forces are multiplied by 1 + c times the rate of overlap, and never '
+       'attractive; icofabric_sim.contact.damping_for returns c for a coefficient of restitution',
        minimum=0.0),
     _s('contact.friction', 0.0, '',
        'coefficient of friction mu: bodies in contact stick by a tangential spring up to mu '
        'times the normal force, then slide',
        minimum=0.0),
     _s('pull.strength', 1.0, '',
-       'scale of ~/pull, by which you pull at a body: stiffness and largest force, relative to '
-       'the values chosen for the fabric',
+       'scale of ~/pull: stiffness and largest force relative to the values chosen for the '
+       'fabric',
        **_positive(maximum=1000.0)),
     _s('initial_random.velocity_sigma', 0.0, 'm/s',
        'random start: standard deviation of each velocity component', minimum=0.0),
@@ -239,10 +236,9 @@ STATIC: tuple[Specification, ...] = (
        'random start: standard deviation of each angular velocity component', minimum=0.0),
     _s('initial_random.seed', 0, '', 'seed of the random start', minimum=0, maximum=2**32 - 1),
     _s('equilibrium.objective', 'energy', '',
-       'quantity that an equilibrium solve minimises; energy: potential energy, with contacts as '
-       'springs; '
-       'resultants: force and moment resultants without overlap, as in the document of '
-       'M. A. Martin (no follower loads)',
+       'what an equilibrium solve minimises; energy: potential energy, with contacts as springs; '
+       'resultants: force and moment resultants without overlap, as in the document (no follower '
+       'loads)',
        AT_ONCE, choices=OBJECTIVES),
     _s('duration', 0.0, 's',
        'simulated time after which the node ends; 0: runs until stopped',
@@ -251,8 +247,8 @@ STATIC: tuple[Specification, ...] = (
        'integration method; auto: the cheapest method that meets the tolerance in this scene',
        choices=('auto', 'leapfrog', 'srkn4', 'srkn6', 'srkn8', 'dop8', 'tsit5', 'sdirk4')),
     _s('solver.tolerance', 1e-6, '1/s',
-       'largest error that the method may add per second of simulated time: position over a, or '
-       'orientation in rad, whichever is larger',
+       'largest error added per second of simulated time: position over a, or orientation in '
+       'rad, whichever is larger',
        minimum=1e-15, maximum=_MAX_TIME_S),
     _s('solver.step', 0.0, 's',
        'fixed time step, for which the tolerance is only reported; 0: the longest step that '
@@ -297,8 +293,8 @@ STATIC: tuple[Specification, ...] = (
        '`publish_rate`; empty: none; requires the package tf2_msgs',
        FIXED),
     _s('publish.connectors', '', '',
-       'connectors in `~/tensions`: empty: all; two names of groups, separated by a space: those '
-       'that join a body of one to a body of the other; `all` stands for every body',
+       'connectors in `~/tensions`: two groups, separated by a space, whose bodies they join '
+       '(`all`: every body); empty: all',
        FIXED),
     _s('publish_clock', True, '', 'publish /clock', FIXED),
     _s('frame_id', 'world', '',
@@ -313,8 +309,8 @@ STATIC: tuple[Specification, ...] = (
        'simulated time per call of the service ~/advance, in whole nanoseconds',
        AT_ONCE, minimum=1e-9, maximum=_MAX_TIME_S),
     _s('input_horizon', 1.0, 's',
-       'how far the stamp of an input may lie ahead of simulated time; later stamps are taken for '
-       'those of another clock, and the input acts at once',
+       'how far the stamp of an input may lie ahead of simulated time; inputs with later stamps '
+       '(of another clock) act at once',
        AT_ONCE, minimum=0.0, maximum=_MAX_TIME_S),
     _s('input_reliability', 'reliable', '',
        'QoS reliability of the subscriptions for wrenches and twists; best_effort also matches '
@@ -505,9 +501,25 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('normal', _ZERO3, '', 'normal of a rigid plane, towards its free side', required=True),
         _s('offset', 0.0, 'm', 'the free side is normal . x >= offset'),
     ),
+    'connectors': (
+        _s('bodies', [0, 0], '', 'two bodies that a custom connector joins', minimum=0),
+        _s('points', [0.0] * 6, 'm', 'attachment point on each, from its centre, its axes'),
+        _s('file', '', '', 'instead: CSV of body, body, x, y, z, x, y, z [m] for each connector'),
+        _s('stiffness', -1.0, 'N/m',
+           'k in extension and compression; negative: as in connector.*'),
+        _s('stiffness_extension', -1.0, 'N/m', 'k_e; negative: stiffness'),
+        _s('stiffness_compression', -1.0, 'N/m', 'k_c; negative: stiffness; 0: a rope'),
+        _s('natural_length', 0.0, 'm',
+           'natural length D; 0: connector.natural_length, or the length at rest', minimum=0.0),
+        _s('damping', -1.0, 'N s/m', 'damping along it; negative: connector.damping'),
+        _s('break_length_extension', 0.0, 'm',
+           'total length L_e > D; 0: never breaks', minimum=0.0),
+        _s('break_length_compression', 0.0, 'm',
+           'total length L_c < D; 0: never breaks', minimum=0.0),
+    ),
     'anchors': (
         _s('body', 0, '',
-           'number of the body that this connector joins to a point of the world', minimum=0),
+           'body that this connector joins to a point of the world', minimum=0),
         _s('edge', 'up', '',
            'edge of the body where the connector is attached, or its centre',
            choices=('up', 'down', 'north', 'south', 'west', 'east', 'centre')),

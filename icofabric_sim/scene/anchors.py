@@ -77,7 +77,7 @@ def make_anchors(
         anchors[name] = Anchor(
             body, arm, make_anchor_path(parameters, name),
             law := spring_law(parameters, f'anchors.{name}', geometry.connector_length),
-            _make_limits(parameters, f'anchors.{name}', law[2]),
+            make_break_lengths(parameters, f'anchors.{name}', law[2]),
             parameters[f'anchors.{name}.damping'])
     return anchors
 
@@ -108,8 +108,8 @@ def refuse_broken_anchors(
             f'break at once; {way} it, or move anchors.{name}.position')
 
 
-def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimits:
-    """Return the break limits of an anchor with the natural length `rest` [m]."""
+def make_break_lengths(parameters: Parameters, prefix: str, rest: float) -> AnchorLimits:
+    """Return the break limits of `PREFIX.*`, a spring with the natural length `rest` [m]."""
     longest, shortest = (parameters[f'{prefix}.{name}'] for name in BREAK_LENGTH_NAMES)
     for name, limit, wrong, side, way in (
             (BREAK_LENGTH_NAMES[0], longest, 0.0 < longest <= rest, 'above', 'raise'),
@@ -117,9 +117,9 @@ def _make_limits(parameters: Parameters, prefix: str, rest: float) -> AnchorLimi
         if wrong:
             raise ParameterError(
                 f'{prefix}.{name}',
-                f'{prefix}.{name} {limit!r} m must be {side} the natural length of the anchor, '
-                f'{rest!r} m: it is a length from end to end, not a change of length; {way} it, '
-                'or set 0 for an anchor that never breaks')
+                f'{prefix}.{name} {limit!r} m must be {side} the natural length, {rest!r} m: it '
+                f'is a length from end to end, not a change of length; {way} it, or set 0 for '
+                'never')
     return AnchorLimits(longest or math.inf, shortest)
 
 

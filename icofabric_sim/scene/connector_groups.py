@@ -8,6 +8,7 @@ south, west and east. Each direction has four connectors at every inner body.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 from icofabric_sim.geometry.icosahedron import NAMED_EDGES
 from icofabric_sim.parameters.validation import ParameterError, Parameters
@@ -108,10 +109,10 @@ def parse_two_groups(parameters: Parameters, key: str) -> tuple[str, str]:
 
 
 def chosen_connectors(
-    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], weave: Weave
+    parameters: Parameters, key: str, groups: Mapping[str, np.ndarray], connections: Any
 ) -> np.ndarray | None:
     """
-    Return the numbers of the `weave`'s connectors between the two groups of `key`.
+    Return the numbers of the connectors between the two groups of `key`.
 
     None means all connectors: the parameter is empty.
     """
@@ -119,7 +120,7 @@ def chosen_connectors(
         return None
     first, second = parse_two_groups(parameters, key)
     chosen = np.flatnonzero(connectors_between(
-        groups[first], groups[second], weave.connector_bodies))
+        groups[first], groups[second], connections.whole.bodies))
     if not len(chosen):
         raise ParameterError(
             key, f'{key} {first!r} {second!r}: no connector leads from one to the other; name two '

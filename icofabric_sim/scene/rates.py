@@ -73,11 +73,12 @@ def _rates(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float]]:
         for field in ('bending_stiffness', 'twisting_stiffness'):
             yield f'{family}.{field}', _spring_rate(parameters[f'{family}.{field}'], inertia)
         yield f'{family}.damping', parameters[f'{family}.damping'] / mass
-    for name in parameters.names('anchors'):
+    for prefix in (
+            f'{family}.{name}' for family in ('anchors', 'connectors')
+            for name in parameters.names(family)):
         for field in _SPRINGS:
-            key = f'anchors.{name}.{field}'
-            yield key, _spring_rate(parameters[key], mass)
-        yield f'anchors.{name}.damping', parameters[f'anchors.{name}.damping'] / mass
+            yield f'{prefix}.{field}', _spring_rate(parameters[f'{prefix}.{field}'], mass)
+        yield f'{prefix}.damping', parameters[f'{prefix}.damping'] / mass
     yield 'contact.stiffness', _spring_rate(parameters['contact.stiffness'], mass)
     yield 'drag.linear', parameters['drag.linear'] / mass
     yield 'drag.angular', parameters['drag.angular'] / inertia

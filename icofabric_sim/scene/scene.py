@@ -37,6 +37,7 @@ from icofabric_sim.scene.connector_laws import (
     property_by_connector,
     table_of_law,
 )
+from icofabric_sim.scene.custom_connectors import CustomConnectors, make_custom_connectors
 from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.expression_loads import (
@@ -69,7 +70,7 @@ from icofabric_sim.scene.supports import fixed_freedoms, make_supports, Supports
 from icofabric_sim.scene.tables import read_numeric_table
 from icofabric_sim.scene.tractions import make_traction, polynomial, Traction, traction_expression
 from icofabric_sim.scene.weave import build_weave, estimate_weave, Weave
-from icofabric_sim.scene.weave_connect import Connections
+from icofabric_sim.scene.weave_connect import Connections, Connectors
 from icofabric_sim.scene.weave_geometry import (
     geometry_from_angle,
     geometry_from_length,
@@ -87,11 +88,24 @@ _UNCHECKED_BYTES = 2**27  # a need below which the free memory is not read
 
 
 @dataclass(frozen=True)
-class SceneConnectors:
-    """Connectors of a scene, sorted by (lower body, its edge, other body)."""
+class _Joined:
+    """Connectors of a weave and custom ones, in the form of `Connections`."""
 
-    connections: Connections  # bodies that they join, computed when first used
-    attachment: np.ndarray  # (6, 3) points in body axes [m], by edge code
+    whole: Connectors
+    count: int
+
+
+@dataclass(frozen=True)
+class SceneConnectors:
+    """
+    Connectors of a scene: woven ones, sorted by (lower body, its edge, other body), custom ones.
+
+    The points of custom connector k have the edge codes 6 + 2 k and 7 + 2 k.
+    """
+
+    # Bodies that they join, computed when first used unless there are custom connectors.
+    connections: Connections | _Joined
+    attachment: np.ndarray  # (6 + 2 m, 3) points in body axes [m], by edge code
     woven_length: float | np.ndarray  # [m] of all, or of each, (c,)
     laws: ConnectorLaws
     curves: ConnectorCurves  # that replace springs
@@ -108,7 +122,7 @@ class SceneConnectors:
 
     @property
     def edges(self) -> np.ndarray:
-        """Edges that they join, (c, 2) int8 codes, see icosahedron.NAMED_EDGES."""
+        """Codes of the edges that they join, (c, 2), see icosahedron.NAMED_EDGES."""
         return self.connections.whole.edges
 
     @property
@@ -124,6 +138,42 @@ class SceneConnectors:
     def __len__(self) -> int:
         """Count the connectors."""
         return self.connections.count
+
+    def joined(self, custom: CustomConnectors | None) -> 'SceneConnectors':
+        """Return these connectors with custom ones, which have no moments and no Maxwell arms."""
+        if custom is None:
+            return self
+        woven, count = len(self), len(custom.bodies)
+        total, edges = woven + count, self.attachment.shape[0]
+
+        def add(values: np.ndarray, more: np.ndarray | float) -> np.ndarray:
+            return np.concatenate([
+                np.broadcast_to(values, woven), np.broadcast_to(more, count)])
+
+        def least(values: np.ndarray) -> np.ndarray:
+            return values[:1] if (values == values[0]).all() else values
+
+        never, arms, limits = BreakLimits(np.array([np.inf]), np.zeros(1)), self.arms, None
+        if self.limits is not None or (custom.limits != [[np.inf], [0.0]]).any():
+            limits = BreakLimits(*map(add, self.limits or never, custom.limits))
+        return SceneConnectors(
+            _Joined(Connectors(
+                np.concatenate([self.bodies, custom.bodies]),
+                np.concatenate([
+                    self.edges, edges + np.arange(2 * count).reshape(-1, 2)]).astype(np.int32)),
+                total),
+            np.concatenate([self.attachment, custom.points.reshape(-1, 3)]),
+            add(np.atleast_1d(self.woven_length), custom.length),
+            ConnectorLaws(*(
+                least(add(*pair)) if not self.curves.curves else add(*pair)
+                for pair in zip(self.laws, custom.laws))),
+            self.curves if not self.curves.curves else self.curves._replace(
+                of=add(self.curves.of, -1), stops=add(self.curves.stops, False)),
+            add(self.bending_stiffness, 0.0), add(self.twisting_stiffness, 0.0),
+            least(add(self.damping, custom.damping)),
+            None if arms is None else MaxwellArms(
+                add(arms.stiffness, 0.0), add(arms.time, 0.0)),
+            limits)
 
     @cached_property
     def points_body(self) -> np.ndarray:
@@ -149,6 +199,8 @@ class Scene:
     position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
     orientation: np.ndarray  # (n, 4) x y z w at rest
     connectors: SceneConnectors
+    woven: SceneConnectors  # those of the weave alone, the first ones
+    custom: CustomConnectors | None
     groups: Mapping[str, np.ndarray]
     supports: Supports | None
     loads: Mapping[str, LoadChannel]
@@ -294,6 +346,19 @@ class Scene:
                 checked, name, groups[checked[f'line_loads.{name}.group']], geometry.half_edge,
                 start)
             for name in checked.names('line_loads')}
+        custom = make_custom_connectors(checked, position, orientation, geometry)
+        woven = SceneConnectors(
+            weave.connections,
+            attachment_points(checked, geometry.half_edge),
+            length,
+            *laws,
+            property_by_connector(checked, 'bending_stiffness', *own),
+            property_by_connector(checked, 'twisting_stiffness', *own),
+            property_by_connector(checked, 'damping', *own),
+            make_arms(checked, *own),
+            make_limits(checked, length, *own, laws[0]),
+        )
+        connectors = woven.joined(custom)
         return cls(
             parameters=checked,
             shell=shell,
@@ -304,17 +369,9 @@ class Scene:
             weave=weave,
             position=position,
             orientation=orientation,
-            connectors=SceneConnectors(
-                weave.connections,
-                attachment_points(checked, geometry.half_edge),
-                length,
-                *laws,
-                property_by_connector(checked, 'bending_stiffness', *own),
-                property_by_connector(checked, 'twisting_stiffness', *own),
-                property_by_connector(checked, 'damping', *own),
-                make_arms(checked, *own),
-                make_limits(checked, length, *own, laws[0]),
-            ),
+            connectors=connectors,
+            woven=woven,
+            custom=custom,
             groups=groups,
             supports=supports,
             loads=make_channels(checked, groups),
@@ -330,7 +387,7 @@ class Scene:
             published_bodies=published_bodies(checked, groups),
             framed_bodies=framed_bodies(checked, groups),
             published_connectors=chosen_connectors(
-                checked, 'publish.connectors', groups, weave),
+                checked, 'publish.connectors', groups, connectors.connections),
             files=files,
         )
 

@@ -85,7 +85,7 @@ def describe_scene(scene: Scene) -> list[Row]:
         ),
         ('size', _size(scene)),
         ('bodies', f'{scene.body_count:,}' + _loose(scene)),
-        ('connectors', f'{scene.connector_count:,}, {_springs(scene)}'),
+        ('connectors', f'{scene.connector_count:,}, {_springs(scene)}' + _custom(scene)),
         ('mass', f'{scene.masses.total(scene.body_count):.6g} kg in total' + _own_masses(scene)),
         ('gravity', vector(parameters['gravity'], 'm/s^2')),
     ]
@@ -158,6 +158,13 @@ def _loose(scene: Scene) -> str:
     if not loose:
         return ''
     return f', the last {loose} of them loose: {", ".join(scene.parameters.names("bodies"))}'
+
+
+def _custom(scene: Scene) -> str:
+    if scene.custom is None:
+        return ''
+    names = ', '.join(dict.fromkeys(scene.custom.names))
+    return f', the last {len(scene.custom.names):,} of them custom: {names}'
 
 
 def _springs(scene: Scene) -> str:

@@ -24,9 +24,9 @@ def read_numeric_table(
     Return the rows of a table, (r, c): times [s], strictly increasing from 0 on, then values.
 
     `widths` maps allowed numbers of columns to their description. `first` and `unit` describe the
-    first column. Empty lines, lines that begin with # and a header line are skipped. A relative
-    path is searched in the working directory, then among the example scenes. Raises
-    ParameterError for the parameter `name`.
+    first column; if `first` is empty, rows have any order, and one is enough. Empty lines, lines
+    that begin with # and a header line are skipped. A relative path is searched in the working
+    directory, then among the example scenes. Raises ParameterError for the parameter `name`.
     """
     rows: list[list[float]] = []
     wanted = ' or '.join(widths.values())
@@ -45,15 +45,16 @@ def read_numeric_table(
             raise ParameterError(
                 name, f'{name}: {path}, line {number}, must be {wanted}, all finite and the '
                 f'same in every line, got {text!r:.80}')
-        if not (values[0] >= 0.0 if not rows else values[0] > rows[-1][0]):
+        if first and not (values[0] >= 0.0 if not rows else values[0] > rows[-1][0]):
             raise ParameterError(
                 name, f'{name}: {path}, line {number}: {first} must increase from line to '
                 f'line, from 0 {unit} on, got {values[0]!r} {unit}'
                 + (f' after {rows[-1][0]!r} {unit}' if rows else ''))
         rows.append(values)
-    if len(rows) < 2:
+    if len(rows) < (2 if first else 1):
+        least = 'two lines' if first else 'one line'
         raise ParameterError(
-            name, f'{name}: {path} must have at least two lines of {wanted}, got {len(rows)}')
+            name, f'{name}: {path} must have at least {least} of {wanted}, got {len(rows)}')
     return np.array(rows)
 
 

@@ -130,8 +130,8 @@ class EventLoop:
                 strain=expected_strain(scene, liveliness, frequency.rate),
                 contact='' if packed.contact is None else packed.contact.expected,
                 losses=contact_losses(scene),
-                loose=0 if scene.connector_count else possible,
-                woven=possible if scene.connector_count else 0,
+                loose=0 if len(scene.woven) else possible,
+                woven=possible if len(scene.woven) else 0,
                 is_dense=packed.contact is not None and packed.contact.is_dense,
                 damped=parameters['contact.damping'] * liveliness * half_edge,
                 among=self._methods_for(device))

@@ -38,6 +38,7 @@ from icofabric_sim.simulation.model.shared_kinds import (
     without,
 )
 from icofabric_sim.simulation.model.snapshot import Snapshot
+from icofabric_sim.simulation.model.ties import tie_blocks
 from icofabric_sim.simulation.reports.load_cells import ContactForces
 from icofabric_sim.statics.charges import largest_repulsion
 from icofabric_sim.statics.contacts import ContactState, StaticContacts
@@ -229,14 +230,18 @@ def _with_factor(packed: PackedScene, factor: float) -> PackedScene:
 
 
 def _with_connectors(packed: PackedScene, only: np.ndarray) -> PackedScene:
-    links, connectors = packed.model.links, packed.connectors
-    assert links is not None and connectors is not None
-    places = link_places(packed.layout, links, connectors, only)
-    present = np.zeros_like(links.present)
-    np.bitwise_or.at(
-        present, (places.block, places.link), (1 << places.lane).astype(np.uint8))
-    return replace(
-        packed, model=packed.model._replace(links=links._replace(present=present)))
+    model, connectors, last = packed.model, packed.connectors, packed.woven.stop
+    assert connectors is not None
+    if model.ties is not None:
+        model = model._replace(ties=model.ties._replace(present=np.isin(
+            model.ties.number, only[only >= last] - last).astype(np.uint8)))
+    if model.links is not None:
+        places = link_places(packed.layout, model.links, connectors, only[only < last])
+        present = np.zeros_like(model.links.present)
+        np.bitwise_or.at(
+            present, (places.block, places.link), (1 << places.lane).astype(np.uint8))
+        model = model._replace(links=model.links._replace(present=present))
+    return replace(packed, model=model)
 
 
 class Configuration:
@@ -389,6 +394,18 @@ class Configuration:
         contacts = self.fabric.contacts
         return None if contacts is None else contacts.act(self.position, self.axes)
 
+    @cached_property
+    def custom_blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Second derivatives of custom connectors, in the form of `contact_blocks`."""
+        fabric = self.fabric
+        custom, first = fabric.packed.custom, fabric.packed.woven.stop
+        if custom is None:
+            return np.zeros((0, 2), np.int64), np.zeros((0, 12, 12))
+        counted, rounded = fabric.counted[first:], self.stretched.rounded[first:]
+        return custom.bodies, tie_blocks(
+            custom, self.position, self.axes, self.slope[first:] * counted,
+            np.where(counted & ~rounded, self.tension[first:], 0.0))
+
     @property
     def contact_forces(self) -> ContactForces | None:
         """Force, torques and point of each contact; None without contact."""
@@ -523,15 +540,17 @@ class Configuration:
 
     @cached_property
     def pair_blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Second derivatives of contacts, wrapped connectors and friction by pairs."""
-        bodies, blocks = zip(self.contact_blocks, self.wrapped_blocks, self.friction_blocks)
+        """Second derivatives of contacts, wrapped and custom connectors and friction by pairs."""
+        bodies, blocks = zip(
+            self.contact_blocks, self.wrapped_blocks, self.friction_blocks, self.custom_blocks)
         return np.concatenate(bodies), np.concatenate(blocks)
 
     def times(self, motion: np.ndarray, *, pairs: bool = True) -> np.ndarray:
         """
         Return the Hessian times a vector, (n, 6) both, on all degrees of freedom.
 
-        `pairs` includes contacts, friction, wrapped connectors and mutual forces of charges.
+        `pairs` includes contacts, friction, wrapped and custom connectors and mutual forces of
+        charges.
         """
         layout, product = self.fabric.layout, self.fabric.product
         self.multiply(layout.spread(motion), product, pairs=pairs)

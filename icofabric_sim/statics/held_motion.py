@@ -281,7 +281,7 @@ def _within_faces(scene: Scene) -> tuple[Scene, np.ndarray]:
     They are the woven bodies that lack a neighbour, also on the steps of a face as in bias.
     """
     count = len(scene.weave.position)
-    joined = np.bincount(scene.connectors.bodies.ravel(), minlength=count)[:count]
+    joined = np.bincount(scene.woven.bodies.ravel(), minlength=count)[:count]
     outer = np.flatnonzero(joined < _NEIGHBOURS)
     base, [bodies] = _held(scene, {'outer_faces': 'ids ' + ' '.join(map(str, outer.tolist()))})
     return base, bodies

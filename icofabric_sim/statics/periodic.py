@@ -110,6 +110,10 @@ def make_cell(scene: Scene, branch: str | None = None, *, relaxed: bool = False)
         raise ParameterError(
             'connector_groups', 'connector_groups.* make connectors differ with position; for the '
             'periodic fabric give them a direction only, or leave them out')
+    for name in parameters.names('connectors'):
+        raise ParameterError(
+            f'connectors.{name}', f'connectors.{name}: the periodic fabric has no custom '
+            'connectors; leave it out, or compute curves and modes of a slab')
     if scene.electric.is_mutual:
         raise ParameterError(
             'charge.mutual', 'charge.mutual: the sum over all charges of a periodic fabric '

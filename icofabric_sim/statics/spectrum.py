@@ -81,7 +81,7 @@ def scaled_hessian(here: Configuration) -> sparse.csr_matrix:
             rows.append(own[there][keep])
             columns.append(np.broadcast_to(own[with_it, freedom][:, None], keep.shape)[keep])
             values.append(block[keep])
-    # Contacts couple any two bodies; wrapped connectors couple bodies that are joined already.
+    # Contacts and custom connectors couple any two bodies, wrapped connectors joined ones.
     bodies, blocks = here.pair_blocks
     if len(bodies):
         places = own[bodies].reshape(-1, 12)
@@ -130,8 +130,8 @@ def _partners(fabric: StaticFabric, colours: np.ndarray) -> np.ndarray:
     """Return the body of each colour among each body and its neighbours, (13, n); -1: none."""
     count = fabric.scene.body_count
     partner = np.full((_COLOURS, count), -1, np.int64)
-    if fabric.scene.connector_count:
-        bodies = fabric.scene.connectors.bodies
+    if len(fabric.scene.woven):
+        bodies = fabric.scene.woven.bodies
         for first, second in ((0, 1), (1, 0)):
             partner[colours[bodies[:, second]], bodies[:, first]] = bodies[:, second]
     partner[colours, np.arange(count)] = np.arange(count)

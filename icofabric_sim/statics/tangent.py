@@ -79,9 +79,10 @@ class TangentLaws:
         # Laws that replace springs have no kink, because their slope is continuous.
         self.kinked = np.zeros(0 if connectors is None else len(connectors.first), bool)
         if not self.is_plain:
-            assert connectors is not None and packed.model.links is not None
-            self._places = link_places(
-                packed.layout, packed.model.links, connectors, slice(None))
+            assert connectors is not None
+            if packed.model.links is not None:
+                self._places = link_places(
+                    packed.layout, packed.model.links, connectors, packed.woven)
             self.kinked[:] = connectors.extension != connectors.compression
             if packed.curves.curves:
                 self.kinked &= packed.curves.of < 0
@@ -156,7 +157,7 @@ class TangentLaws:
         def rows(values: np.ndarray) -> np.ndarray:
             assert self._places is not None
             array = aligned_zeros((12, layout.slot_count))
-            array[self._places.link, self._places.slot] = values
+            array[self._places.link, self._places.slot] = values[self._packed.woven]
             return array
 
         slopes = rows(stiffness)

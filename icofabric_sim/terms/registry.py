@@ -11,6 +11,7 @@ from icofabric_sim.terms.interface import Law, Load, PLACES, Term
 # Terms without a folder are in kernels/composition.py.
 TERMS = (
     Term('links'),
+    Term('ties', energy='moments', lacks=('ranks', 'GPU', 'implicit')),
     Term(
         'wrapping', energy='wrapped', changes=('damping', 'maxwell'),
         lacks=('ranks', 'GPU', 'implicit')),

@@ -21,6 +21,7 @@ WITH = {
     'dipole': {'charge.dipole': [1e-6, 0.0, 0.0], 'field.electric': [0.0, 0.0, 1e4]},
     'coulomb': {'charge.mutual': True, 'charge.per_body': 1e-7},
     'damping': {'connector.damping': 0.1},
+    'ties': {'connectors.a.bodies': [0, 5]},
     'maxwell': {'connector.maxwell_stiffness': 100.0, 'connector.maxwell_time': 0.01},
     'drag': {'drag.linear': 0.1},
     'magnet': {'charge.per_body': 1e-7, 'field.magnetic': [0.0, 0.0, 1.0]}}

@@ -104,7 +104,7 @@ def _woven_gap(scene: Scene) -> float:
     """
     Return the gap [m] between the spheres around neighbours in the weave; 0 without neighbours.
     """
-    if not scene.connector_count:
+    if not len(scene.woven):
         return 0.0
     woven = scene.body_half_edges[:len(scene.weave.position)]
     largest = 2.0 * circumscribed_radius(float(woven.max()))
@@ -113,7 +113,7 @@ def _woven_gap(scene: Scene) -> float:
 
 def _is_dense(scene: Scene) -> bool:
     """Return True if faces of neighbours in the weave are closer than in a sparse weave."""
-    if not scene.connector_count:
+    if not len(scene.woven):
         return False
     # Normal of opposite faces (eq 54) times the vector between the centres of neighbours.
     largest = float(scene.body_half_edges[:len(scene.weave.position)].max())
@@ -125,7 +125,7 @@ def _expected(scene: Scene) -> str:
     """Return the reason why contacts are likely; an empty text if they are not."""
     if scene.parameters.names('planes'):
         return 'shells may fall on planes'
-    if not scene.connector_count:
+    if not len(scene.woven):
         return 'loose shells may meet'
     if scene.parameters['contact.mode'] == 'always':
         return 'contact.mode is always'

@@ -130,6 +130,9 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
         if 'ranks' in term.lacks and term.name == 'body_force':
             for load in scene.expression_loads:
                 yield load.expression.name, 'by place or time', 'leave it out'
+        if 'ranks' in term.lacks and term.name == 'ties':
+            for name in parameters.names('connectors'):
+                yield f'connectors.{name}', '(a custom connector)', 'leave it out'
     if scene.half_edges is not None and parameters['contact.mode'] != 'never':
         name = size_parameter_names(parameters, scene.shell)[0]
         yield name, f'{parameters[name]!r} m', 'take 0, or contact.mode never'

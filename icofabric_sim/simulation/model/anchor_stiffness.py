@@ -5,6 +5,7 @@
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.kernels.records import Loads, Model, State
 from icofabric_sim.simulation.model.packing import acting_lanes
+from icofabric_sim.simulation.model.ties import inverses_of
 from icofabric_sim.terms.anchors.record import Anchors
 import numpy as np
 
@@ -24,7 +25,7 @@ def anchors_eigenvalue(model: Model, loads: Loads, state: State, time: float) ->
             hessians[slot] = hessians.get(slot, 0.0) + part
     largest = 0.0
     for slot, hessian in hessians.items():
-        root = np.sqrt(_inverses(model, slot))
+        root = np.sqrt(inverses_of(model, slot))
         scaled = hessian * np.outer(root, root)
         if not np.isfinite(scaled).all():
             return np.inf
@@ -46,7 +47,7 @@ def anchor_accelerations(
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
         for slot, a in _anchored(model, loads, loads.anchors):
             s, n, _, tension = _pulled(loads.anchors, a, *_pose(state, slot), time)
-            found[:, slot] += _inverses(model, slot) * tension * np.append(n, np.cross(s, n))
+            found[:, slot] += inverses_of(model, slot) * tension * np.append(n, np.cross(s, n))
     return found
 
 
@@ -120,11 +121,3 @@ def _pose(state: State, slot: int) -> tuple[np.ndarray, np.ndarray]:
     if orientation.ndim == 1:
         orientation = cosines_from_quaternions(orientation[None])[0]
     return state.position[:, slot], orientation
-
-
-def _inverses(model: Model, slot: int) -> np.ndarray:
-    """Return the inverse mass or inertia of each degree of freedom of a body, (6,)."""
-    if model.supports is None:
-        return np.repeat([model.inverse_mass, model.inverse_inertia], 3)
-    held = model.supports
-    return np.append(held.inverse_mass[:, slot], np.repeat(held.inverse_inertia[0, slot], 3))

@@ -29,7 +29,7 @@ class PackedMoments(NamedTuple):
 
 def pack_moments(scene: Scene, layout: Layout, links: Links | None) -> PackedMoments:
     """Pack bending and twisting stiffnesses and the directions of connectors at woven bodies."""
-    connectors = scene.connectors
+    connectors = scene.woven
     kappa_b, kappa_t = connectors.bending_stiffness, connectors.twisting_stiffness
     if links is None or not (kappa_b.any() or kappa_t.any()):
         return PackedMoments(None, None, None)
@@ -72,8 +72,8 @@ def _links_of(scene: Scene, layout: Layout, links: Links, end: int) -> np.ndarra
     """
     Return the link of each connector, (c,), at one end: the link whose place is the other end.
     """
-    own, other = scene.connectors.bodies[:, end], scene.connectors.bodies[:, 1 - end]
-    edge = scene.connectors.edges.astype(np.int64)
+    own, other = scene.woven.bodies[:, end], scene.woven.bodies[:, 1 - end]
+    edge = scene.woven.edges.astype(np.int64)
     lane = layout.slot[own] % LANES
     place = 3 * layout.slot_count * edge[:, 1 - end] + layout.slot[other] - lane
     block, link = layout.block_of(own), 2 * edge[:, end]
@@ -94,5 +94,5 @@ def _rows(
     """Return values of the connectors seen from either end, (12, s)."""
     rows = aligned_zeros((LINK_COUNT, layout.slot_count))
     for end, link in enumerate(ends):
-        rows[link, layout.slot[scene.connectors.bodies[:, end]]] = values[end]
+        rows[link, layout.slot[scene.woven.bodies[:, end]]] = values[end]
     return rows

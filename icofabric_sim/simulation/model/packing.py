@@ -13,6 +13,7 @@ from icofabric_sim.kernels.records import Supports as PackedSupports
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.scene.attachments import has_own_attachments
 from icofabric_sim.scene.connector_laws import ConnectorCurves, ConnectorLaws
+from icofabric_sim.scene.custom_connectors import CustomConnectors
 from icofabric_sim.scene.initial import InitialState
 from icofabric_sim.scene.masses import BodyMasses
 from icofabric_sim.scene.maxwell import MaxwellArms
@@ -37,6 +38,7 @@ from icofabric_sim.simulation.model.layout import (
 )
 from icofabric_sim.simulation.model.link_places import link_places, LinkPlaces, pack_breakage
 from icofabric_sim.simulation.model.shells import pack_own_shells
+from icofabric_sim.simulation.model.ties import pack_ties
 from icofabric_sim.simulation.model.tractions import pack_tractions, TractionPack, TractionRow
 from icofabric_sim.simulation.model.unbalanced import unbalanced_rate
 from icofabric_sim.simulation.model.wrapping import pack_wrapping
@@ -89,7 +91,8 @@ class ConnectorList:
 
     connectors: SceneConnectors
     half_width: float
-    points: np.ndarray | None  # (6, 3) attachment points in body axes [m]; None: on the axes
+    # (6 + 2 m, 3) attachment points in body axes [m]; None: on the axes
+    points: np.ndarray | None
 
     @cached_property
     def listed(self) -> Connectors:
@@ -127,6 +130,8 @@ class PackedScene:
     anchors_damped: bool
     arms: MaxwellArms | None  # of connectors
     principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] of bodies that are not isotropic
+    woven: slice  # numbers of the connectors of the weave
+    custom: CustomConnectors | None  # the others
 
     @cached_property
     def goes_slack(self) -> bool:
@@ -155,8 +160,10 @@ class PackedScene:
     def spends(self) -> bool:
         """True if forces dissipate energy."""
         model = self.model
-        return model.damping is not None or model.maxwell is not None or self.anchors_damped or (
-            model.drag is not None) or (self.contact is not None and self.contact.spends)
+        return self.anchors_damped or model.damping is not None or (
+            model.maxwell is not None or model.drag is not None) or (
+            model.ties is not None and model.ties.damping is not None) or (
+            self.contact is not None and self.contact.spends)
 
     def pack(self, initial: InitialState, rest: np.ndarray | None = None) -> State:
         """
@@ -169,7 +176,7 @@ class PackedScene:
             return state
         rows = aligned_zeros((LINK_COUNT, self.layout.slot_count))
         rows[places.link, places.slot] = (
-            lengths_of(self.connectors, self.model, initial) if rest is None else rest)
+            lengths_of(self.connectors, self.model, initial) if rest is None else rest)[self.woven]
         return state._replace(rest=rows)
 
     def carry(
@@ -194,15 +201,17 @@ class PackedScene:
         places = self._arm_places
         if places is None or state.rest is None:
             return None
-        # Equal at either end.
-        return np.asarray(state.rest[places.link[0], places.slot[0]])
+        # Equal at either end; 0 of custom connectors.
+        woven = state.rest[places.link[0], places.slot[0]]
+        more = 0 if self.custom is None else len(self.custom.bodies)
+        return np.append(woven, np.zeros(more))
 
     @cached_property
     def _arm_places(self) -> LinkPlaces | None:
         """Indices of the connectors in the rows of a state; None without Maxwell arms."""
         if self.model.maxwell is None or self.model.links is None or self.connectors is None:
             return None
-        return link_places(self.layout, self.model.links, self.connectors, slice(None))
+        return link_places(self.layout, self.model.links, self.connectors, self.woven)
 
 
 def pack_scene(
@@ -219,22 +228,25 @@ def pack_scene(
     grid = scene.weave.grid
     layout = make_layout(grid, scene.body_count, cosines=cosines)
     connector_list = links = supports = damping = maxwell = breakage = None
+    woven = scene.woven
     if scene.connector_count:
-        laws, connector_list = scene.connectors.laws, list_connectors(scene)
-        half_width, points = connector_list.half_width, connector_list.points
+        connector_list = list_connectors(scene)
+    if len(woven):
         layout, links = make_links(
-            layout, grid, scene.weave.connections, laws=laws, half_width=half_width,
-            attachment=points, curves=scene.connectors.curves)
-        damping = pack_damping(scene.connectors, layout, links)
-        maxwell = pack_arms(scene.connectors, layout, links)
-        if scene.connectors.limits is not None:
+            layout, grid, scene.weave.connections, laws=woven.laws, half_width=_half_width(scene),
+            attachment=woven.attachment if has_own_attachments(scene.parameters) else None,
+            curves=woven.curves)
+        damping = pack_damping(woven, layout, links)
+        maxwell = pack_arms(woven, layout, links)
+        if woven.limits is not None:
             breakage = pack_breakage(
-                layout, links, connector_list.listed, scene.connectors.limits)
+                layout, links, list_connectors(scene, woven).listed, woven.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
     if scene.supports is not None or not masses.all_equal:
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     terms: dict[str, Any] = {
+        'ties': pack_ties(scene.custom, layout),
         'wrapping': None if links is None else pack_wrapping(
             scene.parameters, scene.geometry.half_edge),
         'bending': resisting.bending,
@@ -263,13 +275,13 @@ def pack_scene(
     if body_force is not None:
         external = body_force.prepare(layout, np.hstack(scene.initial))
     return PackedScene(
-        model, layout, connector_list, None if connector_list is None else laws,
+        model, layout, connector_list, None if connector_list is None else scene.connectors.laws,
         resisting.moments, scene.connectors.curves,
         gravity if gravity.any() else None, electric.force if electric.force.any() else None,
-        velocity_rate(model) + _anchor_rate(scene, model), breakage, body_force, external,
+        velocity_rate(model) + _own_rate(scene, model), breakage, body_force, external,
         pack_contact(scene, fall), masses, scene.supports is not None, scene.anchors_damped,
         scene.connectors.arms,
-        scene.principal_inertia)
+        scene.principal_inertia, slice(0, len(woven)), scene.custom)
 
 
 def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
@@ -322,27 +334,37 @@ def velocity_rate(model: Model) -> float:
     return rate
 
 
-def _anchor_rate(scene: Scene, model: Model) -> float:
-    """Return a bound [1/s] of the rates at which damping of anchors changes velocities."""
+def _own_rate(scene: Scene, model: Model) -> float:
+    """
+    Return a bound [1/s] of the rates at which damping of anchors and custom connectors acts.
+
+    The bound is that of `velocity_rate`, with the points of each.
+    """
+    ends = [(anchor.body, anchor.arm, anchor.damping) for anchor in scene.anchors.values()]
+    if scene.custom is not None:
+        ends += [
+            (body, point, 2.0 * damping) for pair, points, damping in zip(
+                scene.custom.bodies.tolist(), scene.custom.points, scene.custom.damping.tolist())
+            for body, point in zip(pair, points)]
     rates: dict[int, float] = {}
-    for anchor in scene.anchors.values():
-        square = float(anchor.arm @ anchor.arm)
-        rates[anchor.body] = rates.get(anchor.body, 0.0) + anchor.damping * (
-            model.inverse_mass + square * model.inverse_inertia)
+    for body, arm, damping in ends:
+        rates[body] = rates.get(body, 0.0) + damping * (
+            model.inverse_mass + float(arm @ arm) * model.inverse_inertia)
     return max(rates.values(), default=0.0)
 
 
-def list_connectors(scene: Scene) -> ConnectorList:
-    """Return the connectors of a scene in the form that kernels take."""
-    given = has_own_attachments(scene.parameters)
+def list_connectors(scene: Scene, connectors: SceneConnectors | None = None) -> ConnectorList:
+    """Return the connectors of a scene, by default all, in the form that kernels take."""
+    connectors = scene.connectors if connectors is None else connectors
+    given = has_own_attachments(scene.parameters) or len(connectors) > len(scene.woven)
     return ConnectorList(
-        scene.connectors, _half_width(scene), scene.connectors.attachment if given else None)
+        connectors, _half_width(scene), connectors.attachment if given else None)
 
 
 def _half_width(scene: Scene) -> float:
     """Return the distance [m] of the farthest attachment point from the centre."""
     if has_own_attachments(scene.parameters):
-        return float(np.linalg.norm(scene.connectors.attachment, axis=1).max())
+        return float(np.linalg.norm(scene.woven.attachment, axis=1).max())
     scale: float = scene.parameters['connector.attachment_scale']
     return 0.5 * scene.geometry.cube_width * scale
 

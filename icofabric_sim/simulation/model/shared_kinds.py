@@ -15,7 +15,7 @@ Kind = TypeVar('Kind', bound=Record)
 # Terms of a model that springs and moments of connectors do not depend on.
 BESIDE_CONNECTORS = (
     'damping', 'drag', 'magnet', 'dipole', 'coulomb', 'shells', 'wrapping', 'contacts', 'masses',
-    'maxwell', 'gyration')
+    'maxwell', 'gyration', 'ties')
 # Terms of a model that accelerations do not depend on, apart from loads and losses.
 BESIDE_ACCELERATIONS = ('damping', 'drag', 'magnet', 'shells', 'masses')
 # All terms of a model except gravity and supports, which never change its type.

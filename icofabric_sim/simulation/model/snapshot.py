@@ -229,7 +229,9 @@ class Snapshot(AsTable):
         found = np.zeros(self.connector_count, np.uint8)
         connectors = self.packed.connectors
         if connectors is not None:
-            find_obstructed(connectors, self.packed.model.shells, *self._frozen(), found)
+            # Custom connectors may attach anywhere.
+            find_obstructed(
+                connectors, self.packed.model.shells, *self._frozen(), found[self.packed.woven])
             if self.broken_since is not None:
                 found[~self.intact] = 0
         return found
@@ -270,12 +272,14 @@ class Snapshot(AsTable):
             else:
                 energy['connectors'] = float(self.spring_energy.sum())
         if self.packed.moments is not None:
-            moments, ends = self.packed.moments, self.connector_ends
+            moments = self.packed.moments
+            ends = self.connector_ends[self.packed.woven]
             orientation = self._frozen()[1]
             if moments.woven is not None:
                 orientation = relative_rotation(orientation, moments.woven)
             if self.broken_since is not None:
-                whole, ends = np.flatnonzero(self.intact), ends[self.intact]
+                intact = self.intact[self.packed.woven]
+                whole, ends = np.flatnonzero(intact), ends[intact]
                 moments = moments._replace(**{
                     name: values[whole] for name, values in moments._asdict().items()
                     if name != 'woven' and len(values) > 1})

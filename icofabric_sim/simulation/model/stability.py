@@ -22,6 +22,7 @@ from icofabric_sim.simulation.model.lanczos import (
 )
 from icofabric_sim.simulation.model.packing import PackedScene
 from icofabric_sim.simulation.model.shared_kinds import BESIDE_CONNECTORS, without
+from icofabric_sim.simulation.model.ties import stiffest_blocks
 import numpy as np
 
 
@@ -71,7 +72,9 @@ def largest_frequency(
     start = start_vector(layout, model.supports)
     if not start.any():
         return Frequency(0.0, (), 0)
-    more = 0.0
+    more, pairs, most = 0.0, None, 0.0
+    if model.ties is not None and packed.custom is not None:
+        pairs, most = stiffest_blocks(packed.custom, model, layout, state)
     if model.dipole is not None or model.coulomb is not None:
         more = field_bound(model, state)
     if model.maxwell is not None:
@@ -84,11 +87,11 @@ def largest_frequency(
     place_all(springs, poses, work, 0, len(layout.blocks.slot))
     if model.wrapping is not None:
         more += wrapping_bound(model, state, work)
-    upper = frequency_bound(springs, poses, work)
+    upper = frequency_bound(springs, poses, work) + most
     if not math.isfinite(upper + more):
         # Products of these numbers overflow: no step is stable.
         return Frequency(math.inf, (), 0)
-    run = Lanczos(model, state, work, start, most_steps(count))
+    run = Lanczos(model, state, work, start, most_steps(count), pairs=pairs)
     found = converge(run, upper, count)
     bodies: tuple[int, ...] = ()
     if locate and math.isfinite(found.value):
@@ -105,9 +108,9 @@ def has_bounded_terms(model: Model) -> bool:
 
 
 def is_springy(model: Model) -> bool:
-    """Return True if connectors have any stiffness."""
+    """Return True if connectors have any stiffness, or there are custom ones."""
     links = model.links
-    return links is not None and (
+    return model.ties is not None or links is not None and (
         links.stiffness > 0.0 or links.laws is not None or model.bending is not None
         or model.twisting is not None)
 
@@ -141,7 +144,7 @@ def _arms_eigenvalue(packed: PackedScene, state: State) -> float:
             lengths.size) else 0.0, variety=None, laws=None)
     alone = replace(packed, model=model._replace(
         links=springs, bending=None, twisting=None, wrapping=None, dipole=None, coulomb=None,
-        maxwell=None))
+        maxwell=None, ties=None))
     return largest_frequency(alone, state).rate ** 2
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from icofabric_sim.simulation.checkpoints.state_tree import remembered_numbers, StateTree
 from icofabric_sim.simulation.model.link_places import link_places
 from icofabric_sim.simulation.model.packing import PackedScene
+from icofabric_sim.simulation.model.ties import mark_ties
 import numpy as np
 
 
@@ -81,8 +82,14 @@ class Broken:
 
     def _mark(self, connectors: np.ndarray, *, present: bool) -> None:
         packed = self._packed
-        assert packed.connectors is not None and packed.model.links is not None
-        links = packed.model.links
+        custom = connectors[connectors >= packed.woven.stop] - packed.woven.stop
+        if len(custom):
+            assert packed.model.ties is not None
+            mark_ties(packed.model.ties, custom, present=present)
+        connectors, links = connectors[connectors < packed.woven.stop], packed.model.links
+        if not len(connectors):
+            return
+        assert packed.connectors is not None and links is not None
         places = link_places(packed.layout, links, packed.connectors, connectors)
         bit = (1 << places.lane).astype(np.uint8)
         if present:
@@ -97,10 +104,15 @@ def connector_numbers(values: np.ndarray, packed: PackedScene) -> np.ndarray:
     return remembered_numbers('connectors', values, count)
 
 
-def _keys(packed: PackedScene, chosen: np.ndarray | slice) -> list[tuple[int, ...]]:
-    """Return the bodies and edges that the connectors join."""
+def _keys(packed: PackedScene, chosen: np.ndarray | slice) -> list[tuple[Any, ...]]:
+    """Return the bodies and edges, or points of custom ones, that the connectors join."""
     connectors = packed.connectors
     assert connectors is not None
-    columns = (
-        connectors.first, connectors.second, connectors.first_edge, connectors.second_edge)
-    return list(zip(*(column[chosen].tolist() for column in columns)))
+    ends = np.column_stack([connectors.first_edge, connectors.second_edge])
+    points: list[tuple[Any, ...]] = list(map(tuple, ends[packed.woven].tolist()))
+    if packed.custom is not None:
+        points += map(tuple, packed.custom.points.reshape(-1, 6).tolist())
+    return [
+        (one, two, *points[number]) for one, two, number in zip(
+            connectors.first[chosen].tolist(), connectors.second[chosen].tolist(),
+            np.arange(len(points))[chosen].tolist())]

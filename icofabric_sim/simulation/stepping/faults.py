@@ -44,6 +44,11 @@ def stiffest_term(packed: PackedScene, *, anchored: bool = False) -> str:
         if model.twisting is not None:
             terms['twisting connectors (connector.twisting_stiffness)'] = (
                 model.twisting.stiffness * inertia)
+    if model.ties is not None:
+        ties = model.ties
+        terms['custom connectors (connectors.NAME.stiffness)'] = float((
+            np.maximum(ties.extension, ties.compression)
+            * (mass + (ties.point**2).sum(axis=1) * inertia)).max())
     if model.dipole is not None:
         terms['dipoles in the field (charge.dipole, field.electric)'] = (
             model.dipole.largest * inertia)

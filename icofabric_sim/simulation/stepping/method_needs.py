@@ -72,6 +72,8 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
     arm = arm_parameter_name(parameters)
     if arm:
         return f'{arm} gives connectors Maxwell arms'
+    if scene.custom is not None:
+        return f'it has custom connectors (connectors.{scene.custom.names[0]})'
     if scene.principal_inertia is not None:
         return 'inertias are not isotropic (principal_inertia)'
     if scene.anchors:
@@ -124,7 +126,7 @@ def beyond_losses(scene: Scene) -> str:
     arm = arm_parameter_name(parameters)
     if scene.expression_loads:
         return f'{scene.expression_loads[0].expression.name} depends on place or time'
-    if scene.connector_count and arm:
+    if len(scene.woven) and arm:
         return f'{arm} gives connectors Maxwell arms, which creep'
     if scene.principal_inertia is not None:
         return 'inertias are not isotropic (principal_inertia), so free bodies tumble'

@@ -110,7 +110,7 @@ class ThreadTeam:
         self._together: list[Sweep] | None = None
         self._apart = self._sweeps = make_sweeps(
             packed.layout, packed.model.links, self.size,
-            together=packed.model.coulomb is not None)
+            together=packed.model.coulomb is not None or packed.model.ties is not None)
         self._pool: ThreadPoolExecutor | None = None
         _present.add(self)
         self._teams: dict[int, Team] = {}

@@ -4,8 +4,8 @@
 
 PARAMETERS = (
     ('connector.maxwell_stiffness', 0.0, 'N/m',
-     'stiffness k_1 of a Maxwell arm (spring and dashpot in series) parallel to the connector;'
-     ' together they form a standard linear solid; 0: no arm',
+     'stiffness k_1 of a Maxwell arm (spring and dashpot in series) parallel to the connector; '
+     '0: no arm',
      {'minimum': 0.0}),
     ('connector.maxwell_time', 0.0, 's',
      'relaxation time tau of the Maxwell arm, dashpot coefficient over stiffness; must be '

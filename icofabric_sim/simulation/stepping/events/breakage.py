@@ -52,7 +52,7 @@ class Breakage:
         assert packed.model.links is not None
         # Connector by its place in the rows of the limits.
         self._place = places = link_places(
-            packed.layout, packed.model.links, self._connectors, slice(None))
+            packed.layout, packed.model.links, self._connectors, packed.woven)
         self._numbers = np.zeros(self._limits.excess.shape, np.int32)
         self._numbers[places.link, places.slot] = np.arange(
             places.link.shape[1], dtype=np.int32)

@@ -80,7 +80,7 @@ class Entering:
         for rows in places:
             # As the kernel was compiled for snapshots.
             rows.flags.writeable = False
-        find_obstructed(packed.connectors, packed.model.shells, *places, found)
+        find_obstructed(packed.connectors, packed.model.shells, *places, found[packed.woven])
         if trajectory.broken.since is not None:
             found[~np.isnan(trajectory.broken.since)] = 0
         return bool(found.any())
