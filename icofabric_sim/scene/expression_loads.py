@@ -15,6 +15,7 @@ from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.electric import Electric
 from icofabric_sim.scene.expressions import Expression, make_expression
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.profiles import make_profile, Profile
 import numpy as np
 
 # Coordinates (k, 2) and weights (k,) of the points of a rule, by its degree.
@@ -44,6 +45,7 @@ class PointLoad(NamedTuple):
     in_body_axes: bool
     point: np.ndarray  # (3,) [m], body axes
     factor: float
+    profile: Profile
 
 
 class SurfaceLoad(NamedTuple):
@@ -61,6 +63,7 @@ class SurfaceLoad(NamedTuple):
     # turn with the bodies
     woven: np.ndarray | None
     quadrature: Quadrature
+    profile: Profile
 
 
 def make_point_loads(
@@ -70,41 +73,31 @@ def make_point_loads(
     found = []
     for name in parameters.names('loads'):
         prefix = f'loads.{name}'
-        expression = point_expression(parameters, f'{prefix}.expression', prefix)
+        expression = make_expression(parameters, f'{prefix}.expression', PLACE, (3,))
         if expression is not None:
             bodies = groups[parameters[f'{prefix}.group']]
             share = 1.0 / len(bodies) if parameters[f'{prefix}.share'] == 'total' else 1.0
             found.append(PointLoad(
                 expression, bodies, parameters[f'{prefix}.frame'] == 'body',
-                np.array(parameters[f'{prefix}.point'], float), share))
-    field = point_expression(parameters, 'field.electric_expression', 'field')
+                np.array(parameters[f'{prefix}.point'], float), share,
+                make_profile(parameters, prefix)))
+    field = make_expression(parameters, 'field.electric_expression', PLACE, (3,))
     if field is not None:
         # A wrench of a field of 1 V/m has the charge as its force.
         unit = electric._replace(
             electric=np.array([1.0, 0.0, 0.0]), equal_masses=False)
         found += [
-            PointLoad(field, part.bodies, False, part.point, float(part.force[0]))
+            PointLoad(
+                field, part.bodies, False, part.point, float(part.force[0]), electric.profile)
             for part in unit.wrenches(half_edge)]
     return found
 
 
-def point_expression(parameters: Parameters, name: str, prefix: str) -> Expression | None:
-    """Return the expression of a force at a point, or of a field; None without one."""
-    expression = make_expression(parameters, name, PLACE, (3,))
-    if expression is not None:
-        require_steady_profile(parameters, name, prefix)
-    return expression
-
-
-def require_steady_profile(parameters: Parameters, name: str, prefix: str) -> None:
-    """Raise ParameterError if a load by an expression of place and time has a profile, too."""
-    for field, default in (('profile', 'steady'), ('start', 0.0), ('duration', 0.0)):
-        value = parameters[f'{prefix}.{field}']
-        if value != default:
-            raise ParameterError(
-                f'{prefix}.{field}', f'{prefix}.{field} {value!r} does not scale {name}: write '
-                'the time t into the expression, such as where(t < 0.5, t/0.5, 1), or give the '
-                'profile to another load')
+def check_point_loads(parameters: Parameters) -> None:
+    """Check the expressions of forces at points, and of the electric field."""
+    for name in parameters.names('loads'):
+        make_expression(parameters, f'loads.{name}.expression', PLACE, (3,))
+    make_expression(parameters, 'field.electric_expression', PLACE, (3,))
 
 
 def choose_quadrature(

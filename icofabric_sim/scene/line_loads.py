@@ -21,7 +21,6 @@ from icofabric_sim.scene.expression_loads import (
     named_coordinates,
     PLACE,
     Quadrature,
-    require_steady_profile,
     sample_places,
     SurfaceLoad,
 )
@@ -65,7 +64,8 @@ def make_line_load(
         world = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(bodies), 4))
         return SurfaceLoad(
             expression, bodies, np.ones((len(bodies), len(ends)), bool), points(coordinates),
-            weights, coordinates, directions, None, None if turns else world.copy(), rule)
+            weights, coordinates, directions, None, None if turns else world.copy(), rule,
+            make_profile(parameters, prefix))
     factors = np.ones((1, len(weights))) if expression is None else finite_values(
         expression, coordinates)
     force, point = (np.concatenate(part, axis=1) for part in zip(*(
@@ -92,8 +92,6 @@ def line_expression(parameters: Parameters, name: str) -> Expression | None:
         raise ParameterError(
             key, f'{key} gives the force per length, and so does {prefix}.force: leave that out, '
             'or give one component, which is a factor')
-    if {*PLACE} & {*expression.variables}:
-        require_steady_profile(parameters, key, prefix)
     return expression
 
 

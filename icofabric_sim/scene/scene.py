@@ -41,8 +41,8 @@ from icofabric_sim.scene.custom_connectors import CustomConnectors, make_custom_
 from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.expression_loads import (
+    check_point_loads,
     make_point_loads,
-    point_expression,
     PointLoad,
     SurfaceLoad,
 )
@@ -543,9 +543,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
         select_edges(f'line_loads.{name}.edges', parameters[f'line_loads.{name}.edges'])
         line_expression(parameters, name)
     check_constants(parameters)
-    point_expression(parameters, 'field.electric_expression', 'field')
-    for name in parameters.names('loads'):
-        point_expression(parameters, f'loads.{name}.expression', f'loads.{name}')
+    check_point_loads(parameters)
     for name in parameters.names('bodies'):
         initial.unit_quaternion(f'bodies.{name}.orientation', parameters)
     return shell, geometry

@@ -34,7 +34,6 @@ from icofabric_sim.scene.expression_loads import (
     named_coordinates,
     PLACE,
     Quadrature,
-    require_steady_profile,
     sample_places,
     SurfaceLoad,
 )
@@ -116,7 +115,8 @@ def make_traction(
         points, areas = face_quadrature(half_edge, degree=rule.degree + 1)
         return SurfaceLoad(
             expression, bodies, mask, points, areas, coordinates, directions,
-            normals if frictionless else None, None if follower else orientation[bodies], rule)
+            normals if frictionless else None, None if follower else orientation[bodies], rule,
+            make_profile(parameters, prefix))
     quadrature = None if expression is None else choose_quadrature(
         expression, triangle_rule, named_coordinates)
     force, point = _face_forces(parameters, prefix, half_edge, directions, expression, quadrature)
@@ -155,8 +155,6 @@ def traction_expression(parameters: Parameters, name: str) -> Expression | None:
         raise ParameterError(
             key, f'{key} gives pressure and shears, and so does {prefix}.{given[0]}: leave that '
             'out, or give one component, which is a factor')
-    if {*PLACE} & {*expression.variables}:
-        require_steady_profile(parameters, key, prefix)
     return expression
 
 

@@ -500,4 +500,8 @@ class EventLoop:
         # During the choice of the method: rows without Runge-Kutta stages.
         symplectic = self.method.name == 'auto' or facts_of(self.method.name).symplectic
         pack = self.inputs.pack_again if again else self.inputs.pack
-        return pack(self._packed.layout, stages=0 if symplectic else SLOPE_COUNT)
+        loads = pack(self._packed.layout, stages=0 if symplectic else SLOPE_COUNT)
+        packed = self._packed
+        if packed.body_force is not None and packed.external is not None:
+            packed.body_force.set_profiles(packed.external, self.inputs.expression_profiles())
+        return loads

@@ -116,7 +116,8 @@ class StaticFabric:
         position, orientation, _, _ = self.layout.unpack(state)
         force = with_expressions(scene, body_force)
         self.own_force = None if force is None else OwnForce(
-            force, self.layout, position, orientation, self.half_edge, time, load_factor)
+            force, self.layout, position, orientation, self.half_edge, time, load_factor,
+            inputs.expression_profiles())
         self.start = Configuration(self, position, orientation)
         self.free = np.ones((scene.body_count, 6), bool)
         if scene.supports is not None:

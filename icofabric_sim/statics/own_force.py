@@ -33,16 +33,19 @@ class OwnForce:
 
     def __init__(
         self, force: BodyForce, layout: Layout, position: np.ndarray, orientation: np.ndarray,
-        half_edge: float, time: float, factor: float
+        half_edge: float, time: float, factor: float, profiles: np.ndarray
     ) -> None:
         """
         Hold a force at `time` [s], times a `factor`, and test it in the given configuration.
+
+        `profiles` are the segments of loads by expressions at that time.
 
         Raises ValueError if the force fails or acts between bodies.
         """
         self._force, self._half_edge, self._time, self._factor = force, half_edge, time, factor
         self._external = force.prepare(
             layout, np.hstack([position, orientation, np.zeros((len(position), 6))]))
+        force.set_profiles(self._external, profiles)
         self._refuse_coupling(position, orientation)
 
     @property

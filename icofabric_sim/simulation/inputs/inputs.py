@@ -80,6 +80,8 @@ class Inputs:
         profiles: dict[Follower, Profile] = {
             target: channel.profile for target, channel in self._channels.items()}
         profiles |= {TractionProfile(name): part.profile for name, part in scene.tractions.items()}
+        profiles |= {
+            TractionProfile(load.expression.name): load.profile for load in scene.expression_loads}
         self._field = scene.electric.wrenches(scene.geometry.half_edge)
         if self._field:
             profiles[FieldProfile()] = scene.electric.profile
@@ -272,6 +274,16 @@ class Inputs:
             self._own_rows(), layout, stages=stages, varying=self._varying,
             tractions=self._pack_tractions(dict(self._traction_pieces())),
             drives=self.driving.pack_again(), anchors=self._pack_anchors())
+
+    def expression_profiles(self) -> np.ndarray:
+        """
+        Return the segments of profiles of loads by expressions when loads were packed last.
+
+        (p, 6): start [s], value, slope [1/s], height, rate [rad/s], and start of the motion [s].
+        """
+        pieces = (self._piece(TractionProfile(load.expression.name))
+                  for load in self.scene.expression_loads)
+        return np.array([[*piece[:5], self.timetable.epoch] for piece in pieces]).reshape(-1, 6)
 
     def packed_rows(self) -> list[WrenchRow]:
         """Return the wrenches that were packed last, with surface forces for each face."""

@@ -15,7 +15,7 @@ from icofabric_sim.simulation.inputs.input_types import ChannelTarget, DriveTarg
 
 @dataclass(frozen=True, slots=True)
 class TractionProfile:
-    """The profile of `tractions.NAME`, or of `line_loads.NAME` with this whole name."""
+    """The profile of `tractions.NAME`, or of a line load or an expression by its whole name."""
 
     name: str
 

@@ -69,6 +69,8 @@ class BodyForce:
         self.is_compiled: bool | None = None
         # True if the function is called for one body at a time; set by `prepare`.
         self.is_by_body = False
+        # Number of rows (13,) of profiles that the function gets as its last argument; 0: none.
+        self.profile_count = 0
         self._compiled: Any = None  # compiled code that calls the function for each body
         self._keep: list[Any] = []  # objects that compiled code points to
         self._error: BaseException | None = None
@@ -101,6 +103,11 @@ class BodyForce:
         checks.instance('layout', layout, Layout)
         numbers = checks.array('numbers', numbers, ('n', 13))
         count = len(numbers)
+        if self.profile_count:
+            # Rows of profiles follow those of the bodies, where the function finds them.
+            rows = np.zeros((self.profile_count, 13))
+            rows[:, 1] = 1.0
+            numbers = np.vstack([numbers, rows])[:count]
         result = np.zeros((count, 6))
         external = External(
             0, layout.slot, numbers, result, aligned_empty((6, layout.slot_count)),
@@ -125,6 +132,26 @@ class BodyForce:
         if not math.isfinite(start):
             raise ValueError(self._sentence(external, f'its potential is {start} J at the start'))
         return external
+
+    def set_profiles(self, external: External, table: np.ndarray) -> None:
+        """
+        Set the present segments of profiles in a record.
+
+        Parameters
+        ----------
+        external
+            The record that `prepare` has made.
+        table
+            Numbers (p, 6) of the segments, see expression_force.py.
+        """
+        rows = self._rows(checks.instance('external', external, External))
+        if len(rows):
+            rows[:, :6] = checks.array('table', table, (self.profile_count, 6))
+
+    def _rows(self, external: External) -> np.ndarray:
+        """Return the rows of profiles behind those of the bodies."""
+        count, whole = len(external.numbers), external.numbers.base
+        return np.zeros((0, 13)) if not self.profile_count or whole is None else whole[count:]
 
     def compile(self) -> None:
         """Compile the function if possible, once; raise ValueError if that was requested."""
@@ -193,7 +220,8 @@ class BodyForce:
             # Compiled code gives no reason: call the Python function.
             for body, row in enumerate(external.numbers):
                 try:
-                    found = self._of_body(external.moment[0], row, body)
+                    found = self._of_body(
+                        external.moment[0], row, body, self._rows(external))
                 except Exception as raised:  # noqa: BLE001 - code of the user
                     return self._sentence(external, f'{_words(raised)} (for body {body})')
                 if not np.isfinite(found).all():
@@ -220,9 +248,10 @@ class BodyForce:
         try:
             single = force if hasattr(force, 'py_func') else numba.njit(force)
             single.compile((
-                types.float64, *[_ROW] * 4, *[types.int64] * self._takes_body))
+                types.float64, *[_ROW] * 4, *[types.int64] * self._takes_body,
+                *[types.Array(types.float64, 2, 'C')] * bool(self.profile_count)))
             # The result must be two vectors, too.
-            loop = _loop(single, self._takes_body)
+            loop = _loop(single, self._takes_body, self.profile_count)
         except Exception as error:  # noqa: BLE001 - Numba raises many types
             self._error = ValueError(_words(error).split('\n')[0])
             return None
@@ -235,7 +264,8 @@ class BodyForce:
             try:
                 if self.is_by_body:
                     for body, row in enumerate(external.numbers):
-                        external.result[body] = self._of_body(time, row, body)
+                        external.result[body] = self._of_body(
+                            time, row, body, self._rows(external))
                 else:
                     external.result[:] = self._of_all(time, external.numbers)
                 wrong = np.flatnonzero(~np.isfinite(external.result).all(axis=1))
@@ -253,11 +283,14 @@ class BodyForce:
         bodies = [np.arange(len(numbers))] * self._takes_body
         return self._judged(self.force(time, *parts, *bodies), (len(numbers), 3))
 
-    def _of_body(self, time: float, row: np.ndarray, body: int = 0) -> np.ndarray:
+    def _of_body(
+        self, time: float, row: np.ndarray, body: int = 0, rows: np.ndarray | None = None
+    ) -> np.ndarray:
         force: Any = self.force
         function = getattr(force, 'py_func', force)
         parts = [row[part].copy() for part in _PARTS]
-        return self._judged(function(time, *parts, *[body] * self._takes_body), (3,))
+        more = [body] * self._takes_body + [rows] * bool(self.profile_count)
+        return self._judged(function(time, *parts, *more), (3,))
 
     def _judged(self, found: Any, shape: tuple[int, ...]) -> np.ndarray:
         try:
@@ -276,7 +309,7 @@ class BodyForce:
         if self.is_compiled:
             # Compiled code would not detect missing values.
             try:
-                self._of_body(0.0, external.numbers[0])
+                self._of_body(0.0, external.numbers[0], 0, self._rows(external))
             except Exception as error:  # noqa: BLE001 - code of the user
                 raise ValueError(self._sentence(external, _words(error))) from error
         function = C_FUNCTION(external.address)
@@ -314,6 +347,7 @@ class SummedForce(BodyForce):
         """Add up `parts`."""
         super().__init__(self._no_force)
         self.label = ' and '.join(part.label for part in parts)
+        self.profile_count = sum(part.profile_count for part in parts)
         self._summed = parts
         self._externals: list[External] = []
 
@@ -346,6 +380,12 @@ class SummedForce(BodyForce):
         self.is_by_body = all(part.is_by_body for part in self._summed)
         return external._replace(address=ctypes.cast(function, ctypes.c_void_p).value or 0)
 
+    def set_profiles(self, external: External, table: np.ndarray) -> None:
+        """Set the present segments of profiles in the records of the parts that have some."""
+        for part, own in zip(self._summed, self._externals):
+            if part.profile_count:
+                part.set_profiles(own, table)
+
     def explain(self, external: External) -> str:
         """Return a sentence on why a part failed."""
         return next((
@@ -360,26 +400,26 @@ def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
     return BodyForce(checks.function('body_force', force, 'a function or a BodyForce'))
 
 
-def _loop(single: Any, takes_body: bool) -> Any:
+def _loop(single: Any, takes_body: bool, profile_count: int) -> Any:
     """Return a C function that calls a compiled function for each body."""
-    if takes_body:
-        call_one = single
-    else:
-        def without_body(  # type: ignore[no-untyped-def]
-            time, position, orientation, linear_velocity, angular_velocity, body
-        ):
-            return single(time, position, orientation, linear_velocity, angular_velocity)
+    def without_profiles(  # type: ignore[no-untyped-def]
+        time, position, orientation, linear_velocity, angular_velocity, body, profiles
+    ):
+        if takes_body:
+            return single(time, position, orientation, linear_velocity, angular_velocity, body)
+        return single(time, position, orientation, linear_velocity, angular_velocity)
 
-        call_one = numba.njit(without_body)
+    call_one = single if profile_count else numba.njit(without_profiles)
 
     @numba.cfunc(_C_TYPES)
     def call(time, count, numbers, result):  # type: ignore[no-untyped-def]
-        given = carray(numbers, (count, 13))
+        given = carray(numbers, (count + profile_count, 13))
         target = carray(result, (count, 6))
         for b in range(count):
             try:
                 force, torque = call_one(
-                    time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13], b)
+                    time, given[b, 0:3], given[b, 3:7], given[b, 7:10], given[b, 10:13], b,
+                    given[count:])
             except Exception:  # noqa: BLE001 - `explain` finds the reason
                 return 1
             for k in range(3):

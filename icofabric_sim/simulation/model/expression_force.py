@@ -3,7 +3,10 @@
 """
 Loads of a scene by expressions of place and time, F(r, t) of eqs 15, 40 and 47, as a body force.
 
-The body force is one compiled function that adds up all these loads for one body.
+The body force is one compiled function that adds up all these loads for one body. Each has a
+profile, whose present segment is a row: s(t) = value + slope (t - start) + height sin(rate (t -
+start)). Its numbers are start, value, slope, height, rate, and the start of the motion, from which
+expressions count the time.
 """
 
 from collections.abc import Callable
@@ -14,6 +17,7 @@ from typing import Any
 
 from icofabric_sim.scene.expression_loads import PointLoad, SurfaceLoad
 from icofabric_sim.scene.expressions import Expression, SCALAR_FUNCTIONS
+from icofabric_sim.scene.profiles import STEADY_PROFILE
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.model.body_force import BodyForce, SummedForce
 import numba
@@ -30,7 +34,9 @@ def with_expressions(scene: Scene, body_force: BodyForce | None) -> BodyForce | 
     """Return the body force of a caller with the loads by expressions of a scene."""
     if not scene.expression_loads:
         return body_force
-    own = _force_of(pickle.dumps((scene.body_count, scene.expression_loads)))
+    own = _force_of(pickle.dumps((
+        scene.body_count,
+        [load._replace(profile=STEADY_PROFILE) for load in scene.expression_loads])))
     return own if body_force is None else SummedForce(body_force, own)
 
 
@@ -39,18 +45,18 @@ def _force_of(pickled: bytes) -> BodyForce:
     """Return the body force of pickled loads; scenes with equal loads share compiled code."""
     count, loads = pickle.loads(pickled)
     total = reduce(_sum, [
-        _point_wrench(load, count) if isinstance(load, PointLoad) else _surface_wrench(load, count)
-        for load in loads])
+        _scaled(number, _point_wrench(load, count) if isinstance(load, PointLoad) else (
+            _surface_wrench(load, count))) for number, load in enumerate(loads)])
 
     def force(  # type: ignore[no-untyped-def]
-        time, position, orientation, linear_velocity, angular_velocity, body
+        time, position, orientation, linear_velocity, angular_velocity, body, profiles
     ):
-        fx, fy, fz, tx, ty, tz = total(time, position, orientation, body)
+        fx, fy, fz, tx, ty, tz = total(time, position, orientation, body, profiles)
         return (fx, fy, fz), (tx, ty, tz)
 
     names = dict.fromkeys(load.expression.name for load in loads)
     own = BodyForce(_compiled(force), compiled=True)
-    own.label = ' and '.join(names)
+    own.label, own.profile_count = ' and '.join(names), len(loads)
     own.compile()
     return own
 
@@ -73,13 +79,28 @@ def _turned(q: np.ndarray, x: float, y: float, z: float) -> tuple[float, float, 
 
 
 def _sum(one: Wrench, other: Wrench) -> Wrench:
-    def both(time, position, orientation, body):  # type: ignore[no-untyped-def]
-        a = one(time, position, orientation, body)
-        b = other(time, position, orientation, body)
+    def both(time, position, orientation, body, profiles):  # type: ignore[no-untyped-def]
+        a = one(time, position, orientation, body, profiles)
+        b = other(time, position, orientation, body, profiles)
         return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
 
     summed: Wrench = _compiled(both)
     return summed
+
+
+def _scaled(number: int, wrench: Wrench) -> Wrench:
+    """Return a wrench times its profile; not evaluated while that is zero."""
+    def scaled(time, position, orientation, body, profiles):  # type: ignore[no-untyped-def]
+        row = profiles[number]
+        after = time - row[0]
+        s = row[1] + row[2] * after + row[3] * math.sin(row[4] * after)
+        if row[1] == 0.0 and row[2] == 0.0 and row[3] == 0.0:
+            return _NO_WRENCH
+        a = wrench(time - row[5], position, orientation, body)
+        return s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5]
+
+    compiled: Wrench = _compiled(scaled)
+    return compiled
 
 
 def _point_wrench(load: PointLoad, count: int) -> Wrench:
