@@ -20,6 +20,7 @@ from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.inputs.input_types import Target, Value
 from icofabric_sim.simulation.inputs.inputs import Inputs
 from icofabric_sim.simulation.inputs.pulls import connected_mass
+from icofabric_sim.simulation.model.body_force import set_profiles
 from icofabric_sim.simulation.model.packing import (
     expected_liveliness,
     expected_strain,
@@ -503,5 +504,6 @@ class EventLoop:
         loads = pack(self._packed.layout, stages=0 if symplectic else SLOPE_COUNT)
         packed = self._packed
         if packed.body_force is not None and packed.external is not None:
-            packed.body_force.set_profiles(packed.external, self.inputs.expression_profiles())
+            set_profiles(
+                packed.body_force, packed.external, self.inputs.expression_profiles())
         return loads

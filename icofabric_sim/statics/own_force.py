@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 from icofabric_sim.geometry.rotations import rotate_quaternions
-from icofabric_sim.simulation.model.body_force import BodyForce
+from icofabric_sim.simulation.model.body_force import BodyForce, set_profiles
 from icofabric_sim.simulation.model.layout import Layout
 from icofabric_sim.terms.body_force.external_force import call_function
 import numpy as np
@@ -45,7 +45,7 @@ class OwnForce:
         self._force, self._half_edge, self._time, self._factor = force, half_edge, time, factor
         self._external = force.prepare(
             layout, np.hstack([position, orientation, np.zeros((len(position), 6))]))
-        force.set_profiles(self._external, profiles)
+        set_profiles(force, self._external, profiles)
         self._refuse_coupling(position, orientation)
 
     @property

@@ -281,8 +281,8 @@ class Inputs:
 
         (p, 6): start [s], value, slope [1/s], height, rate [rad/s], and start of the motion [s].
         """
-        pieces = (self._piece(TractionProfile(load.expression.name))
-                  for load in self.scene.expression_loads)
+        pieces = [self._piece(TractionProfile(load.expression.name))
+                  for load in self.scene.expression_loads]
         return np.array([[*piece[:5], self.timetable.epoch] for piece in pieces]).reshape(-1, 6)
 
     def packed_rows(self) -> list[WrenchRow]:

@@ -133,21 +133,6 @@ class BodyForce:
             raise ValueError(self._sentence(external, f'its potential is {start} J at the start'))
         return external
 
-    def set_profiles(self, external: External, table: np.ndarray) -> None:
-        """
-        Set the present segments of profiles in a record.
-
-        Parameters
-        ----------
-        external
-            The record that `prepare` has made.
-        table
-            Numbers (p, 6) of the segments, see expression_force.py.
-        """
-        rows = self._rows(checks.instance('external', external, External))
-        if len(rows):
-            rows[:, :6] = checks.array('table', table, (self.profile_count, 6))
-
     def _rows(self, external: External) -> np.ndarray:
         """Return the rows of profiles behind those of the bodies."""
         count, whole = len(external.numbers), external.numbers.base
@@ -380,12 +365,6 @@ class SummedForce(BodyForce):
         self.is_by_body = all(part.is_by_body for part in self._summed)
         return external._replace(address=ctypes.cast(function, ctypes.c_void_p).value or 0)
 
-    def set_profiles(self, external: External, table: np.ndarray) -> None:
-        """Set the present segments of profiles in the records of the parts that have some."""
-        for part, own in zip(self._summed, self._externals):
-            if part.profile_count:
-                part.set_profiles(own, table)
-
     def explain(self, external: External) -> str:
         """Return a sentence on why a part failed."""
         return next((
@@ -398,6 +377,15 @@ def as_body_force(force: 'BodyForce | Force | None') -> BodyForce | None:
     if force is None or isinstance(force, BodyForce):
         return force
     return BodyForce(checks.function('body_force', force, 'a function or a BodyForce'))
+
+
+def set_profiles(force: BodyForce, external: External, table: np.ndarray) -> None:
+    """Set the present segments (p, 6) of the profiles of a body force in its record."""
+    if isinstance(force, SummedForce):
+        for part, own in zip(force._summed, force._externals):
+            set_profiles(part, own, table)
+    elif force.profile_count:
+        force._rows(external)[:, :6] = table
 
 
 def _loop(single: Any, takes_body: bool, profile_count: int) -> Any:
