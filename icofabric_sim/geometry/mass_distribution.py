@@ -62,7 +62,7 @@ class MassDistribution(NamedTuple):
 def integrate_density(
         density: Callable[[np.ndarray], np.ndarray], half_edge: float, thickness: float, *,
         include_interior: bool = False, tolerance: float = 1e-5,
-        evaluation_limit: int = 50_000_000) -> MassDistribution:
+        evaluation_limit: int = 50_000_000, needs_symmetry: bool = True) -> MassDistribution:
     """
     Integrate a density over the shell.
 
@@ -79,6 +79,8 @@ def integrate_density(
         Required relative error of mass and inertia.
     evaluation_limit
         Largest number of densities to evaluate; beyond it the result has `converged` False.
+    needs_symmetry
+        Stop when the asymmetry is certain, and have no result `converged` before it is.
 
     Returns
     -------
@@ -90,10 +92,11 @@ def integrate_density(
     if include_interior:
         depths.append(1.0)
     cells = _Cells(probe, np.array(depths), tolerance)
+    cells.needs_symmetry = needs_symmetry
     while True:
         result = cells.result(half_edge)
         # Stop early if the asymmetry is far above the error.
-        clearly_asymmetric = result.asymmetry > max(
+        clearly_asymmetric = needs_symmetry and result.asymmetry > max(
             SYMMETRY_TOLERANCE, 100.0 * result.relative_error)
         if result.converged or clearly_asymmetric or probe.exhausted or not cells.refine():
             return result
@@ -116,6 +119,7 @@ class _Cells:
 
     def __init__(self, probe: DensityProbe, depths: np.ndarray, tolerance: float) -> None:
         self._probe = probe
+        self.needs_symmetry = True
         self._depths = depths
         self._tolerance = tolerance
         self._panels = _PANELS
@@ -201,7 +205,8 @@ class _Cells:
         principal = np.linalg.eigvalsh(inertia)
         asymmetry = max(offset, float((principal[2] - principal[0]) / scales[4]))
         # An asymmetry smaller than the error may be due to the error alone: refine further.
-        certain = asymmetry <= SYMMETRY_TOLERANCE or asymmetry > error
+        certain = not self.needs_symmetry or (
+            asymmetry <= SYMMETRY_TOLERANCE or asymmetry > error)
         a = half_edge
         return MassDistribution(
             mass=float(total[0]) * (a * a * a),

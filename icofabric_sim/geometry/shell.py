@@ -157,34 +157,11 @@ class Shell:
         """
         half_edge = _half('shell.edge_length', edge_length)
         inner = inner_half_edge(half_edge, thickness)
-        d = checks.array('distance', distance, ('m',), 'm')
-        farthest = maximum_thickness(half_edge)
-        if len(d) < 2 or d[0] < 0.0 or (np.diff(d) <= 0.0).any():
-            raise ValueError(
-                'distance must be at least two strictly increasing numbers, the first not below '
-                f'0 m, got {d.tolist()}')
-        if not d[-1] <= farthest * (1.0 + _DISTANCE_TOLERANCE):
-            raise ValueError(
-                f'distance must not be beyond the faces of the shell, {farthest!r} m from the '
-                f'centre, got {float(d[-1])!r} m')
-        rho = checks.array('density', density, (len(d),), 'kg/m^3')
+        d, rho = checked_layers(half_edge, distance, density, 'kg/m^3')
         if (rho < 0.0).any() or not rho.any():
             raise ValueError(
                 f'density must not be below 0 kg/m^3, and not 0 throughout, got {rho.tolist()}')
-        # Of an icosahedron: volume over the cube of this distance, inertia over the fifth power
-        # (for a density of 1), both of the half edge 1.
-        scale = maximum_thickness(1.0)
-        slope = np.diff(rho) / np.diff(d)
-        level = rho[:-1] - slope * d[:-1]
-
-        def moment(power: int) -> float:
-            """Integral of the density times a power of the distance."""
-            parts = [np.diff(d**(power + n)) * part / (power + n)
-                     for n, part in ((1, level), (2, slope))]
-            return float(sum(part.sum() for part in parts))
-
-        own_mass = 3.0 * VOLUME_FACTOR / scale**3 * moment(2)
-        own_inertia = 5.0 * INERTIA_FACTOR / scale**5 * moment(4)
+        own_mass, own_inertia = integrate_layers(d, rho)
         volume = _volume(half_edge, inner, float(thickness))
         chosen = _override('shell.mass', mass, 'kg') or own_mass
         return cls(
@@ -277,6 +254,45 @@ class Shell:
     def inner_edge_length(self) -> float:
         """Inner edge 2b [m]."""
         return 2.0 * self.inner_half_edge
+
+
+def checked_layers(
+    half_edge: float, distance: np.ndarray, density: np.ndarray, unit: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances [m] and densities of layers; raise ValueError if one is outside."""
+    d = checks.array('distance', distance, ('m',), 'm')
+    farthest = maximum_thickness(half_edge)
+    if len(d) < 2 or d[0] < 0.0 or (np.diff(d) <= 0.0).any():
+        raise ValueError(
+            'distance must be at least two strictly increasing numbers, the first not below '
+            f'0 m, got {d.tolist()}')
+    if not d[-1] <= farthest * (1.0 + _DISTANCE_TOLERANCE):
+        raise ValueError(
+            f'distance must not be beyond the faces of the shell, {farthest!r} m from the '
+            f'centre, got {float(d[-1])!r} m')
+    return d, checks.array('density', density, (len(d),), unit)
+
+
+def integrate_layers(distance: np.ndarray, density: np.ndarray) -> tuple[float, float]:
+    """
+    Return the integrals of a density, and of it times the squared distance from an axis.
+
+    The density of layers that are parallel to the faces is linear between distances [m].
+    """
+    # Of an icosahedron: volume over the cube of this distance, inertia over the fifth power
+    # (for a density of 1), both of the half edge 1.
+    scale = maximum_thickness(1.0)
+    slope = np.diff(density) / np.diff(distance)
+    level = density[:-1] - slope * distance[:-1]
+
+    def moment(power: int) -> float:
+        """Integral of the density times a power of the distance."""
+        parts = [np.diff(distance**(power + n)) * part / (power + n)
+                 for n, part in ((1, level), (2, slope))]
+        return float(sum(part.sum() for part in parts))
+
+    return (
+        3.0 * VOLUME_FACTOR / scale**3 * moment(2), 5.0 * INERTIA_FACTOR / scale**5 * moment(4))
 
 
 def maximum_thickness(half_edge: float) -> float:

@@ -195,6 +195,12 @@ STATIC: tuple[Specification, ...] = (
     *_of('gravity'),
     *_of('drag'),
     _s('charge.per_body', 0.0, 'C', 'charge of each shell, distributed like its mass'),
+    _s('charge.expression', '', '',
+       'charge density [C/m^3] in the shell, an expression of x, y, z [m] in body axes; replaces '
+       'charge.per_body and charge.dipole'),
+    _s('charge.layers', '', '',
+       'the same as a CSV of two columns: distance from the centre [m] of a layer parallel to the '
+       'faces, and charge density [C/m^3]; interpolated linearly'),
     *_of('dipole'),
     *_of('coulomb'),
     _s('field.electric', _ZERO3, 'V/m', 'uniform electric field, world axes'),
@@ -415,6 +421,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('charge', 0.0, 'C', 'charge of each body, replaces charge.per_body'),
         _s('dipole', _ZERO3, 'C m',
            'dipole moment of each body, body axes; replaces charge.dipole'),
+        _s('expression', '', '', 'as charge.expression; replaces charge and dipole'),
+        _s('layers', '', '', 'as charge.layers; replaces charge and dipole'),
     ),
     'supports': (
         _s('group', '', '', 'supported group', required=True),

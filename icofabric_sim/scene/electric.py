@@ -5,7 +5,9 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.charge_distributions import has_distribution, make_distribution
 from icofabric_sim.scene.profiles import make_profile, Profile, STEADY_PROFILE
 import numpy as np
 
@@ -28,6 +30,9 @@ class Electric(NamedTuple):
 
     charge: np.ndarray  # (n,) or (1,) Q [C]
     dipole: np.ndarray  # (n, 3) or (1, 3) p [C m], body axes
+    # (n,) or (1,) s [C m^2]: the integral of r r^T over the charge is s times the unit matrix;
+    # NaN: that of a charge distributed like the mass
+    second: np.ndarray
     electric: np.ndarray  # (3,) E [V/m]
     magnetic: np.ndarray  # (3,) B [T]
     mutual: bool
@@ -77,9 +82,11 @@ class Electric(NamedTuple):
 
 def is_charged(parameters: Parameters) -> bool:
     """Return True if any shell has a charge or a dipole."""
-    return parameters['charge.per_body'] != 0.0 or any(parameters['charge.dipole']) or any(
-        parameters[f'charges.{name}.charge'] != 0.0 or any(parameters[f'charges.{name}.dipole'])
-        for name in parameters.names('charges'))
+    families = [('charge', 'charge.per_body'), *(
+        (f'charges.{name}', f'charges.{name}.charge') for name in parameters.names('charges'))]
+    return any(
+        parameters[total] != 0.0 or any(parameters[f'{prefix}.dipole'])
+        or has_distribution(parameters, prefix) for prefix, total in families)
 
 
 def check_electric(parameters: Parameters, bodies: int) -> None:
@@ -100,21 +107,39 @@ def check_electric(parameters: Parameters, bodies: int) -> None:
 
 
 def make_electric(
-    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int, *, equal_masses: bool
+    parameters: Parameters, groups: Mapping[str, np.ndarray], bodies: int, shell: Shell, *,
+    equal_masses: bool
 ) -> Electric:
     """Return the charges and fields of `charge.*`, `charges.*` and `field.*`."""
     check_electric(parameters, bodies)
-    charge = np.array([parameters['charge.per_body']])
-    dipole = np.array([parameters['charge.dipole']], float)
+    # Charge, dipole and second moment.
+    rows = np.array([_charges_of(parameters, 'charge', 'charge.per_body', shell)])
     own = parameters.names('charges')
     if own:
-        charge, dipole = np.repeat(charge, bodies), np.repeat(dipole, bodies, axis=0)
+        rows = np.repeat(rows, bodies, axis=0)
     for name in own:
         # A body in several groups follows the last one.
-        members = groups[parameters[f'charges.{name}.group']]
-        charge[members] = parameters[f'charges.{name}.charge']
-        dipole[members] = parameters[f'charges.{name}.dipole']
+        rows[groups[parameters[f'charges.{name}.group']]] = _charges_of(
+            parameters, f'charges.{name}', f'charges.{name}.charge', shell)
     return Electric(
-        charge, dipole, np.array(parameters['field.electric'], float),
+        rows[:, 0].copy(), rows[:, 1:4].copy(), rows[:, 4].copy(),
+        np.array(parameters['field.electric'], float),
         np.array(parameters['field.magnetic'], float), parameters['charge.mutual'],
         make_profile(parameters, _FIELD), equal_masses, bodies)
+
+
+def _charges_of(
+    parameters: Parameters, prefix: str, total: str, shell: Shell
+) -> tuple[float, ...]:
+    """Return charge [C], dipole [C m] and second moment [C m^2] of `PREFIX` parameters."""
+    found = make_distribution(parameters, prefix, total, shell)
+    if found is None:
+        return parameters[total], *parameters[f'{prefix}.dipole'], np.nan
+    if np.isnan(found.second) and any(parameters['field.magnetic']):
+        name = f'{prefix}.expression'
+        raise ParameterError(
+            name, f'{name} {parameters[name]!r}: the integrals of x x, y y and z z over the '
+            'charge differ, or those of x y, y z and z x are not zero, and the torque of '
+            'field.magnetic on such charges is not supported; leave field.magnetic out, or give a '
+            'charge density that is alike along x, y and z')
+    return found.charge, *found.dipole.tolist(), found.second

@@ -335,7 +335,7 @@ class Scene:
         anchors = make_anchors(checked, len(position), drives, geometry, half_edges)
         refuse_broken_anchors(anchors, start.position, start.orientation)
         electric = make_electric(
-            checked, groups, len(position), equal_masses=masses.all_equal)
+            checked, groups, len(position), shell, equal_masses=masses.all_equal)
         surfaces = {
             name: make_traction(
                 checked, name, groups[checked[f'tractions.{name}.group']], position, orientation,

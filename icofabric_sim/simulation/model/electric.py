@@ -33,7 +33,9 @@ def pack_magnet(
     moment = layout.spread(np.broadcast_to(electric.dipole, (layout.body_count, 3)))
     spread = layout.spread(np.broadcast_to(
         0.5 * masses.inertia / masses.mass, layout.body_count)[:, None])
-    return Magnet(electric.magnetic, charge, moment, spread * charge)
+    second = layout.spread(np.broadcast_to(electric.second, layout.body_count)[:, None])
+    return Magnet(
+        electric.magnetic, charge, moment, np.where(np.isnan(second), spread * charge, second))
 
 
 def pack_coulomb(electric: Electric, layout: Layout) -> Coulomb | None:
