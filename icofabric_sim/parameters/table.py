@@ -115,8 +115,7 @@ STATIC: tuple[Specification, ...] = (
        'isotropic moment of inertia Lambda of a shell; 0: from geometry and mass',
        RESTARTS, minimum=0.0),
     _s('shell.principal_inertia', _ZERO3, 'kg m^2',
-       'moments of inertia about the body axes x, y, z, for shells that are not isotropic; '
-       'zeros: shell.inertia about all three',
+       'moments of inertia about the body axes x, y, z, if not isotropic; zeros: shell.inertia',
        RESTARTS),
     _s('weave.kind', 'orthogonal', '',
        'weave; bias: the orthogonal weave, turned so that a face of each shell points up',
@@ -196,11 +195,10 @@ STATIC: tuple[Specification, ...] = (
     *_of('drag'),
     _s('charge.per_body', 0.0, 'C', 'charge of each shell, distributed like its mass'),
     _s('charge.expression', '', '',
-       'charge density [C/m^3] in the shell, an expression of x, y, z [m] in body axes; replaces '
+       'charge density [C/m^3], an expression of x, y, z [m] in body axes; replaces '
        'charge.per_body and charge.dipole'),
     _s('charge.layers', '', '',
-       'the same as a CSV of two columns: distance from the centre [m] of a layer parallel to the '
-       'faces, and charge density [C/m^3]; interpolated linearly'),
+       'the same as a CSV, as shell.layers'),
     *_of('dipole'),
     *_of('coulomb'),
     _s('field.electric', _ZERO3, 'V/m', 'uniform electric field, world axes'),
@@ -421,8 +419,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('charge', 0.0, 'C', 'charge of each body, replaces charge.per_body'),
         _s('dipole', _ZERO3, 'C m',
            'dipole moment of each body, body axes; replaces charge.dipole'),
-        _s('expression', '', '', 'as charge.expression; replaces charge and dipole'),
-        _s('layers', '', '', 'as charge.layers; replaces charge and dipole'),
+        _s('expression', '', '', 'as charge.expression'),
+        _s('layers', '', '', 'as charge.layers'),
     ),
     'supports': (
         _s('group', '', '', 'supported group', required=True),

@@ -31,36 +31,45 @@ class ChargeDistribution(NamedTuple):
     charge: float  # [C]
     dipole: np.ndarray  # (3,) of r [C m]
     second: float  # [C m^2] of r r^T, s times the unit matrix; NaN if not of this form
+    error: float  # estimate for charge, and dipole over a, relative to that of the magnitude
 
 
-def has_distribution(parameters: Parameters, prefix: str) -> bool:
-    """Return True if `PREFIX.expression` or `PREFIX.layers` gives a charge density."""
-    return any(parameters[f'{prefix}.{field}'].strip() for field in ('expression', 'layers'))
+def check_distribution(
+    parameters: Parameters, prefix: str, total: str
+) -> tuple[str, Expression | None]:
+    """
+    Return the parameter that gives a charge density, '' without one, and its expression.
+
+    `PREFIX.expression` or `PREFIX.layers` may; `total` is the name of the parameter of the charge.
+    Raises ParameterError if several parameters give the charge or the dipole.
+    """
+    names = [name for name in (
+        f'{prefix}.expression', f'{prefix}.layers') if parameters[name].strip()]
+    if not names:
+        return '', None
+    given = [*names, *(
+        name for name in (total, f'{prefix}.dipole') if np.any(parameters[name]))]
+    if len(given) > 1:
+        raise ParameterError(
+            given[1], f'{given[0]} and {given[1]} both give charges or dipoles: leave one out')
+    return names[0], make_expression(parameters, f'{prefix}.expression', _BODY_AXES, (1,))
 
 
 def make_distribution(
     parameters: Parameters, prefix: str, total: str, shell: Shell
 ) -> ChargeDistribution | None:
     """
-    Return the distribution of `PREFIX.expression` or `PREFIX.layers`; None without one.
+    Return the distribution that `check_distribution` finds; None without one.
 
-    `total` is the name of the parameter of the charge. Raises ParameterError if several parameters
-    give the charge or the dipole, or if the density cannot be integrated.
+    Raises ParameterError if the density cannot be integrated.
     """
-    names = [name for name in (
-        f'{prefix}.expression', f'{prefix}.layers') if parameters[name].strip()]
-    if not names:
+    name, expression = check_distribution(parameters, prefix, total)
+    if not name:
         return None
-    given = [*names, *(
-        name for name in (total, f'{prefix}.dipole') if np.any(parameters[name]))]
-    if len(given) > 1:
-        raise ParameterError(
-            given[1], f'{given[0]} and {given[1]} both give charges or dipoles: leave one out')
-    expression = make_expression(parameters, f'{prefix}.expression', _BODY_AXES, (1,))
     if expression is None:
-        return _integrate_layers(names[0], parameters[names[0]].strip(), shell)
+        return _integrate_layers(name, parameters[name].strip(), shell)
     return _integrate_expression(
-        expression, parameters[expression.name], shell.half_edge, shell.thickness, shell.volume)
+        expression, parameters[name], shell.half_edge, shell.thickness, shell.volume)
 
 
 def _integrate_layers(name: str, file: str, shell: Shell) -> ChargeDistribution:
@@ -72,7 +81,7 @@ def _integrate_layers(name: str, file: str, shell: Shell) -> ChargeDistribution:
     except ValueError as error:
         raise ParameterError(name, f'{name}: {file}: {error}') from None
     charge, twice = integrate_layers(*layers)
-    return ChargeDistribution(charge, np.zeros(3), 0.5 * twice)
+    return ChargeDistribution(charge, np.zeros(3), 0.5 * twice, 0.0)
 
 
 # Scenes with other parameters have the same integrals, which take seconds.
@@ -116,4 +125,4 @@ def _integrate_expression(
     return ChargeDistribution(
         positive.mass - negative.mass,
         positive.mass * positive.centre_of_mass - negative.mass * negative.centre_of_mass,
-        0.5 * twice if isotropic else np.nan)
+        0.5 * twice if isotropic else np.nan, error)

@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
-from icofabric_sim.scene.charge_distributions import has_distribution, make_distribution
+from icofabric_sim.scene.charge_distributions import (
+    ChargeDistribution,
+    check_distribution,
+    make_distribution,
+)
 from icofabric_sim.scene.profiles import make_profile, Profile, STEADY_PROFILE
 import numpy as np
 
@@ -39,6 +43,8 @@ class Electric(NamedTuple):
     profile: Profile  # time factor of E
     equal_masses: bool  # all shells have the same mass
     bodies: int  # number of bodies
+    # Charge densities by the prefixes of their parameters.
+    distributions: Mapping[str, ChargeDistribution]
 
     @property
     def is_potential(self) -> bool:
@@ -82,15 +88,22 @@ class Electric(NamedTuple):
 
 def is_charged(parameters: Parameters) -> bool:
     """Return True if any shell has a charge or a dipole."""
-    families = [('charge', 'charge.per_body'), *(
-        (f'charges.{name}', f'charges.{name}.charge') for name in parameters.names('charges'))]
     return any(
         parameters[total] != 0.0 or any(parameters[f'{prefix}.dipole'])
-        or has_distribution(parameters, prefix) for prefix, total in families)
+        or check_distribution(parameters, prefix, total)[0]
+        for prefix, total in _charge_prefixes(parameters))
+
+
+def _charge_prefixes(parameters: Parameters) -> list[tuple[str, str]]:
+    """Return prefixes of parameters of charges, and the name of the charge of each."""
+    return [('charge', 'charge.per_body'), *(
+        (f'charges.{name}', f'charges.{name}.charge') for name in parameters.names('charges'))]
 
 
 def check_electric(parameters: Parameters, bodies: int) -> None:
     """Refuse unsupported combinations of charges and fields for this number of `bodies`."""
+    for prefix, total in _charge_prefixes(parameters):
+        check_distribution(parameters, prefix, total)
     if parameters['charge.mutual'] and bodies > MAX_MUTUAL_BODIES:
         raise ParameterError(
             'charge.mutual',
@@ -113,33 +126,32 @@ def make_electric(
     """Return the charges and fields of `charge.*`, `charges.*` and `field.*`."""
     check_electric(parameters, bodies)
     # Charge, dipole and second moment.
-    rows = np.array([_charges_of(parameters, 'charge', 'charge.per_body', shell)])
-    own = parameters.names('charges')
-    if own:
-        rows = np.repeat(rows, bodies, axis=0)
-    for name in own:
-        # A body in several groups follows the last one.
-        rows[groups[parameters[f'charges.{name}.group']]] = _charges_of(
-            parameters, f'charges.{name}', f'charges.{name}.charge', shell)
+    rows = np.zeros((1, 5))
+    distributions = {}
+    for prefix, total in _charge_prefixes(parameters):
+        members: slice | np.ndarray = slice(None)
+        if prefix != 'charge':
+            # A body in several groups follows the last one.
+            rows = np.broadcast_to(rows, (bodies, 5)).copy()
+            members = groups[parameters[f'{prefix}.group']]
+        rows[members] = parameters[total], *parameters[f'{prefix}.dipole'], np.nan
+        found = make_distribution(parameters, prefix, total, shell)
+        if found is not None:
+            distributions[prefix] = found
+            rows[members] = found.charge, *found.dipole, found.second
+            _refuse_uneven(parameters, f'{prefix}.expression', found)
     return Electric(
         rows[:, 0].copy(), rows[:, 1:4].copy(), rows[:, 4].copy(),
         np.array(parameters['field.electric'], float),
         np.array(parameters['field.magnetic'], float), parameters['charge.mutual'],
-        make_profile(parameters, _FIELD), equal_masses, bodies)
+        make_profile(parameters, _FIELD), equal_masses, bodies, distributions)
 
 
-def _charges_of(
-    parameters: Parameters, prefix: str, total: str, shell: Shell
-) -> tuple[float, ...]:
-    """Return charge [C], dipole [C m] and second moment [C m^2] of `PREFIX` parameters."""
-    found = make_distribution(parameters, prefix, total, shell)
-    if found is None:
-        return parameters[total], *parameters[f'{prefix}.dipole'], np.nan
+def _refuse_uneven(parameters: Parameters, name: str, found: ChargeDistribution) -> None:
+    """Refuse a magnetic field if the second moments of charges are not isotropic."""
     if np.isnan(found.second) and any(parameters['field.magnetic']):
-        name = f'{prefix}.expression'
         raise ParameterError(
             name, f'{name} {parameters[name]!r}: the integrals of x x, y y and z z over the '
             'charge differ, or those of x y, y z and z x are not zero, and the torque of '
             'field.magnetic on such charges is not supported; leave field.magnetic out, or give a '
             'charge density that is alike along x, y and z')
-    return found.charge, *found.dipole.tolist(), found.second

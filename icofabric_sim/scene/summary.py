@@ -110,6 +110,9 @@ def describe_scene(scene: Scene) -> list[Row]:
             'line loads', (_line_load(scene, name) for name in parameters.names('line_loads')))
     if parameters['field.electric_expression']:
         rows.append(('field', f'{parameters["field.electric_expression"]} V/m'))
+    rows += _several('charges', (
+        f'{prefix}: {found.charge:.6g} C, dipole {vector(found.dipole, "C m")}, relative error '
+        f'{found.error:.1e}' for prefix, found in scene.electric.distributions.items()))
     rows += _several('initial', (
         f'{name}: {_group(scene, f"initial.{name}")}{_initial(scene, name)}'
         for name in parameters.names('initial')
