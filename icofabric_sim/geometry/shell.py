@@ -351,8 +351,8 @@ def _check_distribution(found: MassDistribution, half_edge: float, tolerance: fl
                 'distribute the mass evenly')
         raise ValueError(
             f'the density function makes an inertia with {principal} ({known}); they must agree '
-            f'to {SYMMETRY_TOLERANCE:.0e}, since from_density supports isotropic inertia '
-            'only: distribute the mass equally along x, y and z')
+            f'to {SYMMETRY_TOLERANCE:.0e}: distribute the mass equally along x, y and z, or '
+            'give a scene the mass and moments as shell.mass and shell.principal_inertia')
     if not found.relative_error <= tolerance:
         raise ValueError(
             f'the integral of the density function did not converge: mass {found.mass!r} kg with '
