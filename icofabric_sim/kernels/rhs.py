@@ -32,6 +32,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     store,
     store_at,
     Vector,
+    where,
 )
 from icofabric_sim.terms.damping.speeds import place_speeds
 from icofabric_sim.terms.drives.path import path_of
@@ -370,6 +371,8 @@ def path_error(
     for block in range(first, last):
         s = model.blocks.slot[block]
         mass, inertia = masses_of(model.masses, model.inverse_mass, model.inverse_inertia, s)
+        # Carriers of planes have no mass.
+        mass = where(splat(0.0) < mass, mass, splat(1.0 / model.inverse_mass))
         for m in range(loads.start[block], loads.start[block + 1]):
             p = path_of(drives, loads.wrench[m])
             if p < 0:

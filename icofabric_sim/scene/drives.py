@@ -186,7 +186,7 @@ def make_path(parameters: Parameters, prefix: str, *, turns: bool = True) -> Pat
     if motion == 'hold':
         return Path((rest,))
     if motion == 'table':
-        pieces = _table(prefix, field('file'), start, parameters)
+        pieces = _table(prefix, field('file'), start, parameters, turns=turns)
     elif motion == 'velocity':
         pieces = [PathPiece(start, (_ZERO6, amounts, _ZERO6, _ZERO6))]
         if duration > 0.0:
@@ -244,7 +244,7 @@ def _rest_piece(piece: PathPiece, end: float) -> PathPiece:
 
 
 def _table(
-    prefix: str, file: str, start: float, parameters: Parameters
+    prefix: str, file: str, start: float, parameters: Parameters, *, turns: bool
 ) -> list[PathPiece]:
     """
     Return the pieces of a clamped cubic spline through a table.
@@ -255,16 +255,17 @@ def _table(
     from scipy.interpolate import CubicSpline
 
     name = f'{prefix}.file'
-    table = read_numeric_table(name, file, {
-        4: 'time [s] and displacement x, y, z [m]',
-        7: 'time [s], displacement x, y, z [m] and rotation vector x, y, z [rad]'})
+    columns = {4: 'time [s] and displacement x, y, z [m]'}
+    if turns:
+        columns[7] = 'time [s], displacement x, y, z [m] and rotation vector x, y, z [rad]'
+    table = read_numeric_table(name, file, columns)
     values = np.zeros((len(table), 6))
     values[:, :table.shape[1] - 1] = table[:, 1:]
     times = start + table[:, 0]
     if np.abs(values[0]).max() > _EQUAL_RATIO * np.abs(values).max():
         raise ParameterError(
             name, f'{name}: {file} begins with the displacement {values[0].tolist()}, but the '
-            'bodies start at their initial positions: make the first line zero')
+            'motion starts at the initial position: make the first line zero')
     if not (np.diff(times) > 0.0).all():
         raise ParameterError(
             name, f'{name}: steps of time in {file} are below the round-off of the start '

@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid planes: floors and walls."""
+"""Rigid planes: floors, walls, and platens that move on prescribed paths."""
 
 import math
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.drives import make_path
+from icofabric_sim.scene.paths import Path
 import numpy as np
 
 
@@ -23,3 +25,21 @@ def make_planes(parameters: Parameters) -> np.ndarray:
         offset = parameters[f'planes.{name}.offset']
         rows.append([*(part / size for part in normal), offset / size])
     return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def make_platens(parameters: Parameters) -> dict[str, Path]:
+    """Return the paths of the planes that may move; refuse paths of fixed planes."""
+    paths = {}
+    for name in parameters.names('planes'):
+        prefix = f'planes.{name}'
+        if parameters[f'{prefix}.motion'] != 'fixed':
+            paths[name] = make_path(parameters, prefix, turns=False)
+            continue
+        for field in ('linear', 'start', 'duration', 'frequency', 'phase', 'file'):
+            value = parameters[f'{prefix}.{field}']
+            if any(value) if isinstance(value, list) else value:
+                raise ParameterError(
+                    f'{prefix}.{field}',
+                    f'{prefix}.{field} {value!r} is for a plane that moves, and {prefix}.motion is '
+                    'fixed: leave it out, or choose a motion')
+    return paths

@@ -53,7 +53,7 @@ def _motions(parameters: Parameters, shell: Shell) -> Iterator[tuple[str, float,
     for name in parameters.names('anchors'):
         yield f'anchors.{name}.velocity', a, 'm/s'
     for prefix in (
-            f'{family}.{name}' for family in ('anchors', 'drives')
+            f'{family}.{name}' for family in ('anchors', 'drives', 'planes')
             for name in parameters.names(family)):
         rate, per = 1.0, '/s'
         if parameters[f'{prefix}.motion'] == 'sine':

@@ -60,7 +60,8 @@ from icofabric_sim.scene.masses import (
 )
 from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
 from icofabric_sim.scene.notebook import html_of
-from icofabric_sim.scene.planes import make_planes
+from icofabric_sim.scene.paths import Path
+from icofabric_sim.scene.planes import make_planes, make_platens
 from icofabric_sim.scene.profiles import check_profile
 from icofabric_sim.scene.published import check_frame, framed_bodies, published_bodies
 from icofabric_sim.scene.radial import bend, check_radius
@@ -209,6 +210,7 @@ class Scene:
     expression_loads: tuple[PointLoad | SurfaceLoad, ...]
     drives: Mapping[str, Drive]
     anchors: Mapping[str, Anchor]
+    platens: Mapping[str, Path]  # of the planes that may move, from the start of the motion
     initial: initial.InitialState
     electric: Electric
     published_bodies: np.ndarray | None  # (m,) body numbers in `~/poses`; None: all
@@ -383,6 +385,7 @@ class Scene:
             electric=electric,
             drives=drives,
             anchors=anchors,
+            platens=make_platens(checked),
             initial=start,
             published_bodies=published_bodies(checked, groups),
             framed_bodies=framed_bodies(checked, groups),
@@ -528,6 +531,7 @@ def _check_together(parameters: Parameters) -> tuple[Shell, WeaveGeometry]:
     for name in parameters.names('supports'):
         fixed_freedoms(parameters, name)
     make_planes(parameters)
+    make_platens(parameters)
     for family in ('loads', 'tractions', 'line_loads'):
         for name in parameters.names(family):
             check_profile(parameters, f'{family}.{name}')

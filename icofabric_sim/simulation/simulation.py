@@ -25,6 +25,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
+    PlaneTarget,
     Pull,
     PullTarget,
     require_target,
@@ -293,7 +294,8 @@ class Simulation:
         with self._deferred:
             state = self._event_loop.state()
             return self._load_cells.reactions(
-                self._driver, state, self.time, self.inputs.anchor_points(self.time))
+                self._driver, state, self.time, self.inputs.anchor_points(self.time),
+                self.inputs.plane_displacements(self.time))
 
     def contacts(self) -> ContactForces:
         """Return the contacts at the present time: points and forces, damping and friction too."""
@@ -409,6 +411,27 @@ class Simulation:
         """
         target = DriveTarget(checks.text('drive', drive))
         return self._apply(target, Twist.checked(linear, angular), time)
+
+    def move_plane(self, plane: str, linear: Vector, *, time: float | None = None) -> float:
+        """
+        Move a plane with a constant velocity, until another one or a reset.
+
+        Parameters
+        ----------
+        plane
+            NAME of `planes.NAME.*`, whose motion is not `fixed`.
+        linear
+            Velocity [m/s], (3,), world axes.
+        time
+            Start [s], not in the past; None: the present time.
+
+        Returns
+        -------
+        float
+            Time [s] at which the motion starts.
+        """
+        target = PlaneTarget(checks.text('plane', plane))
+        return self._apply(target, Twist.checked(linear, np.zeros(3)), time)
 
     def pull(self, body: int, point: Vector) -> None:
         """

@@ -34,6 +34,7 @@ LOADS = (
     Load('wrenches'),
     Load('anchors'),
     Load('drives'),
+    Load('platens', lacks=('ranks', 'GPU', 'implicit')),
 )
 
 # Laws of connectors that replace springs, in the order in which they are tried.

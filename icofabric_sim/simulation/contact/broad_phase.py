@@ -203,7 +203,7 @@ class BroadPhase:
         self.limits[[SOON, LATE, STRIDE, MOST_STRIDE]] = math.inf, math.inf, 1, 1
         self._watch = Watch(
             aligned_empty((3, layout.slot_count)), aligned_empty(shape), np.zeros(7),
-            self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby)
+            self._radius, self.limits, np.zeros(8 * threads), self._lists.nearby, layout.carried)
         # Displacements of trial steps are discarded.
         unused = self.limits.copy()
         unused[STRIDE] = 2.0**62
@@ -389,7 +389,26 @@ class BroadPhase:
             shift = since * (watch.frame[1:4] + since * watch.frame[4:7])
             way = np.linalg.norm(now.position - shift - looked.position, axis=1)
             way += self._radius * turned_at_most(looked.orientation, now, now, 0.0)
-        return not way.max(initial=0.0) <= math.sqrt(self.limits[LATE])
+            carriers = self._layout.carriers
+            planes = np.linalg.norm(
+                state.position[:, carriers] - watch.reference[:, carriers], axis=0)
+        return not max(way.max(initial=0.0), planes.max(initial=0.0)) <= math.sqrt(
+            self.limits[LATE])
+
+    def _carried(self, before: State, after: State, length: float) -> np.ndarray | None:
+        """
+        Return displacements (5, k, 3) [m] of planes in a step of `length` [s], as `first_passing`.
+        """
+        slots = self._lists.nearby.carriers
+        if slots is None:
+            return None
+        third = length / 3.0
+        carried = np.stack([
+            before.position, before.position + third * before.linear_velocity,
+            after.position - third * after.linear_velocity, after.position,
+            self._watch.reference])[:, :, slots]
+        carried[:, :, slots < 0] = 0.0
+        return np.swapaxes(carried, 1, 2)
 
     def passing_by(
         self, before: State, after: State, start: float, end: float, *, long: bool
@@ -422,7 +441,7 @@ class BroadPhase:
                 course, looked.position, self.setup.planes, shift, reach=reach,
                 radius=circumscribed_radius(1.0) * self.setup.edges(
                     np.arange(self._layout.body_count)),
-                seen=None if long else self._bodies)
+                seen=None if long else self._bodies, carried=self._carried(before, after, length))
         if found is None:
             return ''
         other = (
@@ -550,7 +569,7 @@ class BroadPhase:
 
     def state_tree(self) -> dict[str, Any]:
         """Return the state and purpose of the last search, and the reported overlap."""
-        gather, watch, limits = self._layout.gather, self._watch, self.limits
+        gather, watch, limits = self._layout.gather_moving, self._watch, self.limits
         tree: dict[str, Any] = {
             'reference': gather(watch.reference), 'turned': gather(watch.turned),
             'frame': watch.frame.copy(), 'late': float(limits[LATE]), 'listed': self._listed,
@@ -572,10 +591,10 @@ class BroadPhase:
         """Restore the search from a checkpoint."""
         layout, watch, limits = self._layout, self._watch, self.limits
         watch.reference[:] = 0.0
-        watch.reference[:, layout.slot] = tree.array('reference', (layout.body_count, 3)).T
-        rows = watch.turned.shape[:-1]
-        watch.turned[..., layout.slot] = np.moveaxis(
-            tree.array('turned', (layout.body_count, *rows)), 0, -1)
+        slots, rows = layout.moving_slots, watch.turned.shape[:-1]
+        watch.reference[:, slots] = tree.array('reference', (len(slots), 3)).T
+        watch.turned[..., slots] = np.moveaxis(
+            tree.array('turned', (len(slots), *rows)), 0, -1)
         watch.frame[:] = tree.array('frame', (7,))
         limits[SPEED], limits[HORIZON] = (
             tree.number('speed', 0.0), tree.number('horizon', 0.0))
@@ -673,7 +692,8 @@ class BroadPhase:
                 pushes=np.zeros(len(layout.blocks.slot)),
                 first=np.zeros((self._threads, 8, 3)),
                 second=np.zeros((self._threads, 8, 3)), scratch=self._scratch, touch_address=0,
-                gap_address=0, half_edges=self._half_edges(), **changed)
+                gap_address=0, half_edges=self._half_edges(),
+                carriers=self._lists.nearby.carriers, **changed)
         else:
             self._made = self._made._replace(**changed)
         return self._made
@@ -697,6 +717,8 @@ class BroadPhase:
         """Let pairs sleep if tracking all bodies is cheaper than testing `count` pairs."""
         layout = self._layout
         blocks, rows = layout.blocks, self._watch.turned.shape[:-1]
+        if layout.carried is not None:
+            blocks = blocks._replace(alive=blocks.alive | layout.carried[blocks.slot // LANES])
         followed = layout.slot_count
         if not SLOTS_OF_A_PAIR * count > followed:
             blocks, followed = Blocks(blocks.slot[:0], blocks.alive[:0], blocks.reach), 0

@@ -14,6 +14,15 @@ from icofabric_sim.terms.contacts.record import Nearby
 from icofabric_sim.terms.contacts.search import find_reach, refresh, survey
 import numpy as np
 
+def carriers_of(setup: ContactSetup, layout: Layout) -> np.ndarray | None:
+    """Return the slots of the carriers of planes, -1 for planes at rest; None if all rest."""
+    if not setup.moving:
+        return None
+    slots = np.full(len(setup.moving), -1, np.int32)
+    slots[np.flatnonzero(setup.moving)] = layout.carriers
+    return slots
+
+
 _NO_PAIRS = np.zeros((0, 2), np.int32)
 
 
@@ -74,6 +83,7 @@ class NeighbourList:
             cubes=np.zeros((3, count), np.int64),
             following=np.zeros(count, np.int32),
             half_edges=setup.half_edges,
+            carriers=carriers_of(setup, layout),
         )
         self._is_made, self._way = False, 0.0
         self._listed = np.zeros((0, 2), np.int32)

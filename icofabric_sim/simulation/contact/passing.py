@@ -59,7 +59,7 @@ def turned_at_most(
 
 def first_passing(
     course: Course, look: np.ndarray, planes: np.ndarray, shift: np.ndarray, *, reach: float,
-    radius: np.ndarray, seen: np.ndarray | None = None
+    radius: np.ndarray, seen: np.ndarray | None = None, carried: np.ndarray | None = None
 ) -> Passing | None:
     """
     Return the first bodies that may have met undetected since the search at `look` (n, 3).
@@ -69,15 +69,23 @@ def first_passing(
     reach, and the bodies touch only if their spheres of `radius` (n,) [m] do. `planes` are (k, 4)
     normals and offsets [m]; `shift` (4, 3) [m] was subtracted from the points. `seen` are listed
     pairs (m, 2) whose contact is evaluated in each of many steps; a second body of -1 - k is plane
-    k.
+    k. `carried` (5, k, 3) [m] are the displacements of planes: Bezier points of the step, and that
+    at the search; None: planes rest.
     """
     seen = np.zeros((0, 2), np.int32) if seen is None else seen
     points, turned = course.points, radius * course.turned
     own = np.linalg.norm(points - look, axis=2).max(axis=0) + turned
     movers = np.flatnonzero(~(own <= reach))
     for plane, (*normal, offset) in enumerate(planes):
-        fallers = np.setdiff1d(movers, seen[seen[:, 1] == -1 - plane, 0])
-        height = ((points[:, fallers] + shift[:, None]) @ np.array(normal)).min(axis=0)
+        near, place = movers, shift[:, None]
+        if carried is not None:
+            # Relative to the plane.
+            way = carried[:4, plane, None] - carried[4, plane]
+            near = np.flatnonzero(~(
+                np.linalg.norm(points - way - look, axis=2).max(axis=0) + turned <= reach))
+            place = place - carried[:4, plane, None]
+        fallers = np.setdiff1d(near, seen[seen[:, 1] == -1 - plane, 0])
+        height = ((points[:, fallers] + place) @ np.array(normal)).min(axis=0)
         height -= radius[fallers]
         if (height < offset).any():
             body = int(fallers[np.argmin(height)])

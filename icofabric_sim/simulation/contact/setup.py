@@ -45,6 +45,7 @@ class ContactSetup(NamedTuple):
     gap: float = 0.0  # lower bound of gaps between shells as woven [m]
     is_dense: bool = False  # faces of woven neighbours nearly touch
     half_edges: np.ndarray | None = None  # (n,) [m] of bodies that differ in size
+    moving: tuple[bool, ...] = ()  # planes that may move; empty: none
 
     def edges(self, bodies: np.ndarray) -> np.ndarray:
         """Return the half edges [m] of bodies, in the shape of their numbers."""
@@ -97,6 +98,7 @@ def pack_contact(
         gap=_woven_gap(scene),
         is_dense=_is_dense(scene),
         half_edges=scene.half_edges,
+        moving=tuple(name in scene.platens for name in names) if scene.platens else (),
     )
 
 
@@ -158,6 +160,7 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
         speed = max(speed, fastest + largest * turning)
+    speed = max([speed, *(float(path.fastest[0]) for path in scene.platens.values())])
     height = _height(initial.position, planes) + 2.0 * inscribed_radius(a)
     force = mass * math.hypot(*parameters['gravity']) + math.hypot(*electric.force)
     for name in parameters.names('loads'):
@@ -171,8 +174,8 @@ def own_stiffness(scene: Scene, planes: np.ndarray, *, moving: bool = True) -> f
     if scene.connector_count:
         laws = scene.connectors.laws
         k = float(max(laws.extension.max(), laws.compression.max()))
-        # Drives may compress connectors by their whole length.
-        strain = 1.0 if scene.drives else _SETTINGS.strain
+        # Drives and planes may compress connectors by their whole length.
+        strain = 1.0 if scene.drives or scene.platens else _SETTINGS.strain
         pressed += k * strain * float(laws.natural_length.max())
         stiffness = max(stiffness, _SETTINGS.connector_stiffness_ratio * k)
     # Without known speeds and forces, inputs cause the motion.

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Types of inputs: targets (a channel, a body or a drive) and values (a wrench or a twist)."""
+"""
+Types of inputs: targets (a channel, a body, a drive or a plane) and values (a wrench or a twist).
+"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, TYPE_CHECKING
 
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from icofabric_sim.scene.scene import Scene
 
 Vector = Sequence[float] | np.ndarray
-_DRIVES = 'drives.'
+_DRIVES, _PLANES = 'drives.', 'planes.'
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,16 @@ class DriveTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaneTarget:
+    """The motion of `planes.NAME`."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f'{_PLANES}{self.name}'
+
+
+@dataclass(frozen=True, slots=True)
 class PullTarget:
     """One body under a drag force towards a point."""
 
@@ -57,7 +69,8 @@ class PullTarget:
 
 
 LoadTarget = ChannelTarget | BodyTarget
-Target = LoadTarget | DriveTarget | PullTarget
+PathTarget = DriveTarget | PlaneTarget
+Target = LoadTarget | PathTarget | PullTarget
 
 
 class Wrench(NamedTuple):
@@ -120,10 +133,17 @@ Value = Wrench | Twist | Pull
 
 
 def has_target(scene: 'Scene', target: Target) -> bool:
-    """Return True if the scene has the channel, body or drive."""
+    """Return True if the scene has the channel, body, drive or movable plane."""
     if isinstance(target, (BodyTarget, PullTarget)):
         return 0 <= target.number < scene.body_count
-    return target.name in (scene.loads if isinstance(target, ChannelTarget) else scene.drives)
+    return target.name in _named(scene, target)
+
+
+def _named(scene: 'Scene', target: ChannelTarget | PathTarget) -> Mapping[str, Any]:
+    """Return the parts of a scene of the kind of a target, by name."""
+    if isinstance(target, ChannelTarget):
+        return scene.loads
+    return scene.platens if isinstance(target, PlaneTarget) else scene.drives
 
 
 def require_target(scene: 'Scene', target: Target) -> None:
@@ -133,12 +153,15 @@ def require_target(scene: 'Scene', target: Target) -> None:
     if isinstance(target, (BodyTarget, PullTarget)):
         raise ValueError(
             f'there is no body {target.number}; bodies are 0 to {scene.body_count - 1}')
-    what, names = 'drive', list(scene.drives)
-    if isinstance(target, ChannelTarget):
-        what, names = 'load channel', list(scene.loads)
+    if isinstance(target, PlaneTarget) and target.name in scene.parameters.names('planes'):
+        raise ValueError(
+            f'{target}.motion is fixed: choose hold for a plane that twists move, or another '
+            'motion')
+    what = {ChannelTarget: 'load channel', DriveTarget: 'drive', PlaneTarget: 'movable plane'}
+    field = 'motion' if isinstance(target, PlaneTarget) else 'group'
     raise ValueError(
-        f'there is no {what} {target.name!r}; known: {", ".join(names) or "none"}. Define it with '
-        f'{target}.group')
+        f'there is no {what[type(target)]} {target.name!r}; known: '
+        f'{", ".join(_named(scene, target)) or "none"}. Define it with {target}.{field}')
 
 
 def load_order(target: LoadTarget) -> tuple[bool, str | int]:
@@ -148,19 +171,19 @@ def load_order(target: LoadTarget) -> tuple[bool, str | int]:
     return False, target.name
 
 
-def stored_target(target: LoadTarget | DriveTarget) -> str | int:
+def stored_target(target: LoadTarget | PathTarget) -> str | int:
     """
     Return the form of a target in checkpoints.
 
-    A channel is stored by its name, a drive as drives.NAME, a body by its number. Names contain no
-    dots.
+    A channel is stored by its name, a drive as drives.NAME, a plane as planes.NAME, a body by its
+    number. Names contain no dots.
     """
     if isinstance(target, ChannelTarget):
         return target.name
     return target.number if isinstance(target, BodyTarget) else str(target)
 
 
-def restored_target(stored: Any) -> LoadTarget | DriveTarget:
+def restored_target(stored: Any) -> LoadTarget | PathTarget:
     """Return a target from its form in checkpoints; the scene may lack the target."""
     if type(stored) is int:
         return BodyTarget(stored)
@@ -168,4 +191,6 @@ def restored_target(stored: Any) -> LoadTarget | DriveTarget:
         raise ValueError('inputs hold a wrench on neither a channel nor a body')
     if stored.startswith(_DRIVES):
         return DriveTarget(stored.removeprefix(_DRIVES))
+    if stored.startswith(_PLANES):
+        return PlaneTarget(stored.removeprefix(_PLANES))
     return ChannelTarget(stored)

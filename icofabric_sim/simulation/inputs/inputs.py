@@ -24,6 +24,8 @@ from icofabric_sim.simulation.inputs.input_types import (
     has_target,
     load_order,
     LoadTarget,
+    PathTarget,
+    PlaneTarget,
     Pull,
     PullTarget,
     require_target,
@@ -58,7 +60,7 @@ _ZERO_VECTOR = np.zeros(3)
 
 class Inputs:
     """
-    Active wrenches of channels and bodies, the motion of drives, and the queue of later inputs.
+    Active wrenches of channels and bodies, the motion of drives and planes, and later inputs.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -87,9 +89,10 @@ class Inputs:
             profiles[FieldProfile()] = scene.electric.profile
         paths: dict[Follower, Path] = {
             DriveTarget(name): drive.path for name, drive in scene.drives.items()}
+        paths |= {PlaneTarget(name): path for name, path in scene.platens.items()}
         paths |= {AnchorPath(name): anchor.path for name, anchor in scene.anchors.items()}
         self.timetable = Timetable({**profiles, **paths})
-        self.driving = Driving(scene.drives, scene.initial, self.timetable)
+        self.driving = Driving(scene.drives, scene.platens, scene.initial, self.timetable)
         # None if no anchor can break.
         self.anchor_breaks = AnchorBreaks(scene.anchors) if scene.anchors_break else None
         self._varying = any(not profile.is_plain for profile in profiles.values())
@@ -225,7 +228,7 @@ class Inputs:
         target, value = event.target, event.value
         if event.message is not None:
             self._acted.append(event.message)
-        if isinstance(target, DriveTarget):
+        if isinstance(target, (DriveTarget, PlaneTarget)):
             assert isinstance(value, Twist)
             self.driving.take_over(target, event.time, value)
             return True
@@ -352,6 +355,12 @@ class Inputs:
             any(any(piece.wave) for anchor in anchors.values() for piece in anchor.path.pieces),
             self.scene.anchors_damped)
 
+    def plane_displacements(self, time: float) -> np.ndarray:
+        """Return the displacements (k, 3) [m] of all planes at a `time` [s] of their segments."""
+        return np.array([
+            self.driving.displacement(PlaneTarget(name), time) if name in self.scene.platens
+            else _ZERO_VECTOR for name in self.scene.parameters.names('planes')]).reshape(-1, 3)
+
     def anchor_points(self, time: float) -> np.ndarray:
         """
         Return the points of the anchors, (a, 3) [m], at a `time` [s] of the present path segments.
@@ -436,14 +445,14 @@ class Inputs:
             wrenches[target] = wrench
         return wrenches
 
-    def _known(self, stored: Any) -> LoadTarget | DriveTarget:
+    def _known(self, stored: Any) -> LoadTarget | PathTarget:
         target = restored_target(stored)
         require_target(self.scene, target)
         return target
 
     def _load_target(self, stored: Any) -> LoadTarget:
         target = self._known(stored)
-        if isinstance(target, DriveTarget):
+        if isinstance(target, (DriveTarget, PlaneTarget)):
             raise ValueError(f'inputs hold a wrench on {target}, which a twist moves')
         return target
 
@@ -461,7 +470,7 @@ def _numbers(value: Value | None) -> list[Any]:
 def _value(target: Target, first: Any, second: Any) -> Wrench | Twist:
     """Return the stored wrench or twist of a target; raise ValueError for invalid values."""
     try:
-        if isinstance(target, DriveTarget):
+        if isinstance(target, (DriveTarget, PlaneTarget)):
             return Twist.checked(first, second)
         return Wrench.checked(first, second)
     except TypeError as error:

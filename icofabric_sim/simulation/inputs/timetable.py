@@ -10,7 +10,13 @@ from typing import Any
 from icofabric_sim.scene.paths import Path
 from icofabric_sim.scene.profiles import Profile
 from icofabric_sim.simulation.checkpoints.state_tree import StateTree
-from icofabric_sim.simulation.inputs.input_types import ChannelTarget, DriveTarget, stored_target
+from icofabric_sim.simulation.inputs.input_types import (
+    ChannelTarget,
+    DriveTarget,
+    PathTarget,
+    PlaneTarget,
+    stored_target,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +61,7 @@ class PulseSettings:
 _SETTINGS = PulseSettings()
 
 # Types that follow a profile or a path.
-Follower = ChannelTarget | DriveTarget | TractionProfile | AnchorPath | FieldProfile
+Follower = ChannelTarget | PathTarget | TractionProfile | AnchorPath | FieldProfile
 
 
 class Timetable:
@@ -191,6 +197,6 @@ def _require_followed(name: Follower, piece: Any, step: float, angle: float) -> 
 
 def _stored(name: Follower) -> str:
     """Return the form of a follower in checkpoints: its name for channels, else its parameter."""
-    if isinstance(name, (ChannelTarget, DriveTarget)):
+    if isinstance(name, (ChannelTarget, DriveTarget, PlaneTarget)):
         return str(stored_target(name))
     return str(name)

@@ -124,6 +124,7 @@ class Layout:
     blocks: Blocks
     cosines: bool  # orientations as direction cosines instead of quaternions
     rows: np.ndarray  # (2, b) int32, first and last row across the fabric of each block
+    carriers: np.ndarray  # (p,) int32 slots of carriers of planes, see terms/platens
 
     @property
     def body_count(self) -> int:
@@ -132,9 +133,28 @@ class Layout:
 
     def block_of(self, bodies: np.ndarray) -> np.ndarray:
         """Return the index of the block of each body."""
+        return self.block_at(self.slot[bodies])
+
+    def block_at(self, slots: np.ndarray) -> np.ndarray:
+        """Return the index of the block of each slot."""
         number = np.zeros(self.slot_count // LANES, np.int32)
         number[self.blocks.slot // LANES] = np.arange(len(self.blocks.slot), dtype=np.int32)
-        return number[self.slot[bodies] // LANES]
+        return number[slots // LANES]
+
+    @property
+    def moving_slots(self) -> np.ndarray:
+        """Slots of bodies, then carriers of planes."""
+        return np.concatenate([self.slot, self.carriers]) if len(self.carriers) else self.slot
+
+    @property
+    def carried(self) -> np.ndarray | None:
+        """Lanes of carriers by slots over LANES, uint8; None without carriers."""
+        if not len(self.carriers):
+            return None
+        lanes = np.zeros(self.slot_count // LANES, np.uint8)
+        np.bitwise_or.at(
+            lanes, self.carriers // LANES, (1 << self.carriers % LANES).astype(np.uint8))
+        return lanes
 
     def spread(self, values: np.ndarray, *, empty: float = 0.0) -> np.ndarray:
         """
@@ -148,6 +168,10 @@ class Layout:
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Return values of the bodies, (n, ...), from an array (..., s)."""
         return np.ascontiguousarray(np.moveaxis(values[..., self.slot], -1, 0))
+
+    def gather_moving(self, values: np.ndarray) -> np.ndarray:
+        """Return values of bodies, then carriers of planes, as `gather`."""
+        return np.ascontiguousarray(np.moveaxis(values[..., self.moving_slots], -1, 0))
 
     def pack(self, initial: InitialState) -> State:
         """Return the state for kernels from that of the bodies; direction cosines follow eq 20."""
@@ -267,8 +291,14 @@ def _aligned(room: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return room[start:start + math.prod(shape)].reshape(shape)
 
 
-def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> Layout:
-    """Lay out the bodies of a weave at grid points (n, 3), followed by loose bodies."""
+def make_layout(
+    grid: np.ndarray, body_count: int, *, cosines: bool = False, carriers: int = 0
+) -> Layout:
+    """
+    Lay out the bodies of a weave at grid points (n, 3), followed by loose bodies.
+
+    The last blocks are those of `carriers` of planes.
+    """
     parts = []
     if len(grid):
         parts.append(_best_places(grid))
@@ -304,15 +334,20 @@ def make_layout(grid: np.ndarray, body_count: int, *, cosines: bool = False) -> 
         np.maximum.at(across[1], members, row[piece])
         np.bitwise_or.at(alive, members, (1 << (slot[piece] % LANES)).astype(np.uint8))
     by_order = np.lexsort((first, rank))
-    slot_count = next_slot + LANES
+    carrying = next_slot + np.arange(carriers, dtype=np.int32)
+    carrier_blocks = np.unique(carrying // LANES * LANES)
+    slot_count = next_slot + LANES * len(carrier_blocks) + LANES
     # Rows a whole number of pages apart would share few places of the cache.
     slot_count += LANES * (1 - slot_count // LANES % 2)
     return Layout(
         slot=slot,
         slot_count=slot_count,
-        blocks=Blocks(first[by_order].astype(np.int32), alive[by_order], 0),
+        blocks=Blocks(
+            np.append(first[by_order], carrier_blocks).astype(np.int32),
+            np.append(alive[by_order], np.zeros_like(carrier_blocks, np.uint8)), 0),
         cosines=cosines,
-        rows=across[:, by_order],
+        rows=np.pad(across[:, by_order], ((0, 0), (0, len(carrier_blocks)))),
+        carriers=carrying.astype(np.int32),
     )
 
 

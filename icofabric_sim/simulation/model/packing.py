@@ -49,6 +49,7 @@ from icofabric_sim.terms.drives.record import Drives
 from icofabric_sim.terms.gravity.record import Gravity
 from icofabric_sim.terms.gyration import Gyration
 from icofabric_sim.terms.masses import Masses
+from icofabric_sim.terms.platens.record import Platens
 from icofabric_sim.terms.profiles import Varying
 from icofabric_sim.terms.shared import Connectors, LINK_COUNT
 import numpy as np
@@ -226,7 +227,8 @@ def pack_scene(
     # On equal charges a uniform field is an acceleration like gravity.
     fall = gravity + electric.force / mass
     grid = scene.weave.grid
-    layout = make_layout(grid, scene.body_count, cosines=cosines)
+    layout = make_layout(
+        grid, scene.body_count, cosines=cosines, carriers=len(scene.platens))
     connector_list = links = supports = damping = maxwell = breakage = None
     woven = scene.woven
     if scene.connector_count:
@@ -242,7 +244,9 @@ def pack_scene(
             breakage = pack_breakage(
                 layout, links, list_connectors(scene, woven).listed, woven.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
-    if scene.supports is not None or not masses.all_equal:
+    # Carriers of planes differ from bodies: their masses and inverse masses are zero.
+    uniform = masses.all_equal and not scene.platens
+    if scene.supports is not None or not uniform:
         supports = pack_supports(masses, scene.supports, layout)
     resisting = pack_moments(scene, layout, links)
     terms: dict[str, Any] = {
@@ -265,9 +269,9 @@ def pack_scene(
         links=links,
         supports=supports,
         shells=pack_own_shells(scene, layout),
-        masses=None if masses.all_equal else Masses(
-            layout.spread(masses.mass[:, None], empty=0.0),
-            layout.spread(masses.inertia[:, None], empty=0.0),
+        masses=None if uniform else Masses(
+            *(layout.spread(np.broadcast_to(values, scene.body_count)[:, None], empty=0.0)
+              for values in masses),
             float(masses.mass.max()), float(masses.inertia.max())),
         gyration=_pack_gyration(scene, layout),
         **terms)
@@ -401,13 +405,17 @@ def pack_loads(
         members = [(number, bodies[~driven[bodies]]) for number, bodies in members]
         members += [(-1 - path, row.bodies) for path, row in enumerate(drives.rows)]
     paths = 0 if drives is None else len(drives.rows)
+    first_plane = paths - len(layout.carriers)
     if anchors is not None:
         members += [
             (-1 - paths - number, np.array([body], np.int32))
             for number, body in enumerate(anchors.bodies)]
     for number, bodies in members:
-        block, bits = layout.block_of(bodies), np.zeros(count, np.uint8)
-        np.bitwise_or.at(bits, block, (1 << layout.slot[bodies] % LANES).astype(np.uint8))
+        slots = layout.slot[bodies]
+        if first_plane <= -1 - number < paths:
+            slots = layout.carriers[-1 - number - first_plane, None]
+        block, bits = layout.block_at(slots), np.zeros(count, np.uint8)
+        np.bitwise_or.at(bits, block, (1 << slots % LANES).astype(np.uint8))
         own = np.flatnonzero(bits).astype(np.int32)
         blocks.append(own)
         lanes.append(bits[own])
@@ -430,6 +438,7 @@ def pack_loads(
             tractions, layout, len(parts), block[order], wrench[order],
             np.concatenate(lanes)[order]),
         'drives': None if drives is None else _pack_drives(drives, layout),
+        'platens': Platens(first_plane, len(layout.carriers)) if len(layout.carriers) else None,
         'anchors': None if anchors is None else _pack_anchors(anchors, paths)}
     return Loads(
         start=start,
@@ -600,8 +609,8 @@ def expected_liveliness(
     for drive in scene.drives.values():
         fastest, turning = drive.path.fastest
         speed, spin = max(speed, fastest / half_edge), max(spin, turning)
-    for anchor in scene.anchors.values():
-        speed = max(speed, anchor.path.fastest[0] / half_edge)
+    for path in (*scene.platens.values(), *(anchor.path for anchor in scene.anchors.values())):
+        speed = max(speed, path.fastest[0] / half_edge)
     return max(speed, spin, growth, float(min(max(displaced, released), frequency)))
 
 

@@ -172,7 +172,7 @@ class Reactions(AsTable):
 
     names: tuple[str, ...]  # supports.NAME, drives.NAME, anchors.NAME, planes.NAME
     # (k, 3) [m] mean of the present centres of its bodies; of an anchor its point in the world, of
-    # a plane the foot of the perpendicular from the origin
+    # a plane the foot of the perpendicular from the origin at the start, which moves with the plane
     point: np.ndarray
     force: np.ndarray  # (k, 3) [N] on all of its bodies
     torque: np.ndarray  # (k, 3) [N m] about that point
@@ -247,12 +247,14 @@ class LoadCells:
             np.concatenate([-push[:, :3], push[:, 6:9]], axis=1))
 
     def reactions(
-        self, driver: Driver, state: State, time: float, anchored: np.ndarray
+        self, driver: Driver, state: State, time: float, anchored: np.ndarray,
+        displaced: np.ndarray
     ) -> Reactions:
         """
         Return the reactions in the `state` at `time` [s] that the driver evaluated last.
 
-        `anchored` (a, 3) [m] are the world points of the anchors.
+        `anchored` (a, 3) [m] are the world points of the anchors, `displaced` (k, 3) [m] the
+        displacements of planes.
         """
         touching, packed = self.contacts(driver, state), self._packed
         loads = driver.trajectory.loads
@@ -270,8 +272,9 @@ class LoadCells:
         for end, pull in zip(anchored, self._pulls(
                 loads, state, time, anchored, driver.trajectory.anchor_breaks)):
             rows.append((end, pull, np.zeros(3)))
-        for number, plane in enumerate(make_planes(self._scene.parameters)):
-            mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3]
+        for number, (plane, moved) in enumerate(zip(
+                make_planes(self._scene.parameters), displaced)):
+            mine, foot = touching.bodies[:, 1] == -1 - number, plane[3] * plane[:3] + moved
             push = touching.force[mine]
             moment = np.cross(position[touching.bodies[mine, 0]] - foot, push)
             moment += touching.wrench_on_first[mine, 3:]

@@ -183,7 +183,7 @@ class StepInProgress:
 
     def state_tree(self, tree: dict[str, Any]) -> None:
         """Add the step to the `tree` of its trajectory."""
-        trajectory, gather = self._trajectory, self._trajectory.packed.layout.gather
+        trajectory, gather = self._trajectory, self._trajectory.packed.layout.gather_moving
         tree['control'] = self.control.numbers.copy()
         # Where the last call was to lead says nothing of the next.
         tree['control'][embedded.GOAL] = 0.0
@@ -212,17 +212,17 @@ class StepInProgress:
             raise ValueError('control has no length for the next step')
         if not control.length > 0.0:
             return
-        layout, slopes = trajectory.packed.layout, self.trail.slopes
+        slots, slopes = trajectory.packed.layout.moving_slots, self.trail.slopes
         trajectory.take_back(self.start, tree.part('start'))
-        found = tree.array('slopes', (layout.body_count, len(self._kept), slopes.shape[1]))
+        found = tree.array('slopes', (len(slots), len(self._kept), slopes.shape[1]))
         slopes[:] = 0.0
         for k, number in enumerate(self._kept):
-            slopes[number][:, layout.slot] = found[:, k].T
+            slopes[number][:, slots] = found[:, k].T
         self._load_power(trajectory.loads, tree)
         for name, meter in trajectory.meters().items():
-            power = tree.array(f'{name}_power', (layout.body_count, len(self._kept)))
+            power = tree.array(f'{name}_power', (len(slots), len(self._kept)))
             for number, values in zip(self._kept, power.T):
-                meter.power[number, layout.slot] = values
+                meter.power[number, slots] = values
 
     def _load_power(self, loads: Loads, tree: StateTree) -> None:
         if not len(loads.wrench):

@@ -439,22 +439,22 @@ class Trajectory:
         if self.failure is not None:
             tree['failure'] = str(self.failure)
         if self._keeps_accelerations:
-            tree['acceleration'] = self.packed.layout.gather(self.work.acceleration)
+            tree['acceleration'] = self.packed.layout.gather_moving(self.work.acceleration)
         if self.losses is not None and self._loses(self.model):
-            tree['contact_losses'] = self.packed.layout.gather(self.losses.lost)
+            tree['contact_losses'] = self.packed.layout.gather_moving(self.losses.lost)
         if len(self.loads.wrench):
             rows = self.rows_by_body(self.loads)
             tree['loads'] = {
                 'work': self.loads.work[rows], 'earlier_work': self.loads.earlier_work[rows]}
         for name, meter in self.meters().items():
-            tree[name] = self.packed.layout.gather(meter.done)
+            tree[name] = self.packed.layout.gather_moving(meter.done)
         if self.broken.count:
             tree['broken'] = self.broken.state_tree()
         return tree
 
     def load_state(self, tree: StateTree, loads: Loads) -> None:
         """Restore the trajectory, with the `loads` of that time; accelerations follow."""
-        layout = self.packed.layout
+        slots = self.packed.layout.moving_slots
         self.origin = tree.number('origin', 0.0)
         self.failure = SimulationError(tree.text('failure')) if 'failure' in tree else None
         self.index, self.step_count = tree.count('index'), tree.count('step_count')
@@ -474,38 +474,37 @@ class Trajectory:
             loads.work[rows] = part.array('work', rows.shape)
             loads.earlier_work[rows] = part.array('earlier_work', rows.shape)
         for name, meter in self.meters().items():
-            meter.done[:, layout.slot] = tree.array(name, (layout.body_count, 2)).T
+            meter.done[:, slots] = tree.array(name, (len(slots), 2)).T
 
     def load_accelerations(self, tree: StateTree) -> None:
         """Restore the accelerations, after the contacts."""
         # Also where there are no bodies: what was there may not be finite.
         self.refresh_places(anew=True)
-        layout, losses = self.packed.layout, self.losses
+        slots, losses = self.packed.layout.moving_slots, self.losses
         if losses is not None and self._loses(self.model):
-            losses.lost[:, layout.slot] = tree.array('contact_losses', (layout.body_count, 6)).T
+            losses.lost[:, slots] = tree.array('contact_losses', (len(slots), 6)).T
         if self._keeps_accelerations:
-            self.work.acceleration[:, layout.slot] = tree.array(
-                'acceleration', (layout.body_count, 6)).T
+            self.work.acceleration[:, slots] = tree.array('acceleration', (len(slots), 6)).T
 
     def by_body(self, state: State) -> dict[str, Any]:
         """Return the arrays of a state by name, bodies first."""
         return {
-            name: self.packed.layout.gather(values) for name, values in state._asdict().items()
+            name: self.packed.layout.gather_moving(values) for name, values in state._asdict().items()
             if values is not None}
 
     def take_back(self, state: State, tree: StateTree) -> None:
         """Write a state from a checkpoint; slots without a body are at rest at the origin."""
-        layout = self.packed.layout
+        layout, slots = self.packed.layout, self.packed.layout.moving_slots
         for name, target in state._asdict().items():
             if target is None:
                 continue
             rows = target.shape[:-1]
-            values = tree.array(name, (layout.body_count, *rows))
+            values = tree.array(name, (len(slots), *rows))
             empty = np.zeros(rows)
             if name == 'orientation':
                 empty = np.eye(3) if layout.cosines else np.array([0.0, 0.0, 0.0, 1.0])
             target[:] = empty[..., None]
-            target[..., layout.slot] = np.moveaxis(values, 0, -1)
+            target[..., slots] = np.moveaxis(values, 0, -1)
 
     def rows_by_body(self, loads: Loads) -> np.ndarray:
         """
@@ -513,9 +512,9 @@ class Trajectory:
 
         The order does not depend on the layout: lanes without a wrench are left out.
         """
-        layout = self.packed.layout
+        layout, slots = self.packed.layout, self.packed.layout.moving_slots
         body = np.zeros(layout.slot_count, np.int64)
-        body[layout.slot] = np.arange(layout.body_count)
+        body[slots] = np.arange(len(slots))
         row, lane = acting_lanes(loads)
         block = np.repeat(layout.blocks.slot, np.diff(loads.start))
         order = np.lexsort((loads.wrench[row], body[block[row] + lane]))

@@ -5,8 +5,8 @@ Check that no contact can occur within a step of any length.
 
 A contact that begins and ends between two evaluations of the forces leaves no trace, so steps are
 limited if a contact is possible. Let no point of a shell be faster than v, and half of the
-smallest gap of any two be g, or the smallest gap to a plane. No contact occurs in a step shorter
-than g / v, as no point moves farther than that.
+smallest gap of any two be g, or the smallest gap to a plane at rest. No contact occurs in a step
+shorter than g / v, as no point moves farther than that.
 
 The answer depends on the step alone, not on the times and reach of neighbour searches. If the
 last search found enough clearance, the search for g is skipped, which never changes the result.
@@ -28,7 +28,14 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.kernels.runtime.team import Team, tell_all, wait_for_all
-from icofabric_sim.terms.contacts.displacement import add_ways, FREE, MAX_REACH, shift_at, SKIN
+from icofabric_sim.terms.contacts.displacement import (
+    add_ways,
+    FREE,
+    MAX_REACH,
+    moving_lanes,
+    shift_at,
+    SKIN,
+)
 from icofabric_sim.terms.contacts.record import Watch
 from icofabric_sim.terms.contacts.search import find_reach, refresh, survey
 from icofabric_sim.terms.shared import Blocks, State, Trail
@@ -100,7 +107,8 @@ def fastest_points(
             spin = maximum(square, spin)
         # Computed for each body alone, so that the largest does not depend on a thread's bodies.
         own = fma(splat(watch.radius), sqrt(spins * spin), sqrt(fastest))
-        quickest = maximum(where(bits(blocks.alive[block]), own, zero), quickest)
+        lanes = bits(moving_lanes(watch.carried, blocks.alive[block], s))
+        quickest = maximum(where(lanes, own, zero), quickest)
         way = add_ways(watch, state, blocks.alive[block], shift, s, way)
     speed, moved = 0.0, 0.0
     for i in range(LANES):

@@ -8,7 +8,7 @@ the supports h. When a body moves by dx and turns by an angle theta, no point of
 displaced by more than w = |dx| + 2 R sin(theta / 2), R the radius of the sphere around it. The
 interval that it covers along n moves by at most w at either end, and the gap along n stays at
 least g - w_A - w_B. The gap is not lost before w_A + w_B = g, and so not while every displacement
-is at most g / 2. The same holds for a plane and w_A alone.
+is at most g / 2. The same holds for a plane that moves, and for one at rest with w_A alone.
 
 A displacement that all bodies have in common brings no two closer. It may be any function of time
 alone. If no body is held, the mean velocity at the search and gravity define it.
@@ -70,6 +70,15 @@ def shift_at(watch: Watch | None, time: float) -> Shift:
 
 
 @compiled
+def moving_lanes(carried: np.ndarray | None, alive: int, s: int) -> int:
+    """Return the lanes of a block with bodies, `alive`, or carriers of planes."""
+    if carried is None:
+        return alive
+    else:
+        return np.uint8(alive | carried[s // LANES])
+
+
+@compiled
 def add_ways(
     watch: Watch | None, state: State, alive: int, shift: Shift, s: int, most: Vector
 ) -> Vector:
@@ -94,7 +103,8 @@ def add_ways(
                     u = load(state.orientation[i], k, s) - load(watch.turned[i], k, s)
                     turn = fma(u, u, turn)
             turn = splat(watch.radius * watch.radius) * turn
-        square = where(bits(alive), fma(splat(2.0), way, turn), zero)
+        lanes = bits(moving_lanes(watch.carried, alive, s))
+        square = where(lanes, fma(splat(2.0), way, turn), zero)
         # NaN is found by the health checks.
         return maximum(square, most)
 

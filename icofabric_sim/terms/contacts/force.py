@@ -27,7 +27,17 @@ from icofabric_sim.terms.contacts.apex import (
     vertices_in_faces,
 )
 from icofabric_sim.terms.contacts.axis import FACE_OF_FIRST
-from icofabric_sim.terms.contacts.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
+from icofabric_sim.terms.contacts.gap import (
+    Axes,
+    axes_of,
+    edge_of,
+    offset_of,
+    plane_gap,
+    ratio_of,
+    share_of,
+    slot_of,
+    support,
+)
 from icofabric_sim.terms.contacts.pair import LINE, Scratch, touch_pair_again, touch_plane
 from icofabric_sim.terms.contacts.record import Contacts
 from icofabric_sim.terms.contacts.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
@@ -142,16 +152,18 @@ def touch_some(
             if t < 0:
                 axes, plane = axes_of(orientation, s), planes[-1 - t]
                 edge = edge_of(half_edge, half_edges, s)
+                offset = offset_of(planes, contacts.carriers, position, -1 - t)
                 gap = plane_gap(
-                    plane, edge, position[0, s], position[1, s], position[2, s], axes)
+                    plane, offset, edge, position[0, s], position[1, s], position[2, s], axes)
                 if gap > _APART * edge and until[p] >= APART:
                     # Its results are zero already.
-                    until[p] = path + (gap - _APART * edge)
+                    until[p] = path + share_of(contacts.carriers, -1 - t) * (
+                        gap - _APART * edge)
                     tested -= 1
                     continue
                 set_place(position, axes, s, own)
                 touches = touch_plane(
-                    edge, plane[:3], plane[3], own[0], own[1:], scratch, out)
+                    edge, plane[:3], offset, own[0], own[1:], scratch, out)
                 until[p] = AWAKE if touches else APART
                 deepest = max(deepest, out[11])
                 continue
@@ -326,8 +338,8 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
     """
     Sum rows, (6, s) [N], [N m], of the bodies of this thread from the forces of their pairs.
 
-    `pushes`: (p, 9) or longer, for a contact stiffness of 1 N/m, as `contacts.result`, of pairs in
-    contact there. Pairs in contact, or that have just separated, are awake; all other rows are
+    Carriers of planes count as bodies. `pushes`: (p, 9) or longer, for a contact stiffness of
+    1 N/m, as `contacts.result`, of pairs in contact there. Pairs in contact, or that have just separated, are awake; all other rows are
     zero already.
     """
     count = contacts.pairs.shape[0]
@@ -346,7 +358,7 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
                 if until[p] > APART:
                     continue
                 for side in range(2):
-                    s = pairs[p, side]
+                    s = slot_of(contacts.carriers, pairs[p, side])
                     if s < 0 or turns[s // LANES] < first or turns[s // LANES] >= last:
                         continue
                     if adds == 0:

@@ -35,8 +35,24 @@ from icofabric_sim.kernels.runtime.lanes import (
 from icofabric_sim.kernels.runtime.outlined import call_float
 from icofabric_sim.kernels.runtime.team import Team, wait_for_all
 from icofabric_sim.terms.contacts.clearance import mean_velocity
-from icofabric_sim.terms.contacts.displacement import add_ways, FREE, LATE, MAX_REACH, shift_at
-from icofabric_sim.terms.contacts.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
+from icofabric_sim.terms.contacts.displacement import (
+    add_ways,
+    FREE,
+    LATE,
+    MAX_REACH,
+    moving_lanes,
+    shift_at,
+)
+from icofabric_sim.terms.contacts.gap import (
+    Axes,
+    axes_of,
+    edge_of,
+    offset_of,
+    plane_gap,
+    ratio_of,
+    slot_of,
+    support,
+)
 from icofabric_sim.terms.contacts.record import Contacts, Watch
 from icofabric_sim.terms.contacts.shape import OUTER
 from icofabric_sim.terms.shared import Blocks, State, Trail
@@ -135,7 +151,8 @@ def ways_to_come(
             u = load(slope, row + 3 + k, s)
             b = fma(u, u, b)
         speed = fma(radius, sqrt(o), sqrt(v)) + half * fma(radius, sqrt(b), sqrt(a))
-        quickest = maximum(where(bits(blocks.alive[block]), step * speed, zero), quickest)
+        lanes = bits(moving_lanes(watch.carried, blocks.alive[block], s))
+        quickest = maximum(where(lanes, step * speed, zero), quickest)
         way = add_ways(watch, state, blocks.alive[block], shift, s, way)
     farthest, moved = 0.0, 0.0
     for i in range(LANES):
@@ -271,9 +288,15 @@ def gap_at(
         axes = (
             own[1, 0], own[2, 0], own[3, 0], own[1, 1], own[2, 1], own[3, 1], own[1, 2],
             own[2, 2], own[3, 2])
+        offset = offset_of(contacts.planes, contacts.carriers, state.position, -1 - other)
+        carrier = slot_of(contacts.carriers, other)
+        if carrier >= 0:
+            for k in range(3):
+                offset += t * contacts.planes[-1 - other, k] * state.linear_velocity[k, carrier]
         return plane_gap(
-            contacts.planes[-1 - other], edge_of(contacts.half_edge, contacts.half_edges, s),
-            own[0, 0], own[0, 1], own[0, 2], axes)
+            contacts.planes[-1 - other], offset,
+            edge_of(contacts.half_edge, contacts.half_edges, s), own[0, 0], own[0, 1], own[0, 2],
+            axes)
     second = contacts.second[0]
     foretell(state, slope, other, t, second)
     # `found_gap` of pair.py

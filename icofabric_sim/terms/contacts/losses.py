@@ -26,6 +26,7 @@ from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, lane, load, splat, store, Vector
 from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, Team, wait_for_all
 from icofabric_sim.terms.contacts.force import add_up, part_of, touch_all, touch_awake
+from icofabric_sim.terms.contacts.gap import slot_of
 from icofabric_sim.terms.contacts.laws import (
     damping_factor,
     depth_rate,
@@ -120,7 +121,8 @@ def lose_some(
         if until[p] < APART and out[10] > 0.0:
             s, t = pairs[p, 0], pairs[p, 1]
             va, wa = column(velocity, s), column(spin, s)
-            vb, wb = column(velocity, t), column(spin, t)
+            second = slot_of(contacts.carriers, t)
+            vb, wb = column(velocity, second), column(spin, second)
             size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
             deepening = depth_rate(out, va, wa, vb, wb)
             damping = effective_damping(losses.damping, deepening, out[10], losses.lag)
@@ -231,7 +233,8 @@ def lose_ahead(
             changes[p, k] = -out[k]
         s, t = pairs[p, 0], pairs[p, 1]
         va, wa = ahead(velocity, linear, s), ahead(spin, angular, s)
-        vb, wb = ahead(velocity, linear, t), ahead(spin, angular, t)
+        second = slot_of(contacts.carriers, t)
+        vb, wb = ahead(velocity, linear, second), ahead(spin, angular, second)
         size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
         deepening = depth_rate(out, va, wa, vb, wb)
         # Change of the depth rate by a step h: h c K delta (grad delta)^2 / M.
@@ -276,7 +279,7 @@ def moved(stretch: Four, rate: Four, h: float) -> Four:
 
 @compiled
 def ahead(rows: np.ndarray, lead: np.ndarray, s: int) -> Three:
-    """Return the extrapolated velocity or spin of slot `s`; 0 for a plane."""
+    """Return the extrapolated velocity or spin of slot `s`; 0 for a plane at rest."""
     if s < 0:
         return 0.0, 0.0, 0.0
     return rows[0, s] + lead[0, s], rows[1, s] + lead[1, s], rows[2, s] + lead[2, s]
@@ -355,7 +358,7 @@ def arms_of(position: np.ndarray, s: int, t: int, out: np.ndarray) -> tuple[Thre
 
 @compiled
 def column(rows: np.ndarray, s: int) -> Three:
-    """Return three numbers of slot `s`; 0 for a plane, whose number is below 0."""
+    """Return three numbers of slot `s`; 0 for a plane at rest, whose slot is below 0."""
     if s < 0:
         return 0.0, 0.0, 0.0
     return rows[0, s], rows[1, s], rows[2, s]

@@ -16,7 +16,8 @@ class Sleep(Record):
     See sleeping.py.
     """
 
-    blocks: Blocks  # blocks whose motion is measured; without blocks no pair sleeps
+    # Blocks whose motion is measured, carriers of planes too; without blocks no pair sleeps.
+    blocks: Blocks
     radius: float  # of the sphere around a body [m]
     free: bool  # the common motion of all bodies is subtracted
     position: np.ndarray  # (3, s) [m] at the last evaluation
@@ -70,7 +71,7 @@ class Contacts(Record):
     stiffness: float  # K [N/m]
     half_edge: float  # a [m]
     pairs: np.ndarray  # (p, 2) int32 slots, that of the lower body first; -1 - k: plane k
-    planes: np.ndarray  # (k, 4) unit normal and offset [m]
+    planes: np.ndarray  # (k, 4) unit normal and offset [m] at the start
     # (p, 19) for K = 1 N/m: force on the first [N], torques on both [N m], delta^2 / 2 [m^2],
     # delta and the deepest overlap [m], the axis (3) that last separated them, contact point (3),
     # squared contact area [m^4]
@@ -99,6 +100,7 @@ class Contacts(Record):
     sleep: Sleep
     losses: ContactLosses | None = None
     half_edges: np.ndarray | None = None  # (s,) [m] of each slot, if they differ
+    carriers: np.ndarray | None = None  # (k,) int32 slots of `Platens`, -1: a plane at rest
 
 
 class Nearby(Record):
@@ -126,6 +128,7 @@ class Nearby(Record):
     cubes: np.ndarray  # (3, n) int64
     following: np.ndarray  # (n,) int32
     half_edges: np.ndarray | None = None  # (n,) [m], where they differ
+    carriers: np.ndarray | None = None  # (k,) int32 as in `Contacts`
 
 
 class Watch(Record):
@@ -142,3 +145,4 @@ class Watch(Record):
     limits: np.ndarray  # (LIMIT_COUNT,) see displacement.py
     far: np.ndarray  # (8 t,) [m^2] largest squared displacement in the blocks of each thread
     nearby: Nearby
+    carried: np.ndarray | None = None  # uint8 by slots over LANES, bit l: lane l is a carrier

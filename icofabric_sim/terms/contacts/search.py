@@ -18,8 +18,10 @@ from icofabric_sim.terms.contacts.gap import (
     axes_of,
     edge_of,
     gap_along,
+    offset_of,
     plane_gap,
     ratio_of,
+    share_of,
     widest_gap,
 )
 from icofabric_sim.terms.contacts.pair import approach, COINCIDE
@@ -201,13 +203,19 @@ def search_gap(nearby: Nearby, position: np.ndarray, p: int, wanted: float) -> f
 
 @compiled
 def plane_gaps(nearby: Nearby, position: np.ndarray) -> float:
-    """Write distances [m] of all bodies from all planes, (k, n); return the least."""
+    """
+    Write distances [m] of all bodies from all planes, (k, n); return the least.
+
+    Half of the distance from a plane that moves, because both sides may close the gap.
+    """
     closest = math.inf
     for k in range(nearby.planes.shape[0]):
+        offset = offset_of(nearby.planes, nearby.carriers, position, k)
+        share = share_of(nearby.carriers, k)
         for b in range(nearby.slots.shape[0]):
             s = nearby.slots[b]
-            gap = plane_gap(
-                nearby.planes[k], edge_of(nearby.half_edge, nearby.half_edges, b),
+            gap = share * plane_gap(
+                nearby.planes[k], offset, edge_of(nearby.half_edge, nearby.half_edges, b),
                 position[0, s], position[1, s], position[2, s], axes_row(nearby.axes, b))
             nearby.to_planes[k, b] = gap
             closest = min(closest, gap)
@@ -272,8 +280,8 @@ def survey(nearby: Nearby, state: State) -> tuple[float, float]:
     Return the largest speed of a point [m/s], and displacement of a centre since the list [m].
 
     If all bodies are free, both are relative to the mean velocity, which goes into
-    nearby.velocity, and to the mean displacement. The speed is NaN if a number of the state is.
-    Store the axes of all bodies.
+    nearby.velocity, and to the mean displacement. Planes have no displacement. The speed is NaN if
+    a number of the state is. Store the axes of all bodies.
     """
     slots, axes, mean = nearby.slots, nearby.axes, nearby.velocity
     reference = nearby.reference
@@ -310,4 +318,19 @@ def survey(nearby: Nearby, state: State) -> tuple[float, float]:
         uz = position[2, s] - reference[b, 2] - mz
         moved = max(moved, ux * ux + uy * uy + uz * uz)
         sound += 0.0 * (ux + uy + uz)
-    return speed + sound, math.sqrt(moved)
+    return max(speed, plane_speed(nearby.carriers, linear)) + sound, math.sqrt(moved)
+
+
+@compiled
+def plane_speed(carriers: np.ndarray | None, velocity: np.ndarray) -> float:
+    """Return the largest speed [m/s] of a plane."""
+    fastest = 0.0
+    if carriers is None:
+        return fastest
+    else:
+        for k in range(carriers.shape[0]):
+            s = carriers[k]
+            if s >= 0:
+                fastest = max(
+                    fastest, velocity[0, s] ** 2 + velocity[1, s] ** 2 + velocity[2, s] ** 2)
+        return math.sqrt(fastest)

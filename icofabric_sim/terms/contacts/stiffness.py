@@ -18,7 +18,7 @@ h^2 |F|^2 / 24 in the middle of a collision, and by up to twice that at its star
 """
 
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, lane, LANES, load, splat
+from icofabric_sim.kernels.runtime.lanes import bits, fma, lane, LANES, load, splat, where
 from icofabric_sim.terms.contacts.laws import patch_radius
 from icofabric_sim.terms.contacts.losses import arms_of
 from icofabric_sim.terms.contacts.record import Contacts
@@ -85,8 +85,9 @@ def note_pushes(
             for k in range(3):
                 force, torque = load(contacts.rows, k, s), load(contacts.rows, k + 3, s)
                 forces, torques = fma(force, force, forces), fma(torque, torque, torques)
-            square = fma(
-                splat(inverse_mass), forces, splat(inverse_inertia) * torques)
+            # Forces on carriers of planes move no body.
+            square = where(bits(blocks.alive[block]), fma(
+                splat(inverse_mass), forces, splat(inverse_inertia) * torques), splat(0.0))
             total = 0.0
             for i in range(LANES):
                 total += lane(square, i)

@@ -3,7 +3,7 @@
 """Drag forces and torques."""
 
 from icofabric_sim.kernels.runtime.compiled import compiled
-from icofabric_sim.kernels.runtime.lanes import fma, load, splat, Vector
+from icofabric_sim.kernels.runtime.lanes import bits, fma, load, splat, Vector, where
 from icofabric_sim.terms.drag.record import Drag
 from icofabric_sim.terms.shared import add_wrench, Supports
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 def add_velocity_force(
     drag: Drag | None, supports: Supports | None, inverse_mass: float, inverse_inertia: float,
     linear_velocity: np.ndarray, angular_velocity: np.ndarray, linear: np.ndarray,
-    angular: np.ndarray, s: int, spent: Vector
+    angular: np.ndarray, alive: int, s: int, spent: Vector
 ) -> Vector:
     """
     Add drag -gamma v on centres and -gamma' omega on spins; return `spent` plus its power [W].
@@ -30,4 +30,6 @@ def add_velocity_force(
             minus * vx, minus * vy, minus * vz, turning * ox, turning * oy, turning * oz)
         speed = fma(vx, vx, fma(vy, vy, vz * vz))
         spin = fma(ox, ox, fma(oy, oy, oz * oz))
-        return spent - fma(minus, speed, turning * spin)
+        # None on carriers of planes.
+        return spent - where(
+            bits(alive), fma(minus, speed, turning * spin), splat(0.0))
