@@ -46,6 +46,7 @@ class ActingMarkers:
     def __init__(self, scene: Scene) -> None:
         """Build the constant markers."""
         self._scene, self._frame_id = scene, scene.parameters['frame_id']
+        # Points of each plane.
         self._planes, self._surfaces = _plane_lines(scene), _plane_triangles(scene)
         supports = scene.supports
         self._held = np.zeros(0, np.int64) if supports is None else np.flatnonzero(
@@ -53,11 +54,12 @@ class ActingMarkers:
 
     def message(
         self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench],
-        touching: Touching
+        touching: Touching, displaced: np.ndarray | None = None
     ) -> bytes:
         """
         Return the message at a time, with the active wrenches by channel or body number.
 
+        Planes have moved by `displaced` (k, 3) [m]; None: not at all.
         `touching` contacts get a point, the normal of one edge length, and the forces on both
         shells, friction included; the largest force is two edges long.
         """
@@ -73,9 +75,9 @@ class ActingMarkers:
             _List('supports', 0, _CUBE_LIST, (0.20, 0.30, 0.50, 0.8), (0.5 * edge,) * 3,
                   snapshot.position[self._held]),
             _List('planes', 0, _LINE_LIST, (0.45, 0.45, 0.45, 1.0), (0.04 * edge, 0, 0),
-                  self._planes),
+                  _moved(self._planes, displaced)),
             _List('plane_surfaces', 0, _TRIANGLE_LIST, (0.60, 0.60, 0.60, 0.4), (1.0,) * 3,
-                  self._surfaces),
+                  _moved(self._surfaces, displaced)),
             _List('contacts', 0, _SPHERE_LIST, (0.60, 0.10, 0.70, 1.0), (0.2 * edge,) * 3,
                   touching.point),
             _List('contact_normals', 0, _LINE_LIST, (0.60, 0.10, 0.70, 1.0),
@@ -129,27 +131,36 @@ def _turned(orientation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.asarray(vector + real * twice + np.cross(axis, twice))
 
 
-def _plane_lines(scene: Scene) -> np.ndarray:
-    """Return the ends of lines two pitches apart on all planes, below and beside the fabric."""
+def _moved(points: list[np.ndarray], displaced: np.ndarray | None) -> np.ndarray:
+    """Return the points (m, 3) of all planes, moved by their displacements."""
+    shifts = np.zeros((len(points), 3)) if displaced is None else displaced
+    return np.concatenate([np.zeros((0, 3)), *(
+        part + shift for part, shift in zip(points, shifts))])
+
+
+def _plane_lines(scene: Scene) -> list[np.ndarray]:
+    """Return ends (m, 3) of lines two pitches apart on each plane, below or beside the fabric."""
     gap, reach = _plane_size(scene)
     offsets = np.arange(-reach, reach + 0.5 * gap, gap)
     lines = []
     for foot, first, second in _plane_frames(scene):
+        own = []
         for along, across in ((first, second), (second, first)):
             begins = foot + offsets[:, None] * across
-            lines.append(np.stack([begins - reach * along, begins + reach * along], axis=1))
-    return np.concatenate(lines).reshape(-1, 3) if lines else np.zeros((0, 3))
+            own.append(np.stack([begins - reach * along, begins + reach * along], axis=1))
+        lines.append(np.concatenate(own).reshape(-1, 3))
+    return lines
 
 
-def _plane_triangles(scene: Scene) -> np.ndarray:
-    """Return the corners of triangles that fill the same squares, visible from both sides."""
+def _plane_triangles(scene: Scene) -> list[np.ndarray]:
+    """Return corners of triangles that fill the same squares, visible from both sides, (12, 3)."""
     _, reach = _plane_size(scene)
     corners = []
     for foot, first, second in _plane_frames(scene):
         square = foot + reach * np.array([
             -first - second, first - second, first + second, second - first])
         corners.append(square[[0, 1, 2, 0, 2, 3, 2, 1, 0, 3, 2, 0]])
-    return np.concatenate(corners) if corners else np.zeros((0, 3))
+    return corners
 
 
 def _plane_size(scene: Scene) -> tuple[float, float]:

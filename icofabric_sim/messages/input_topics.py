@@ -6,6 +6,7 @@ Input messages: the topic and frame of each target, and the decoded values.
     ~/wrench         WrenchStamped   the body of the frame icosahedron_K
     ~/loads/NAME     WrenchStamped   a load channel
     ~/drives/NAME    TwistStamped    a drive
+    ~/planes/NAME    TwistStamped    a plane that may move
     ~/pull           PointStamped    target point of a drag of the body of frame icosahedron_K
 """
 
@@ -24,6 +25,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     BodyTarget,
     ChannelTarget,
     DriveTarget,
+    PlaneTarget,
     Pull,
     PullTarget,
     Target,
@@ -40,7 +42,8 @@ INPUT_TYPES = (WrenchStampedBytes.TYPE, TwistStampedBytes.TYPE, PointStampedByte
 PULL = '~/pull'
 _BODIES = '~/wrench'
 _NAME = r'([A-Za-z][A-Za-z0-9_]*)'
-_CHANNEL, _DRIVE = re.compile(f'~/loads/{_NAME}'), re.compile(f'~/drives/{_NAME}')
+_CHANNEL = re.compile(f'~/loads/{_NAME}')
+_DRIVE, _PLANE = re.compile(f'~/drives/{_NAME}'), re.compile(f'~/planes/{_NAME}')
 
 
 class StampedPair(NamedTuple):
@@ -75,15 +78,16 @@ def topic_of(target: Target) -> str:
         return PULL
     if isinstance(target, BodyTarget):
         return _BODIES
-    kind = 'loads' if isinstance(target, ChannelTarget) else 'drives'
-    return f'~/{kind}/{target.name}'
+    # loads.NAME, drives.NAME or planes.NAME
+    return f'~/{str(target).replace(".", "/")}'
 
 
 def input_topics(scene: 'Scene') -> dict[str, str]:
     """Return the input topics of a scene, with their message types."""
     topics = [
         _BODIES, PULL, *(topic_of(ChannelTarget(name)) for name in scene.loads),
-        *(topic_of(DriveTarget(name)) for name in scene.drives)]
+        *(topic_of(DriveTarget(name)) for name in scene.drives),
+        *(topic_of(PlaneTarget(name)) for name in scene.platens)]
     return {topic: input_type(topic) for topic in topics}
 
 
@@ -93,13 +97,16 @@ def input_type(topic: str) -> str:
         return WrenchStampedBytes.TYPE
     if topic == PULL:
         return PointStampedBytes.TYPE
-    return TwistStampedBytes.TYPE if _DRIVE.fullmatch(topic) else ''
+    moves = _DRIVE.fullmatch(topic) or _PLANE.fullmatch(topic)
+    return TwistStampedBytes.TYPE if moves else ''
 
 
 def target_of(topic: str, frame_id: str) -> Target | None:
     """Return the target of messages on a topic with a frame, or None."""
     if drive := _DRIVE.fullmatch(topic):
         return DriveTarget(drive[1])
+    if plane := _PLANE.fullmatch(topic):
+        return PlaneTarget(plane[1])
     if channel := _CHANNEL.fullmatch(topic):
         return ChannelTarget(channel[1])
     body = parse_body_frame(frame_id) if topic in (_BODIES, PULL) else None

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 from icofabric_sim.messages import (
@@ -15,6 +15,7 @@ from icofabric_sim.messages import (
     MarkerType,
     PoseArrayBytes,
     StringBytes,
+    WrenchStampedBytes,
 )
 from icofabric_sim.messages.acting_markers import ActingMarkers
 from icofabric_sim.messages.markers import (
@@ -40,7 +41,7 @@ __all__ = [
     'DIAGNOSTICS', 'ENERGIES', 'ENERGY', 'EVENTS', 'full_name', 'ICOSAHEDRA', 'MARKERS', 'Outputs',
     'PERIODIC',
     'POSES', 'REACTIONS', 'Recorded', 'STATE', 'STRAIN_CLASSES', 'StrainClass', 'TENSIONS', 'TF',
-    'Topic', 'TOPICS', 'VIEWS', 'WEAVE']
+    'Topic', 'TOPICS', 'VIEWS', 'WEAVE', 'wrench_topics']
 
 
 class Recorded(Enum):
@@ -103,7 +104,8 @@ ICOSAHEDRA = _publish(
 MARKERS = _publish(
     '~/markers', ActingMarkers.TYPE, depth=8, rate='marker_rate', compared=False,
     build=lambda outputs, run, now: [outputs.markers(
-        run.snapshot(), now, run.status.active_loads, run.status.touching())])
+        run.snapshot(), now, run.status.active_loads, run.status.touching(),
+        run.inputs.plane_displacements(run.time))])
 STATE = _publish(
     '~/state', Float64MultiArrayBytes.TYPE, rate='publish_rate',
     build=lambda outputs, run, now: [outputs.state(run.snapshot())])
@@ -157,6 +159,32 @@ VIEWS = {
 TOPICS = (*_ENTRIES, *VIEWS.values())
 
 
+def wrench_topics(scene: Scene) -> tuple[Topic, ...]:
+    """
+    Return `~/supports/NAME/wrench`, `~/drives/NAME/wrench` and `~/planes/NAME/wrench` of a scene.
+
+    Not recorded, because `~/reactions` has the same numbers with the opposite sign.
+    """
+    return tuple(
+        _wrench_topic(f'{family}.{name}') for family in ('supports', 'drives', 'planes')
+        for name in scene.parameters.names(family))
+
+
+@cache
+def _wrench_topic(name: str) -> Topic:
+    return Topic(
+        f'~/{name.replace(".", "/")}/wrench', WrenchStampedBytes.TYPE, rate='publish_rate',
+        build=partial(_build_wrench, name), loads_kernels=True, compared=False)
+
+
+def _build_wrench(name: str, outputs: 'Outputs', run: Simulation, now: int) -> list[bytes]:
+    """Return the wrench on a support, drive or plane, about the point of its reaction."""
+    reactions, message = run.reactions(), WrenchStampedBytes(outputs.frame_id)
+    number = reactions.names.index(name)
+    message.force[:], message.torque[:] = -reactions.force[number], -reactions.torque[number]
+    return [message.stamped(now)]
+
+
 def full_name(name: str, node: str) -> str:
     """Return the full name of a private (~/) or absolute topic of a node."""
     return node + name[1:] if name.startswith('~') else name
@@ -199,10 +227,14 @@ class Outputs:
 
     def markers(
         self, snapshot: Snapshot, nanoseconds: int, acting: Mapping[str | int, Wrench],
-        touching: Touching
+        touching: Touching, displaced: np.ndarray | None = None
     ) -> bytes:
-        """Return `~/markers`: `acting` wrenches, supports, planes, and `touching` contacts."""
-        return self._acting.message(snapshot, nanoseconds, acting, touching)
+        """
+        Return `~/markers`: `acting` wrenches, supports, planes, and `touching` contacts.
+
+        `displaced` (k, 3) [m] are the displacements of planes; None: as at the start.
+        """
+        return self._acting.message(snapshot, nanoseconds, acting, touching, displaced)
 
     def poses(self, snapshot: Snapshot, nanoseconds: int) -> bytes:
         """Return `~/poses`: bodies in order, those of `publish.group`."""

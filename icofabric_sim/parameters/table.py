@@ -511,8 +511,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('normal', _ZERO3, '', 'normal of a rigid plane, towards its free side', required=True),
         _s('offset', 0.0, 'm', 'the free side is normal . x >= offset'),
         _s('motion', 'fixed', '',
-           'fixed: never moves; hold: at rest until a twist on ~/planes/NAME; velocity, ramp, sine, '
-           'table: as for drives',
+           'fixed: never moves; hold: at rest until a twist on ~/planes/NAME; velocity, ramp, '
+           'sine, table: as for drives',
            RESTARTS, choices=('fixed', 'hold', 'velocity', 'ramp', 'sine', 'table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the plane, world axes, in any direction; sine: amplitude [m]', RESTARTS),

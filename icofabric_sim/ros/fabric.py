@@ -106,6 +106,7 @@ class FabricNode(AnsweringNode):
         self._report = HealthReport(self.get_fully_qualified_name())
         self.live = LiveSink(self, [
             topic for topic in TOPICS if not topic.requires or parameters[topic.requires]])
+        self.live.set_scene(simulation.scene)
         self.bag = self._open_bag(parameters, simulation)
         self.runner = Runner(
             simulation,
@@ -221,6 +222,7 @@ class FabricNode(AnsweringNode):
     def _apply_outcome(self, wanted: Parameters, reason: str) -> None:
         """Update the node after the change to `wanted` was built, or failed with `reason`."""
         self._inputs.set_scene(self.runner.simulation.scene)
+        self.live.set_scene(self.runner.simulation.scene)
         if not reason or self._gate is None:
             return
         self._faults['rejected change'] = f'the last change could not be built: {reason}'

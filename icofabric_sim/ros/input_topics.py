@@ -26,7 +26,7 @@ class InputTopics:
     """
     Subscriptions `~/wrench` and `~/pull`, and those that depend on the scene.
 
-    The latter are `~/loads/NAME` and `~/drives/NAME`.
+    The latter are `~/loads/NAME`, `~/drives/NAME` and `~/planes/NAME`.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class InputTopics:
 
     def set_scene(self, scene: Scene) -> None:
         """
-        Update the subscriptions for a changed scene: channels and drives may appear or disappear.
+        Update the subscriptions for a changed scene: channels, drives and planes may change.
         """
         wanted = input_topics(scene)
         for topic in set(self._subscriptions) - set(wanted):

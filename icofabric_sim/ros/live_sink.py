@@ -11,9 +11,10 @@ import threading
 import time
 from typing import Any
 
-from icofabric_sim.messages.topics import Topic
+from icofabric_sim.messages.topics import Topic, wrench_topics
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
+from icofabric_sim.scene.scene import Scene
 from icofabric_sim.simulation.simulation import Simulation
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -71,18 +72,31 @@ class LiveSink:
 
     def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
         """Create the publishers of `node`."""
-        self._outlets = {
-            topic.name: _Outlet(
-                node.create_publisher(message_class(topic.type), topic.name, quality(topic)),
-                topic.depth,
-            )
-            for topic in topics
-        }
+        self._node = node
+        self._outlets = {topic.name: self._open(topic) for topic in topics}
+        self._of_scene: set[str] = set()
         # Messages overwritten before every subscriber had received them.
         self.not_taken = 0
         self._context = node.context
         self._closed = False
         self._lock, self._busy_since = threading.Lock(), math.inf
+
+    def _open(self, topic: Topic) -> _Outlet:
+        """Create the publisher of a topic."""
+        return _Outlet(
+            self._node.create_publisher(message_class(topic.type), topic.name, quality(topic)),
+            topic.depth)
+
+    def set_scene(self, scene: Scene) -> None:
+        """Create the publishers of the topics of a scene, and remove those of an earlier scene."""
+        wanted = {topic.name: topic for topic in wrench_topics(scene)}
+        with self._lock:
+            for name in self._of_scene - set(wanted):
+                self._node.destroy_publisher(self._outlets.pop(name).publisher)
+            self._outlets |= {
+                name: self._open(topic) for name, topic in wanted.items()
+                if name not in self._outlets}
+            self._of_scene = set(wanted)
 
     @property
     def is_bag(self) -> bool:
@@ -132,9 +146,9 @@ class LiveSink:
         return topic.latched or bool(self._guard(outlet.publisher.get_subscription_count))
 
     def _send(self, topic: Topic, data: bytes) -> None:
-        if self._closed:
+        outlet = self._outlets.get(topic.name)
+        if self._closed or outlet is None:
             return
-        outlet = self._outlets[topic.name]
         self._count_displaced(outlet)
         self._guard(lambda: outlet.publisher.publish(data))
         outlet.unconfirmed += 1

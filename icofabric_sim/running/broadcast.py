@@ -28,10 +28,12 @@ if TYPE_CHECKING:
 _REPORT_INTERVAL = 1.0
 
 
-def schedules(parameters: Parameters) -> dict[Topic, Schedule]:
+def schedules(
+    parameters: Parameters, periodic: Iterable[Topic] = topics.PERIODIC
+) -> dict[Topic, Schedule]:
     """Return the schedules of the outputs of a run; breakages are sent only when they happen."""
     return {
-        topic: Schedule(parameters[topic.rate]) for topic in topics.PERIODIC
+        topic: Schedule(parameters[topic.rate]) for topic in periodic
         if not topic.requires or parameters[topic.requires]}
 
 
@@ -98,6 +100,8 @@ class Broadcast:
         # First, because it fails for a scene without valid layouts.
         self._outputs = outputs or Outputs(simulation.scene)
         self.simulation = simulation
+        # Topics with a rate, those of the scene last.
+        self._periodic = (*topics.PERIODIC, *topics.wrench_topics(simulation.scene))
         self._owed.clear()
         # Pending until the measuring kernels are loaded and used.
         self._cells: LoadCellKernels | None = None
@@ -109,7 +113,8 @@ class Broadcast:
         """Set new rates."""
         self._parameters = parameters
         self._schedules = {
-            topic: schedule for topic, schedule in schedules(parameters).items()
+            topic: schedule for topic, schedule in schedules(
+                parameters, self._periodic).items()
             if topic is not topics.BROKEN or self._can_break}
 
     def next_times(self, now: int) -> list[int]:
@@ -205,7 +210,7 @@ class Broadcast:
         They are deferred while kernels of one of them are being prepared; simulated time waits.
         """
         self._owe(
-            topics.PERIODIC if chosen is None else chosen, self.sinks if only is None else only)
+            self._periodic if chosen is None else chosen, self.sinks if only is None else only)
         self.settle(now)
         if chosen is None:
             self._show(now, topics.VIEWS.items(), only)
@@ -218,9 +223,9 @@ class Broadcast:
         shown = [sink for sink in live if id(sink) not in self._owed]
         wanted = {
             topic: self._receivers(topic, live if topic is topics.CLOCK else shown)
-            for topic in topics.PERIODIC if not topic.latched}
+            for topic in self._periodic if not topic.latched}
         measured = self._measure([
-            topic for topic, receivers in wanted.items() if receivers and topic.loads_kernels]
+            topic for topic, receivers in wanted.items() if receivers and topic.loads_kernels], now
         ) or {}
         for topic, receivers in wanted.items():
             if receivers and (not topic.loads_kernels or topic in measured):
@@ -260,8 +265,8 @@ class Broadcast:
             if any(wanted - {topics.CLOCK} for _, wanted in owed):
                 self.simulation.snapshot()
             measured = self._measure([
-                topic for topic in topics.PERIODIC
-                if topic.loads_kernels and any(topic in wanted for _, wanted in owed)])
+                topic for topic in self._periodic
+                if topic.loads_kernels and any(topic in wanted for _, wanted in owed)], now)
         except SimulationError:
             self._owed.clear()
             raise
@@ -270,7 +275,7 @@ class Broadcast:
                 item for item in owed if not any(topic.loads_kernels for topic in item[1])]
         for sink, _ in owed:
             del self._owed[id(sink)]
-        for topic in topics.PERIODIC:
+        for topic in self._periodic:
             receivers = [sink for sink, wanted in owed if topic in wanted and sink.wants(topic)]
             if receivers:
                 self._send(topic, now, measured.get(topic) or self._build(topic, now), receivers)
@@ -286,7 +291,7 @@ class Broadcast:
                 self._send(view, now, self._build(topic, now), receivers)
                 self._views.sent(topic, began, wall.thread_time() - before)
 
-    def _measure(self, chosen: list[Topic]) -> dict[Topic, list[bytes]] | None:
+    def _measure(self, chosen: list[Topic], now: int) -> dict[Topic, list[bytes]] | None:
         """
         Build the measured outputs of the present state, or return None if kernels are missing.
 
@@ -299,10 +304,10 @@ class Broadcast:
             return None
         try:
             with no_compiling() if cells is None and self._report is not None else nullcontext():
-                measured = {topic: list(self._build(topic, 0)) for topic in chosen}
+                measured = {topic: list(self._build(topic, now)) for topic in chosen}
         except KernelsMissing:
             self._cells = LoadCellKernels(self.simulation)
-            return self._measure(chosen)
+            return self._measure(chosen, now)
         self._cells = None
         return measured
 
@@ -318,7 +323,7 @@ class Broadcast:
 
     def is_measured(self) -> bool:
         """Return whether a sink accepts reactions or contacts; thread-safe."""
-        return any(self._receivers(topic) for topic in topics.PERIODIC if topic.loads_kernels)
+        return any(self._receivers(topic) for topic in self._periodic if topic.loads_kernels)
 
     def report(self, now: int, *, at_once: bool = False) -> None:
         """

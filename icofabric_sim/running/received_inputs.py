@@ -5,8 +5,8 @@ Received wrenches and twists: validated, passed to the simulation with their sta
 
 The sender of a wrench is not identified. Among several senders on one channel, or on one body, the
 wrench that acted last holds until another one acts or the hold time of the channel has passed. A
-twist moves its drive until another one arrives. Inputs with equal stamps act in the order of
-arrival. After a sender has ended, its last wrench stays and its future wrenches still act; use
+twist moves its drive or plane until another one arrives. Inputs with equal stamps act in the order
+of arrival. After a sender has ended, its last wrench stays and its future wrenches still act; use
 `loads.NAME.hold` to end a wrench with its sender. Inputs are not stored for late subscribers.
 
 Effect of a change of the run on waiting inputs:
@@ -45,6 +45,7 @@ from icofabric_sim.simulation.inputs.input_types import (
     ChannelTarget,
     DriveTarget,
     load_order,
+    PlaneTarget,
     Pull,
     PullTarget,
     require_target,
@@ -170,10 +171,11 @@ class ReceivedInputs:
         Apply a zero wrench on every body and channel with wrenches, and end all drags.
 
         The zero wrenches are recorded as if received. Waiting wrenches are dropped; their number
-        is returned. Drives continue.
+        is returned. Drives and planes continue.
         """
         dropped = self.drop_waiting(
-            'all loads were cleared', lambda target: not isinstance(target, DriveTarget))
+            'all loads were cleared',
+            lambda target: not isinstance(target, (DriveTarget, PlaneTarget)))
         run = self._run
         channels = run.simulation.scene.loads
         targets = {*self._inputs.acting(), *(
@@ -244,8 +246,10 @@ def judge(scene: Scene, received: InputMessage) -> None:
         return
     if not all(math.isfinite(number) for part in value for number in part.tolist()):
         raise ValueError(f'not finite ({_amounts(value)})')
+    if isinstance(target, PlaneTarget) and isinstance(value, Twist) and value.angular.any():
+        raise ValueError(f'a plane does not rotate ({_amounts(value)}): send angular 0')
     if not _rate(scene, received) <= _MAX_RATE:
-        if isinstance(target, (DriveTarget, PullTarget)):
+        if isinstance(target, (DriveTarget, PlaneTarget, PullTarget)):
             raise ValueError(f'too fast to integrate ({_amounts(value)})')
         raise ValueError(
             f'too large to integrate ({_amounts(value)} on bodies of '
@@ -258,6 +262,8 @@ def _require_frame(scene: Scene, target: Target, frame_id: str) -> None:
         in_body_axes = scene.loads[target.name].in_body_axes
         rule = f'{target}.frame is {"body" if in_body_axes else "world"}'
         world = ANY_BODY if in_body_axes else world
+    elif isinstance(target, PlaneTarget):
+        rule = 'a plane moves in the world frame'
     elif not isinstance(target, DriveTarget):
         return  # the frame names the body of a wrench or of a drag
     if frame_id not in ('', world):
@@ -284,7 +290,7 @@ def _rate(scene: Scene, received: InputMessage) -> float:
         return 0.0  # its force is limited
     straight, turning = (math.hypot(*part.tolist()) for part in received.value)
     size = scene.geometry.cube_width
-    if isinstance(target, DriveTarget):
+    if isinstance(target, (DriveTarget, PlaneTarget)):
         return straight / size + turning
     if isinstance(target, ChannelTarget):
         channel = scene.loads[target.name]

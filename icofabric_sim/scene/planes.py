@@ -40,6 +40,6 @@ def make_platens(parameters: Parameters) -> dict[str, Path]:
             if any(value) if isinstance(value, list) else value:
                 raise ParameterError(
                     f'{prefix}.{field}',
-                    f'{prefix}.{field} {value!r} is for a plane that moves, and {prefix}.motion is '
-                    'fixed: leave it out, or choose a motion')
+                    f'{prefix}.{field} {value!r} is for a plane that moves, and '
+                    f'{prefix}.motion is fixed: leave it out, or choose a motion')
     return paths

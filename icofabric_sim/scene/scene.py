@@ -60,7 +60,7 @@ from icofabric_sim.scene.masses import (
 )
 from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
 from icofabric_sim.scene.notebook import html_of
-from icofabric_sim.scene.paths import Path
+from icofabric_sim.scene.paths import Path as MotionPath
 from icofabric_sim.scene.planes import make_planes, make_platens
 from icofabric_sim.scene.profiles import check_profile
 from icofabric_sim.scene.published import check_frame, framed_bodies, published_bodies
@@ -210,7 +210,7 @@ class Scene:
     expression_loads: tuple[PointLoad | SurfaceLoad, ...]
     drives: Mapping[str, Drive]
     anchors: Mapping[str, Anchor]
-    platens: Mapping[str, Path]  # of the planes that may move, from the start of the motion
+    platens: Mapping[str, MotionPath]  # of the planes that may move, from the start of the motion
     initial: initial.InitialState
     electric: Electric
     published_bodies: np.ndarray | None  # (m,) body numbers in `~/poses`; None: all

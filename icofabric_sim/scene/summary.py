@@ -100,6 +100,8 @@ def describe_scene(scene: Scene) -> list[Row]:
     rows += _several('loads', (_load(scene, name) for name in scene.loads))
     if scene.drives:
         rows += _several('drives', (_drive(scene, name) for name in scene.drives))
+    if scene.platens:
+        rows += _several('planes', (_motion(scene, f'planes.{name}') for name in scene.platens))
     if scene.anchors:
         rows += _several('anchors', (_anchor(scene, name) for name in scene.anchors))
     if parameters.names('tractions'):
@@ -287,11 +289,14 @@ def _anchor(scene: Scene, name: str) -> str:
 
 
 def _drive(scene: Scene, name: str) -> str:
-    prefix = f'drives.{name}'
-    motion, linear, angular, start = (
-        scene.parameters[f'{prefix}.{field}']
-        for field in ('motion', 'linear', 'angular', 'start'))
-    text = f'{name}: ~/drives/{name} on {_group(scene, prefix)}, {motion}'
+    return _motion(scene, f'drives.{name}', f' on {_group(scene, f"drives.{name}")}')
+
+
+def _motion(scene: Scene, prefix: str, bodies: str = '') -> str:
+    motion, linear, start = (
+        scene.parameters[f'{prefix}.{field}'] for field in ('motion', 'linear', 'start'))
+    angular = scene.parameters[f'{prefix}.angular'] if bodies else ()
+    text = f'{prefix.partition(".")[2]}: ~/{prefix.replace(".", "/")}{bodies}, {motion}'
     units = ('m', 'rad') if motion == 'sine' else ('m/s', 'rad/s')
     for value, unit in zip((linear, angular), units):
         if any(value):

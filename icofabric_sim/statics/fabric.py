@@ -69,19 +69,18 @@ class StaticFabric:
         anchors_broken_since: np.ndarray | None = None, body_force: BodyForce | None = None
     ) -> None:
         """
-        Hold loads, drives and points of anchors at `time` [s].
+        Hold loads, drives, planes and points of anchors at `time` [s].
 
         - `only`: connectors that forces and the Hessian include, by number; None: all.
         - `contact`: include contacts, if the scene has them.
         - `load_factor`: factor of weight, electric fields, loads, tractions and the body force.
         - `broken_since`: as in snapshots (c,); broken connectors are left out.
         - `anchors_broken_since`: likewise (a,).
-        - `inputs`: inputs that replace the loads and drives of the scene; changed by this call.
+        - `inputs`: inputs that replace the loads and paths of the scene; changed by this call.
         - `friction`: friction springs on a path of states; None: no friction.
         - `body_force`: body force of the user, in addition to loads by expressions, see
           own_force.py.
         """
-        self.friction = friction
         if not 0.0 <= time < math.inf:
             raise ValueError(f'time must be finite and not negative [s], got {time!r}')
         self.scene, self.time = scene, time
@@ -110,6 +109,8 @@ class StaticFabric:
         self.anchors = AnchorPull(
             loads.anchors, tuple(anchor.body for anchor in scene.anchors.values()),
             inputs.anchor_points(time), time)
+        self.displaced = inputs.plane_displacements(time)  # (k, 3) [m] of the planes
+        self.friction = None if friction is None else replace(friction, displaced=self.displaced)
         state = self.layout.pack(scene.initial)
         place_driven(
             without(model, *TERMS), without(loads, *BESIDE_DRIVES), state, time)
@@ -133,6 +134,10 @@ class StaticFabric:
         self.work = self.layout.room(model.links)
         self.room = np.zeros_like(self.work.points), np.zeros((3, self.layout.slot_count))
         setup = pack_contact(scene, np.zeros(3), moving=False) if contact else None
+        if setup is not None and scene.platens:
+            planes = setup.planes.copy()
+            planes[:, 3] += (planes[:, :3] * self.displaced).sum(axis=1)
+            setup = setup._replace(planes=planes)
         self.contacts = None if setup is None else StaticContacts(setup, scene.body_count)
         # Configuration whose attachment points are in the buffers.
         self.placed: Configuration | None = None

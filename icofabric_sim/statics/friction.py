@@ -103,6 +103,7 @@ class FrictionPath:
     before: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))  # s0 [m]
     limit: np.ndarray = field(default_factory=lambda: np.zeros(0))  # mu N / k [m]
     is_begun: bool = False  # the step continues from a previous state
+    displaced: np.ndarray | None = None  # (k, 3) [m] displacements of planes in this step
 
     @classmethod
     def of(cls, scene: Scene) -> 'FrictionPath | None':
@@ -255,7 +256,9 @@ class FrictionPath:
         planes = self.pairs[:, 1] < 0
         bodies = np.maximum(self.pairs, 0)
         places, turns = position[bodies], axes[bodies]
-        places[planes, 1], turns[planes, 1] = 0.0, _EYE
+        turns[planes, 1] = _EYE
+        places[planes, 1] = 0.0 if self.displaced is None else self.displaced[
+            -1 - self.pairs[planes, 1]]
         return places, turns
 
     def _turns(self, turns: np.ndarray) -> np.ndarray:

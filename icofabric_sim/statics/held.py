@@ -31,11 +31,12 @@ def held_time(scene: Scene, time: float | None) -> float:
 
 
 def varying(scene: Scene) -> list[str]:
-    """Return the parameters that make drives, anchors, loads or tractions change with time."""
+    """Return the parameters that make drives, planes, anchors or loads change with time."""
     parameters = scene.parameters
     found = [
-        f'drives.{name}.motion' for name in parameters.names('drives')
-        if parameters[f'drives.{name}.motion'] != 'hold']
+        f'{family}.{name}.motion' for family in ('drives', 'planes')
+        for name in parameters.names(family)
+        if parameters[f'{family}.{name}.motion'] not in ('fixed', 'hold')]
     for name in parameters.names('anchors'):
         if parameters[f'anchors.{name}.motion']:
             found.append(f'anchors.{name}.motion')

@@ -34,8 +34,9 @@ def reactions_of(
         # An anchor of zero length has no direction.
         pull = np.where(np.isfinite(along), along, 0.0) * tension
         rows.append((end, pull, np.zeros(3)))
-    for number, plane in enumerate(make_planes(scene.parameters)):
-        foot = plane[3] * plane[:3]
+    for number, (plane, moved) in enumerate(zip(
+            make_planes(scene.parameters), fabric.displaced)):
+        foot = plane[3] * plane[:3] + moved
         bodies, wrenches = np.zeros(0, np.int64), np.zeros((0, 6))
         if contacts is not None:
             mine = contacts.bodies[:, 1] == -1 - number

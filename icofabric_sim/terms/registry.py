@@ -52,7 +52,7 @@ def changes_of(term: Term, hook: str) -> tuple[Any, ...]:
 
 
 def support_rows() -> list[str]:
-    """Return a row of a table for each term and law that some of `PLACES` lack."""
+    """Return a row of a table for each term, load and law that some of `PLACES` lack."""
     return [
         f'| {part.name} | {", ".join(place for place in PLACES if place in part.lacks)} |'
-        for part in (*TERMS, *LAWS) if part.lacks]
+        for part in (*TERMS, *LOADS, *LAWS) if part.lacks]

@@ -29,6 +29,9 @@ _DISSIPATIVE = {'solver.method': 'dop8'}
 _MOVING = {'drives.it.motion': 'velocity', 'drives.it.linear': [0.01, 0.0, 0.0]}
 _SWAYING = {
     'drives.it.motion': 'sine', 'drives.it.linear': [0.01, 0.0, 0.0], 'drives.it.frequency': 1.0}
+_SLIDING = {'planes.it.motion': 'velocity', 'planes.it.linear': [0.01, 0.0, 0.0]}
+_SHAKEN = {
+    'planes.it.motion': 'sine', 'planes.it.linear': [0.01, 0.0, 0.0], 'planes.it.frequency': 1.0}
 _MOMENTS = {
     'connector_groups.it.bending_stiffness': 0.01, 'connector_groups.it.twisting_stiffness': 0.01}
 _WAVING = {
@@ -82,6 +85,12 @@ NEEDED = {
     'drives.it.phase': _SWAYING,
     'drives.it.file': {'drives.it.motion': 'table', 'drives.it.file': 'other_way.csv'},
     'planes.': {'planes.it.normal': [0.0, 0.0, 1.0], 'planes.it.offset': -1.0},
+    'planes.it.linear': _SLIDING,
+    'planes.it.start': _SLIDING,
+    'planes.it.duration': _SLIDING,
+    'planes.it.frequency': _SHAKEN,
+    'planes.it.phase': _SHAKEN,
+    'planes.it.file': {'planes.it.motion': 'table', 'planes.it.file': 'other_way.csv'},
     'anchors.': {'anchors.it.position': [0.0, 0.0, 0.2]},
     'connectors.': {'connectors.it.bodies': [0, 3]},
     'connectors.it.file': {'connectors.it.bodies': [0, 0], 'connectors.it.file': 'ties.csv'},
@@ -137,6 +146,7 @@ OTHERS = {
     'drives.it.motion': 'velocity',
     'drives.it.freedoms': 'tz',
     'drives.it.file': 'way.csv',
+    'planes.it.file': 'way.csv',
     'anchors.it.file': 'way.csv',
     'anchors.it.motion': '',
     'connectors.it.bodies': [0, 2],

@@ -8,7 +8,7 @@ from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices import refusals
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.terms.interface import PLACES
-from icofabric_sim.terms.registry import LAWS, TERMS
+from icofabric_sim.terms.registry import LAWS, LOADS, TERMS
 import pytest
 
 # Fields of the model that are no terms: the kernels of a GPU read all but the last.
@@ -24,8 +24,9 @@ WITH = {
     'ties': {'connectors.a.bodies': [0, 5]},
     'maxwell': {'connector.maxwell_stiffness': 100.0, 'connector.maxwell_time': 0.01},
     'drag': {'drag.linear': 0.1},
+    'platens': {'planes.it.normal': [0.0, 0.0, 1.0], 'planes.it.motion': 'hold'},
     'magnet': {'charge.per_body': 1e-7, 'field.magnetic': [0.0, 0.0, 1.0]}}
-PARTS = [part for part in (*TERMS, *LAWS) if part.lacks]
+PARTS = [part for part in (*TERMS, *LOADS, *LAWS) if part.lacks]
 
 
 def is_refused(place, changes, *, body_force=False):

@@ -683,7 +683,7 @@ class BroadPhase:
             'earlier': np.zeros(count // LEAST_PART + 2, np.int64),
             'aside': np.zeros((count, OUT_SIZE)),
             'sleep': self._sleep(count),
-            'losses': self.stretches.room(near.pairs, rows.shape[1], slot)}
+            'losses': self.stretches.room(near.pairs, rows.shape[1], self._pushed(near, slot))}
         if self._made is None:
             # Replacing fields takes half of the time of a new record.
             self._made = Contacts(
@@ -697,6 +697,14 @@ class BroadPhase:
         else:
             self._made = self._made._replace(**changed)
         return self._made
+
+    def _pushed(self, near: Near, slots: np.ndarray) -> np.ndarray:
+        """Return the slots of the bodies of pairs, `slots`, and those of carriers of planes."""
+        carriers = self._lists.nearby.carriers
+        if carriers is None:
+            return slots
+        planes = carriers[-1 - near.pairs[near.pairs[:, 1] < 0, 1]]
+        return np.concatenate([slots, planes[planes >= 0]])
 
     def _half_edges(self) -> np.ndarray | None:
         """Return the half edges [m] of all slots; None if all bodies are equal."""

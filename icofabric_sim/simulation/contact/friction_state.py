@@ -72,7 +72,7 @@ class FrictionState:
         """
         Allocate arrays for pairs (p, 2); pairs that were listed before keep their stretches.
 
-        `slots` are those of all bodies of the pairs.
+        `slots` are those of all bodies of the pairs, and of carriers of their planes.
         """
         setup, before, old = self._setup, self._losses, self._pairs
         if not setup.spends:

@@ -14,6 +14,7 @@ from icofabric_sim.terms.contacts.record import Nearby
 from icofabric_sim.terms.contacts.search import find_reach, refresh, survey
 import numpy as np
 
+
 def carriers_of(setup: ContactSetup, layout: Layout) -> np.ndarray | None:
     """Return the slots of the carriers of planes, -1 for planes at rest; None if all rest."""
     if not setup.moving:

@@ -133,6 +133,9 @@ def _lacking(scene: Scene) -> Iterator[tuple[str, str, str]]:
         if 'ranks' in term.lacks and term.name == 'ties':
             for name in parameters.names('connectors'):
                 yield f'connectors.{name}', '(a custom connector)', 'leave it out'
+    for name in scene.platens:
+        key = f'planes.{name}.motion'
+        yield key, parameters[key], 'take fixed'
     if scene.half_edges is not None and parameters['contact.mode'] != 'never':
         name = size_parameter_names(parameters, scene.shell)[0]
         yield name, f'{parameters[name]!r} m', 'take 0, or contact.mode never'

@@ -22,7 +22,6 @@ from icofabric_sim.simulation.inputs.input_types import (
 from icofabric_sim.simulation.inputs.timetable import Timetable
 import numpy as np
 
-
 # Bodies, centroid and freedoms of a plane.
 _PLANE = np.zeros(0, np.int32), np.zeros(3), np.array([True, True, True, False])
 
@@ -46,7 +45,7 @@ class DrivePack(NamedTuple):
 
 class Driving:
     """
-    Drives and planes of a scene, with the timetable of their paths and the twists that replace them.
+    Drives and planes of a scene, with the timetable of their paths and the twists instead of them.
     """
 
     def __init__(

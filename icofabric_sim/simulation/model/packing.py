@@ -49,7 +49,6 @@ from icofabric_sim.terms.drives.record import Drives
 from icofabric_sim.terms.gravity.record import Gravity
 from icofabric_sim.terms.gyration import Gyration
 from icofabric_sim.terms.masses import Masses
-from icofabric_sim.terms.platens.record import Platens
 from icofabric_sim.terms.profiles import Varying
 from icofabric_sim.terms.shared import Connectors, LINK_COUNT
 import numpy as np
@@ -244,7 +243,7 @@ def pack_scene(
             breakage = pack_breakage(
                 layout, links, list_connectors(scene, woven).listed, woven.limits)
     drag = Drag(scene.parameters['drag.linear'], scene.parameters['drag.angular'])
-    # Carriers of planes differ from bodies: their masses and inverse masses are zero.
+    # Carriers of planes differ from bodies, see terms/platens.
     uniform = masses.all_equal and not scene.platens
     if scene.supports is not None or not uniform:
         supports = pack_supports(masses, scene.supports, layout)
@@ -270,8 +269,7 @@ def pack_scene(
         supports=supports,
         shells=pack_own_shells(scene, layout),
         masses=None if uniform else Masses(
-            *(layout.spread(np.broadcast_to(values, scene.body_count)[:, None], empty=0.0)
-              for values in masses),
+            _spread_masses(masses.mass, layout), _spread_masses(masses.inertia, layout),
             float(masses.mass.max()), float(masses.inertia.max())),
         gyration=_pack_gyration(scene, layout),
         **terms)
@@ -288,6 +286,11 @@ def pack_scene(
         scene.principal_inertia, slice(0, len(woven)), scene.custom)
 
 
+def _spread_masses(values: np.ndarray, layout: Layout) -> np.ndarray:
+    """Return masses or inertias (1, s), 0 where no body is."""
+    return layout.spread(np.broadcast_to(values, layout.body_count)[:, None])
+
+
 def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
     if scene.principal_inertia is None:
         return None
@@ -298,14 +301,16 @@ def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
 def pack_supports(
     masses: BodyMasses, supports: Supports | None, layout: Layout
 ) -> PackedSupports:
-    """Return inverse masses of all bodies, 0 along supported degrees of freedom."""
+    """Return inverse masses of bodies, 0 along supported freedoms, and of carriers of planes."""
     count = layout.body_count
     mass = np.broadcast_to(1.0 / masses.mass[:, None], (count, 3))
     inertia = np.broadcast_to(1.0 / masses.inertia, count)
     if supports is not None:
         mass = np.where(supports.translation, 0.0, mass)
         inertia = np.where(supports.rotation, 0.0, inertia)
-    return PackedSupports(layout.spread(mass), layout.spread(inertia[:, None]))
+    packed = PackedSupports(layout.spread(mass), layout.spread(inertia[:, None]))
+    packed.inverse_mass[:, layout.carriers] = 1.0
+    return packed
 
 
 def velocity_rate(model: Model) -> float:
@@ -438,7 +443,6 @@ def pack_loads(
             tractions, layout, len(parts), block[order], wrench[order],
             np.concatenate(lanes)[order]),
         'drives': None if drives is None else _pack_drives(drives, layout),
-        'platens': Platens(first_plane, len(layout.carriers)) if len(layout.carriers) else None,
         'anchors': None if anchors is None else _pack_anchors(anchors, paths)}
     return Loads(
         start=start,

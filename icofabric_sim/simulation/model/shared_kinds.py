@@ -21,7 +21,7 @@ BESIDE_ACCELERATIONS = ('damping', 'drag', 'magnet', 'shells', 'masses')
 # All terms of a model except gravity and supports, which never change its type.
 TERMS = ('links', 'bending', 'twisting', *BESIDE_CONNECTORS)
 # Loads other than the paths of drives.
-BESIDE_DRIVES = ('varying', 'tractions', 'anchors', 'platens')
+BESIDE_DRIVES = ('varying', 'tractions', 'anchors')
 
 
 def without(record: Kind, *names: str) -> Kind:

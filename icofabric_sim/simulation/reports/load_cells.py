@@ -172,7 +172,7 @@ class Reactions(AsTable):
 
     names: tuple[str, ...]  # supports.NAME, drives.NAME, anchors.NAME, planes.NAME
     # (k, 3) [m] mean of the present centres of its bodies; of an anchor its point in the world, of
-    # a plane the foot of the perpendicular from the origin at the start, which moves with the plane
+    # a plane the foot of the perpendicular from the origin at the start, moved with the plane
     point: np.ndarray
     force: np.ndarray  # (k, 3) [N] on all of its bodies
     torque: np.ndarray  # (k, 3) [N m] about that point

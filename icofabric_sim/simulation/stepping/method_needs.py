@@ -78,6 +78,8 @@ def why_not_implicit(scene: Scene, *, outside: bool = False) -> str:
         return 'inertias are not isotropic (principal_inertia)'
     if scene.anchors:
         return f'it has anchors ({next(iter(scene.anchors))})'
+    for name in scene.platens:
+        return f'planes.{name} moves'
     for name, drive in scene.drives.items():
         if not drive.moves.all():
             return f'drives.{name} leaves freedoms of its bodies free'

@@ -488,8 +488,9 @@ class Trajectory:
 
     def by_body(self, state: State) -> dict[str, Any]:
         """Return the arrays of a state by name, bodies first."""
+        gather = self.packed.layout.gather_moving
         return {
-            name: self.packed.layout.gather_moving(values) for name, values in state._asdict().items()
+            name: gather(values) for name, values in state._asdict().items()
             if values is not None}
 
     def take_back(self, state: State, tree: StateTree) -> None:

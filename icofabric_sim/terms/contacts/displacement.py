@@ -34,6 +34,7 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.terms.contacts.record import Watch
+from icofabric_sim.terms.platens.carriers import moving_lanes
 from icofabric_sim.terms.shared import Blocks, State
 import numpy as np
 
@@ -67,15 +68,6 @@ def shift_at(watch: Watch | None, time: float) -> Shift:
         return (
             t * (frame[1] + t * frame[4]), t * (frame[2] + t * frame[5]),
             t * (frame[3] + t * frame[6]))
-
-
-@compiled
-def moving_lanes(carried: np.ndarray | None, alive: int, s: int) -> int:
-    """Return the lanes of a block with bodies, `alive`, or carriers of planes."""
-    if carried is None:
-        return alive
-    else:
-        return np.uint8(alive | carried[s // LANES])
 
 
 @compiled

@@ -27,21 +27,12 @@ from icofabric_sim.terms.contacts.apex import (
     vertices_in_faces,
 )
 from icofabric_sim.terms.contacts.axis import FACE_OF_FIRST
-from icofabric_sim.terms.contacts.gap import (
-    Axes,
-    axes_of,
-    edge_of,
-    offset_of,
-    plane_gap,
-    ratio_of,
-    share_of,
-    slot_of,
-    support,
-)
+from icofabric_sim.terms.contacts.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
 from icofabric_sim.terms.contacts.pair import LINE, Scratch, touch_pair_again, touch_plane
 from icofabric_sim.terms.contacts.record import Contacts
 from icofabric_sim.terms.contacts.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.terms.contacts.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
+from icofabric_sim.terms.platens.carriers import offset_of, share_of, slot_of
 from icofabric_sim.terms.shared import Six
 import numpy as np
 
@@ -339,8 +330,8 @@ def add_up(contacts: Contacts, pushes: np.ndarray, rows: np.ndarray, team: Team)
     Sum rows, (6, s) [N], [N m], of the bodies of this thread from the forces of their pairs.
 
     Carriers of planes count as bodies. `pushes`: (p, 9) or longer, for a contact stiffness of
-    1 N/m, as `contacts.result`, of pairs in contact there. Pairs in contact, or that have just separated, are awake; all other rows are
-    zero already.
+    1 N/m, as `contacts.result`, of pairs in contact there. Pairs in contact, or that have just
+    separated, are awake; all other rows are zero already.
     """
     count = contacts.pairs.shape[0]
     part = part_of(count, team.size)

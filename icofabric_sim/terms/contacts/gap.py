@@ -261,37 +261,3 @@ def plane_gap(
     """
     nx, ny, nz = plane[0], plane[1], plane[2]
     return nx * x + ny * y + nz * z - offset - half_edge * support(axes, nx, ny, nz)
-
-
-@compiled
-def slot_of(carriers: np.ndarray | None, s: int) -> int:
-    """Return slot `s` of a body, or of the carrier of plane -1 - s; -1 for a plane at rest."""
-    if carriers is None:
-        return s
-    else:
-        return s if s >= 0 else np.int64(carriers[-1 - s])
-
-
-@compiled
-def offset_of(
-    planes: np.ndarray, carriers: np.ndarray | None, position: np.ndarray, k: int
-) -> float:
-    """Return the offset [m] of plane `k`, moved with its carrier."""
-    offset = float(planes[k, 3])
-    if carriers is None:
-        return offset
-    else:
-        s = carriers[k]
-        if s >= 0:
-            for axis in range(3):
-                offset += planes[k, axis] * position[axis, s]
-        return offset
-
-
-@compiled
-def share_of(carriers: np.ndarray | None, k: int) -> float:
-    """Return the fraction of a gap to plane `k` that each side may close: 1/2 if both move."""
-    if carriers is None:
-        return 1.0
-    else:
-        return 1.0 if carriers[k] < 0 else 0.5

@@ -4,9 +4,9 @@
 Dissipation of a contact: damping along the depth, and Coulomb friction that sticks.
 
 Both laws use the results of `touch_pair` for a pair A and B, or of `touch_plane`; a plane B does
-not turn and its arm is 0. Velocities and arms are in the world frame, arms from the bodies' centres to
-the contact point. Both act with opposite forces at one point, or along the gradient of delta, so
-the pair's momentum and angular momentum are conserved.
+not turn and its arm is 0. Velocities and arms are in the world frame, arms from the bodies'
+centres to the contact point. Both act with opposite forces at one point, or along the gradient of
+delta, so the pair's momentum and angular momentum are conserved.
 
 Damping multiplies the normal force by 1 + c d(delta)/dt, and never pulls (K. H. Hunt and F. R. E.
 Crossley, J. Appl. Mech. 42, 440, 1975). It takes the power c K delta (d(delta)/dt)^2 >= 0, and

@@ -18,15 +18,14 @@ from icofabric_sim.terms.contacts.gap import (
     axes_of,
     edge_of,
     gap_along,
-    offset_of,
     plane_gap,
     ratio_of,
-    share_of,
     widest_gap,
 )
 from icofabric_sim.terms.contacts.pair import approach, COINCIDE
 from icofabric_sim.terms.contacts.record import Nearby
 from icofabric_sim.terms.contacts.shape import OUTER
+from icofabric_sim.terms.platens.carriers import offset_of, plane_speed, share_of
 from icofabric_sim.terms.shared import State
 import numpy as np
 
@@ -319,18 +318,3 @@ def survey(nearby: Nearby, state: State) -> tuple[float, float]:
         moved = max(moved, ux * ux + uy * uy + uz * uz)
         sound += 0.0 * (ux + uy + uz)
     return max(speed, plane_speed(nearby.carriers, linear)) + sound, math.sqrt(moved)
-
-
-@compiled
-def plane_speed(carriers: np.ndarray | None, velocity: np.ndarray) -> float:
-    """Return the largest speed [m/s] of a plane."""
-    fastest = 0.0
-    if carriers is None:
-        return fastest
-    else:
-        for k in range(carriers.shape[0]):
-            s = carriers[k]
-            if s >= 0:
-                fastest = max(
-                    fastest, velocity[0, s] ** 2 + velocity[1, s] ** 2 + velocity[2, s] ** 2)
-        return math.sqrt(fastest)

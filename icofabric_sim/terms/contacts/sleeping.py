@@ -13,8 +13,8 @@ moves farther than R |C1 - C2| for any matrices. Those of eq 16 from any quatern
 most (|q1| + |q2|) |q1 - q2| + | |q1|^2 - |q2|^2 |, as they turn v to q v q* - |q|^2 v + v.
 
 A pair that is tested at a path w and has a gap g sleeps until w + g / 2, one of a shell and a
-plane at rest until w + g. Separate pairs add nothing to forces, and the stored data of a pair change no
-bit of its later forces. The results are therefore those of testing all pairs.
+plane at rest until w + g. Separate pairs add nothing to forces, and the stored data of a pair
+change no bit of its later forces. The results are therefore those of testing all pairs.
 
 Lists cover the displacements until the next search, so most listed pairs sleep. If few pairs are
 listed among many bodies, measuring displacements would take longer than testing the pairs.

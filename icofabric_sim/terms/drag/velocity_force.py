@@ -21,7 +21,10 @@ def add_velocity_force(
     if drag is None:
         return spent
     else:
-        minus, turning = splat(-drag.linear), splat(-drag.angular)
+        # None on carriers of planes.
+        there, zero = bits(alive), splat(0.0)
+        minus = where(there, splat(-drag.linear), zero)
+        turning = where(there, splat(-drag.angular), zero)
         vx, vy = load(linear_velocity, 0, s), load(linear_velocity, 1, s)
         vz, ox = load(linear_velocity, 2, s), load(angular_velocity, 0, s)
         oy, oz = load(angular_velocity, 1, s), load(angular_velocity, 2, s)
@@ -30,6 +33,4 @@ def add_velocity_force(
             minus * vx, minus * vy, minus * vz, turning * ox, turning * oy, turning * oz)
         speed = fma(vx, vx, fma(vy, vy, vz * vz))
         spin = fma(ox, ox, fma(oy, oy, oz * oz))
-        # None on carriers of planes.
-        return spent - where(
-            bits(alive), fma(minus, speed, turning * spin), splat(0.0))
+        return spent - fma(minus, speed, turning * spin)
