@@ -343,17 +343,6 @@ STATIC: tuple[Specification, ...] = (
        'also record `~/reactions`, `~/tensions` and `~/contacts`, from the next bag on', AT_ONCE),
 )
 
-# Times of the paths of drives and planes.
-_PATH = (
-    _s('start', 0.0, 's',
-       'start time, from the start of the motion', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
-    _s('duration', 0.0, 's',
-       'rise time of a ramp; otherwise how long the motion lasts, 0: without end',
-       RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
-    _s('frequency', 0.0, 'Hz', 'frequency of sine', RESTARTS, minimum=0.0),
-    _s('phase', 0.0, 'rad',
-       'phase of sine: the displacement follows sin(2 pi f t + phase) - sin(phase)', RESTARTS),
-)
 _PROFILE = (
     _s('profile', 'steady', '',
        'time factor: steady, ramp, half_sine, sine F (F in Hz), or table FILE'),
@@ -501,7 +490,14 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            'angular velocity about the centroid, world axes; sine: amplitude of the rotation '
            'vector [rad]',
            RESTARTS),
-        *_PATH,
+        _s('start', 0.0, 's',
+           'start time, from the start of the motion', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
+        _s('duration', 0.0, 's',
+           'rise time of a ramp; otherwise how long the drive moves, 0: without end',
+           RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
+        _s('frequency', 0.0, 'Hz', 'frequency of sine', RESTARTS, minimum=0.0),
+        _s('phase', 0.0, 'rad',
+           'phase of sine: the displacement follows sin(2 pi f t + phase) - sin(phase)', RESTARTS),
         _s('file', '', '',
            'table only: CSV of time [s], displacement x, y, z [m] and optionally rotation vector '
            'x, y, z [rad]; interpolated by a smooth curve that starts and ends at rest',
@@ -516,11 +512,12 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            RESTARTS, choices=('fixed', 'hold', 'velocity', 'ramp', 'sine', 'table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the plane, world axes, in any direction; sine: amplitude [m]', RESTARTS),
-        *_PATH,
+        _s('start', 0.0, 's', 'as of drives', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
+        _s('duration', 0.0, 's', 'as of drives', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
+        _s('frequency', 0.0, 'Hz', 'as of drives', RESTARTS, minimum=0.0),
+        _s('phase', 0.0, 'rad', 'as of drives', RESTARTS),
         _s('file', '', '',
-           'table only: CSV of time [s] and displacement x, y, z [m]; interpolated by a smooth '
-           'curve that starts and ends at rest',
-           RESTARTS),
+           'table only: CSV of time [s] and displacement x, y, z [m], as of drives', RESTARTS),
     ),
     'connectors': (
         _s('bodies', [0, 0], '', 'two bodies that a custom connector joins', minimum=0),
