@@ -126,3 +126,64 @@ def test_drives_that_part_bodies_get_the_work_back(tmp_path, method, tolerance, 
     assert stored > 1e-4 and energy['contact'] == 0.0
     assert energy['work_in'] == pytest.approx(0.0, abs=worst * stored)
     assert simulation.balance.worst < worst
+
+
+def pressed(**changes):
+    """A shell that a drive presses along x on another one, whose centre is 0.05 m beside it."""
+    return loose(
+        ((0.05, 0.0, 0.0), (0, 0, 0), (0, 0, 0)),
+        **{'groups.one': 'ids 0', 'groups.other': 'ids 1', 'drives.b.group': 'one',
+           'drives.b.motion': 'velocity', 'drives.b.linear': [SPEED, 0.0, 0.0], **changes})
+
+
+# Both shells have edges in front.
+FIRST_TOUCH = (0.05 - 2.0 * REACH) / SPEED
+
+
+@pytest.mark.parametrize('changes, said', [
+    ({'supports.a.group': 'other'}, 'drives.b contradicts supports.a from'),
+    ({'supports.a.group': 'other', 'supports.a.fix': 'tx ty rotation'},
+     'drives.b contradicts supports.a from'),
+    ({'drives.c.group': 'other'}, 'drives.b contradicts drives.c from'),
+    ({'supports.a.group': 'other', 'solver.method': 'leapfrog', 'solver.tolerance': 1e-4},
+     'drives.b contradicts supports.a from')])
+def test_drives_that_press_on_what_cannot_yield_are_named_with_the_time(changes, said):
+    simulation = ico.compile_scene(pressed(**changes))
+    with pytest.raises(ico.SimulationError, match=said) as caught:
+        simulation.advance_to(1.0)
+    text = str(caught.value)
+    since = float(text.partition('from t = ')[2].partition(' s')[0])
+    assert since == pytest.approx(FIRST_TOUCH, rel=1e-5)
+    assert 'body 0 and body 1 overlap by' in text and 'contact.stiffness' not in text
+    # The last good state is kept.
+    assert FIRST_TOUCH < simulation.snapshot().time < 1.2 * FIRST_TOUCH
+
+
+def test_planes_that_press_on_what_cannot_yield_are_named():
+    wall = {'planes.wall.normal': [-1.0, 0.0, 0.0], 'planes.wall.offset': -0.01 - REACH}
+    for changes, said in (
+            ({'drives.b.group': 'all', 'drives.b.motion': 'velocity',
+              'drives.b.linear': [SPEED, 0.0, 0.0]}, 'drives.b contradicts planes.wall from'),
+            ({'supports.a.group': 'all', 'planes.wall.motion': 'velocity',
+              'planes.wall.linear': [-SPEED, 0.0, 0.0]}, 'planes.wall contradicts supports.a')):
+        simulation = ico.compile_scene(loose(**wall, **changes))
+        with pytest.raises(ico.SimulationError, match=f'{said}.* t = 0.1 s') as caught:
+            simulation.advance_to(1.0)
+        assert 'body 0 and plane wall overlap by' in str(caught.value)
+
+
+def test_bodies_that_can_yield_are_no_conflict():
+    """A body that is free to rotate, and one that lies between a drive and a held body."""
+    oblique = ico.compile_scene(pressed(**{
+        'supports.a.group': 'other', 'supports.a.fix': 'tx ty tz',
+        'bodies.b0.position': [0.05, 0.008, 0.003]}))
+    oblique.advance_to(0.21)
+    assert np.abs(oblique.snapshot().angular_velocity[1]).max() > 0.1
+    with pytest.raises(ico.SimulationError, match='Give a larger contact.stiffness'):
+        oblique.advance_to(1.0)
+    between = ico.compile_scene(pressed(**{
+        'groups.held': 'ids 2', 'supports.a.group': 'held',
+        'bodies.c.position': [0.085, 0.0, 0.0], 'supports.guide.group': 'other',
+        'supports.guide.fix': 'ty tz rotation'}))
+    with pytest.raises(ico.SimulationError, match='Give a larger contact.stiffness'):
+        between.advance_to(1.0)

@@ -18,6 +18,7 @@ from icofabric_sim.kernels.records import Blocks, Model, State
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.kernels.runtime.outlined import address_of
 from icofabric_sim.simulation.checkpoints.state_tree import as_number, StateTree
+from icofabric_sim.simulation.contact.conflicts import name_conflict
 from icofabric_sim.simulation.contact.friction_state import FrictionState, lightest
 from icofabric_sim.simulation.contact.neighbour_list import Near, NeighbourList
 from icofabric_sim.simulation.contact.passing import (
@@ -142,6 +143,14 @@ class NoContacts:
     ) -> str:
         """Return an empty text."""
         return ''
+
+    def find_conflict(self, state: State) -> tuple[str, int]:
+        """Return no conflict."""
+        return '', 0
+
+    def depth_of(self, number: int, state: State) -> float:
+        """Return 0 m."""
+        return 0.0
 
     def energies(self, state: State, stretches: np.ndarray | None) -> tuple[float, float]:
         """Return 0 J."""
@@ -541,6 +550,33 @@ class BroadPhase:
         return Overlap(
             time, first, second, float(depth[number]),
             float(depth[number]) / self.setup.smallest, name)
+
+    def find_conflict(self, state: State) -> tuple[str, int]:
+        """
+        Return prescribed motions that press bodies on in a state, and the number of their pair.
+
+        The text is empty if overlaps are as intended, or if bodies can yield.
+        """
+        if self.note(0.0, state) is None or self.contacts is None:
+            return '', 0
+        aside, setup = self.contacts.aside, self.setup
+        moving = setup.moving or (False,) * len(setup.names)
+        for number in np.argsort(-aside[:, 11]).tolist():
+            if not aside[number, 11] > self.reported:
+                break
+            text = name_conflict(
+                setup.prescribed, list(zip(setup.names, moving)), self._bodies[number],
+                aside[number], setup.half_edge)
+            if text:
+                return text, number
+        return '', 0
+
+    def depth_of(self, number: int, state: State) -> float:
+        """Return the overlap [m] of a listed pair in a state; 0 if apart."""
+        if self.contacts is None:
+            return 0.0
+        contact_look(self.contacts, state.position, state.orientation)
+        return float(self.contacts.aside[number, 11])
 
     def forget(self) -> None:
         """Reset the search to the beginning of a run."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import circumscribed_radius, inscribed_radius
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
+from icofabric_sim.simulation.contact.conflicts import Prescribed, prescribed_parts
 import numpy as np
 
 
@@ -46,6 +47,7 @@ class ContactSetup(NamedTuple):
     is_dense: bool = False  # faces of woven neighbours nearly touch
     half_edges: np.ndarray | None = None  # (n,) [m] of bodies that differ in size
     moving: tuple[bool, ...] = ()  # planes that may move; empty: none
+    prescribed: tuple[Prescribed, ...] = ()  # supports and drives
 
     def edges(self, bodies: np.ndarray) -> np.ndarray:
         """Return the half edges [m] of bodies, in the shape of their numbers."""
@@ -99,6 +101,7 @@ def pack_contact(
         is_dense=_is_dense(scene),
         half_edges=scene.half_edges,
         moving=tuple(name in scene.platens for name in names) if scene.platens else (),
+        prescribed=prescribed_parts(scene),
     )
 
 

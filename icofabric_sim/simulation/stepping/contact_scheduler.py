@@ -17,6 +17,8 @@ from icofabric_sim.simulation.contact.broad_phase import (
 from icofabric_sim.simulation.stepping.trajectory import Trajectory
 
 _LOGGER = logging.getLogger('icofabric_sim')
+# Halvings of the time in which a contact began.
+_HALVINGS = 40
 
 
 class ContactScheduler:
@@ -126,12 +128,49 @@ class ContactScheduler:
             self._note(found)
             phase.announce()
             return
+        self.refuse_conflict(time)
         trajectory.return_to_saved()
         trajectory.fail(
             f'{found}, which is more than a fifth of the inscribed radius '
             f'({trajectory.ledger.deepest_limit:.3g} m): they might pass through each other. '
             f'Give a larger contact.stiffness than {phase.stiffness:.4g} N/m; the last '
             f'good state, of t = {trajectory.saved_time:.9g} s, is kept')
+
+    def refuse_conflict(self, time: float) -> None:
+        """Stop the run if prescribed motions press bodies on that cannot yield, at `time` [s]."""
+        trajectory = self._trajectory
+        text, number = self.phase.find_conflict(trajectory.state)
+        if not text:
+            return
+        since = self._touched_since(number, time)
+        found = self.phase.note(time, trajectory.state)
+        trajectory.return_to_saved()
+        trajectory.fail(
+            f'{text} from t = {since}: {found}, and neither is free to yield. Change one of the '
+            'motions, or leave a degree of freedom along the contact free; with contact.mode '
+            f'never they pass through each other. The last good state, of t = '
+            f'{trajectory.saved_time:.9g} s, is kept')
+
+    def _touched_since(self, number: int, time: float) -> str:
+        """
+        Return when the present contact of a pair began, on the segments of paths of a `time` [s].
+        """
+        trajectory = self._trajectory
+        drives = trajectory.loads.drives
+        early = 0.0 if drives is None else float(drives.start.max())
+        touches = [
+            self.phase.depth_of(number, trajectory.state_at_paths(moment)) > 0.0
+            for moment in (early, time)]
+        if touches != [False, True]:
+            return f'{min(early, time):.9g} s or before'
+        late = time
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (early + late)
+            if self.phase.depth_of(number, trajectory.state_at_paths(middle)) > 0.0:
+                late = middle
+            else:
+                early = middle
+        return f'{late:.6g} s'
 
     def _note(self, found: Overlap | None) -> None:
         self._trajectory.ledger.reported_limit = math.inf

@@ -446,6 +446,7 @@ class Driver:
             checks.fail_unfinite(time)
         if status & monitor.UNBALANCED:
             if not self._is_explained(time):
+                self.contact.refuse_conflict(time)
                 checks.fail_unbalanced(time)
             # Kernels do not save where the energy does not balance.
             self.trajectory.save(time)

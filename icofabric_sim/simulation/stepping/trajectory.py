@@ -21,7 +21,7 @@ from icofabric_sim.simulation.contact.broad_phase import BroadPhase, NoContacts
 from icofabric_sim.simulation.contact.friction_state import contact_losses
 from icofabric_sim.simulation.errors import ElsewhereError, SimulationError
 from icofabric_sim.simulation.inputs.inputs import Inputs
-from icofabric_sim.simulation.model.layout import copy_state, has_jumps
+from icofabric_sim.simulation.model.layout import copied_state, copy_state, has_jumps
 from icofabric_sim.simulation.model.packing import acting_lanes, PackedScene
 from icofabric_sim.simulation.model.shared_kinds import (
     BESIDE_ACCELERATIONS,
@@ -384,6 +384,14 @@ class Trajectory:
             place_driven(
                 without(self.model, *TERMS), without(self.loads, *BESIDE_DRIVES), self.state,
                 self.time)
+
+    def state_at_paths(self, time: float) -> State:
+        """Return a copy of the state with driven bodies on their present paths at `time` [s]."""
+        state = copied_state(self.state)
+        if self._loads.drives is not None:
+            place_driven(
+                without(self.model, *TERMS), without(self.loads, *BESIDE_DRIVES), state, time)
+        return state
 
     def clear_meters(self) -> None:
         """Reset all meters."""
