@@ -119,6 +119,7 @@ SECTIONS = {
     'groups': {'tip': 'x_max', 'wall': 'x_min'},
     'loads': {'tip': {'group': 'tip'}},
     'drives': {'wall': {'group': 'wall', 'motion': 'hold'}},
+    'planes': {'floor': {'normal': [0.0, 0.0, 1.0], 'offset': -10.0, 'motion': 'hold'}},
 }
 
 
@@ -332,6 +333,9 @@ def table(t):
         'Simulation.apply_twist': (simulation.apply_twist, {
             'drive': text('wall', bad=['nobody', '', 'drives.wall']), 'linear': vector,
             'angular': vector, 'time': later}),
+        'Simulation.move_plane': (simulation.move_plane, {
+            'plane': text('floor', bad=['nobody', '', 'planes.floor']), 'linear': vector,
+            'time': later}),
         'Simulation.pull': (simulation.pull, {
             'body': integer(0, np.int32(1), bad=[-1, n, 10**12]), 'point': vector}),
         'Simulation.release': (simulation.release, {

@@ -166,14 +166,15 @@ def wrench_topics(scene: Scene) -> tuple[Topic, ...]:
     Not recorded, because `~/reactions` has the same numbers with the opposite sign.
     """
     return tuple(
-        _wrench_topic(f'{family}.{name}') for family in ('supports', 'drives', 'planes')
-        for name in scene.parameters.names(family))
+        _wrench_topic(f'{family}/{name}') for family in ('~/supports', '~/drives', '~/planes')
+        for name in scene.parameters.names(family.removeprefix('~/')))
 
 
 @cache
-def _wrench_topic(name: str) -> Topic:
+def _wrench_topic(path: str) -> Topic:
+    name = path.removeprefix('~/').replace('/', '.')
     return Topic(
-        f'~/{name.replace(".", "/")}/wrench', WrenchStampedBytes.TYPE, rate='publish_rate',
+        f'{path}/wrench', WrenchStampedBytes.TYPE, rate='publish_rate',
         build=partial(_build_wrench, name), loads_kernels=True, compared=False)
 
 

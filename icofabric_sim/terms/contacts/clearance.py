@@ -28,10 +28,10 @@ from icofabric_sim.kernels.runtime.lanes import (
     where,
 )
 from icofabric_sim.kernels.runtime.team import Team, tell_all, wait_for_all
+from icofabric_sim.terms.carriers import moving_lanes
 from icofabric_sim.terms.contacts.displacement import add_ways, FREE, MAX_REACH, shift_at, SKIN
 from icofabric_sim.terms.contacts.record import Watch
 from icofabric_sim.terms.contacts.search import find_reach, refresh, survey
-from icofabric_sim.terms.platens.carriers import moving_lanes
 from icofabric_sim.terms.shared import Blocks, State, Trail
 import numpy as np
 

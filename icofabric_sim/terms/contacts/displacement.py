@@ -33,8 +33,8 @@ from icofabric_sim.kernels.runtime.lanes import (
     Vector,
     where,
 )
+from icofabric_sim.terms.carriers import moving_lanes
 from icofabric_sim.terms.contacts.record import Watch
-from icofabric_sim.terms.platens.carriers import moving_lanes
 from icofabric_sim.terms.shared import Blocks, State
 import numpy as np
 

@@ -16,6 +16,7 @@ from icofabric_sim.kernels.runtime.lanes import LANES, load
 from icofabric_sim.kernels.runtime.outlined import call_int
 from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, take_part, Team, wait_for_all
+from icofabric_sim.terms.carriers import offset_of, share_of, slot_of
 from icofabric_sim.terms.contacts.apex import (
     ALONG_CENTRES,
     APEX_UNIT,
@@ -32,7 +33,6 @@ from icofabric_sim.terms.contacts.pair import LINE, Scratch, touch_pair_again, t
 from icofabric_sim.terms.contacts.record import Contacts
 from icofabric_sim.terms.contacts.sleeping import APART, AWAKE, go_on, path_to, sleeps_until
 from icofabric_sim.terms.contacts.surface import EDGES, EDGES_WAIT, POINTS, POINTS_WAIT
-from icofabric_sim.terms.platens.carriers import offset_of, share_of, slot_of
 from icofabric_sim.terms.shared import Six
 import numpy as np
 

@@ -34,12 +34,12 @@ from icofabric_sim.kernels.runtime.lanes import (
 )
 from icofabric_sim.kernels.runtime.outlined import call_float
 from icofabric_sim.kernels.runtime.team import Team, wait_for_all
+from icofabric_sim.terms.carriers import moving_lanes, offset_of, slot_of
 from icofabric_sim.terms.contacts.clearance import mean_velocity
 from icofabric_sim.terms.contacts.displacement import add_ways, FREE, LATE, MAX_REACH, shift_at
 from icofabric_sim.terms.contacts.gap import Axes, axes_of, edge_of, plane_gap, ratio_of, support
 from icofabric_sim.terms.contacts.record import Contacts, Watch
 from icofabric_sim.terms.contacts.shape import OUTER
-from icofabric_sim.terms.platens.carriers import moving_lanes, offset_of, slot_of
 from icofabric_sim.terms.shared import Blocks, State, Trail
 import numpy as np
 

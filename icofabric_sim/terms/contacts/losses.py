@@ -25,6 +25,7 @@ from icofabric_sim.kernels.runtime.borrowed import borrowed
 from icofabric_sim.kernels.runtime.compiled import compiled
 from icofabric_sim.kernels.runtime.lanes import fma, lane, load, splat, store, Vector
 from icofabric_sim.kernels.runtime.team import end_parts, own_blocks, Team, wait_for_all
+from icofabric_sim.terms.carriers import slot_of
 from icofabric_sim.terms.contacts.force import add_up, part_of, touch_all, touch_awake
 from icofabric_sim.terms.contacts.laws import (
     damping_factor,
@@ -40,7 +41,6 @@ from icofabric_sim.terms.contacts.laws import (
 from icofabric_sim.terms.contacts.record import ContactLosses, Contacts
 from icofabric_sim.terms.contacts.sleeping import APART
 from icofabric_sim.terms.meters import Meter
-from icofabric_sim.terms.platens.carriers import slot_of
 from icofabric_sim.terms.shared import State
 import numpy as np
 

@@ -12,6 +12,7 @@ al. 2003, Optimized Spatial Hashing).
 import math
 
 from icofabric_sim.kernels.runtime.compiled import compiled
+from icofabric_sim.terms.carriers import offset_of, plane_speed, share_of
 from icofabric_sim.terms.contacts.axis import FACET_ROOM, find_facet, OVERLAP
 from icofabric_sim.terms.contacts.gap import (
     Axes,
@@ -25,7 +26,6 @@ from icofabric_sim.terms.contacts.gap import (
 from icofabric_sim.terms.contacts.pair import approach, COINCIDE
 from icofabric_sim.terms.contacts.record import Nearby
 from icofabric_sim.terms.contacts.shape import OUTER
-from icofabric_sim.terms.platens.carriers import offset_of, plane_speed, share_of
 from icofabric_sim.terms.shared import State
 import numpy as np
 

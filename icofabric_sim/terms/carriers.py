@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Places and velocities of moving planes, from their carriers."""
+"""Places and velocities of moving planes, from their carriers: see terms/platens."""
 
 import math
 
