@@ -482,8 +482,8 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            RESTARTS),
         _s('motion', 'hold', '',
            'hold: no motion; velocity: constant twist (linear, angular); ramp: from rest to that '
-           'twist; sine: harmonic from the start position; table: path from a file',
-           RESTARTS, choices=('hold', 'velocity', 'ramp', 'sine', 'table')),
+           'twist; sine: harmonic from the start position; table, velocity_table: from a file',
+           RESTARTS, choices=('hold', 'velocity', 'ramp', 'sine', 'table', 'velocity_table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the centroid of the group, world axes; sine: amplitude [m]', RESTARTS),
         _s('angular', _ZERO3, 'rad/s',
@@ -499,17 +499,18 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('phase', 0.0, 'rad',
            'phase of sine: the displacement follows sin(2 pi f t + phase) - sin(phase)', RESTARTS),
         _s('file', '', '',
-           'table only: CSV of time [s], displacement x, y, z [m] and optionally rotation vector '
-           'x, y, z [rad]; interpolated by a smooth curve that starts and ends at rest',
+           'CSV of time [s], displacement [m], optionally rotation vector [rad], on a smooth '
+           'curve; velocity_table: velocity [m/s], optionally angular velocity [rad/s] about one '
+           'axis, linear in between',
            RESTARTS),
     ),
     'planes': (
         _s('normal', _ZERO3, '', 'normal of a rigid plane, towards its free side', required=True),
         _s('offset', 0.0, 'm', 'the free side is normal . x >= offset'),
         _s('motion', 'fixed', '',
-           'fixed: never moves; hold: at rest until a twist on ~/planes/NAME; velocity, ramp, '
-           'sine, table: as for drives',
-           RESTARTS, choices=('fixed', 'hold', 'velocity', 'ramp', 'sine', 'table')),
+           'fixed: never moves; hold: at rest until a twist on ~/planes/NAME; others as of drives',
+           RESTARTS, choices=(
+               'fixed', 'hold', 'velocity', 'ramp', 'sine', 'table', 'velocity_table')),
         _s('linear', _ZERO3, 'm/s',
            'velocity of the plane, world axes, in any direction; sine: amplitude [m]', RESTARTS),
         _s('start', 0.0, 's', 'as of drives', RESTARTS, minimum=0.0, maximum=_MAX_TIME_S),
@@ -517,7 +518,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('frequency', 0.0, 'Hz', 'as of drives', RESTARTS, minimum=0.0),
         _s('phase', 0.0, 'rad', 'as of drives', RESTARTS),
         _s('file', '', '',
-           'table only: CSV of time [s] and displacement x, y, z [m], as of drives', RESTARTS),
+           'as of drives, without rotation', RESTARTS),
     ),
     'connectors': (
         _s('bodies', [0, 0], '', 'two bodies that a custom connector joins', minimum=0),

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.initial import InitialState
-from icofabric_sim.scene.paths import Path, PathPiece, require_followed
+from icofabric_sim.scene.paths import Path, PathPiece, require_followed, require_resolved
 from icofabric_sim.scene.supports import FREEDOMS, named_freedoms, Supports
 from icofabric_sim.scene.tables import read_numeric_table
 import numpy as np
@@ -23,6 +23,7 @@ import numpy as np
 # Relative tolerance within which velocities and positions count as equal.
 _EQUAL_RATIO = 1e-9
 _ZERO6 = (0.0,) * 6
+_TABLES = 'table', 'velocity_table'
 
 
 class Drive(NamedTuple):
@@ -187,6 +188,8 @@ def make_path(parameters: Parameters, prefix: str, *, turns: bool = True) -> Pat
         return Path((rest,))
     if motion == 'table':
         pieces = _table(prefix, field('file'), start, parameters, turns=turns)
+    elif motion == 'velocity_table':
+        pieces = _velocity_table(prefix, field('file'), start, parameters, turns=turns)
     elif motion == 'velocity':
         pieces = [PathPiece(start, (_ZERO6, amounts, _ZERO6, _ZERO6))]
         if duration > 0.0:
@@ -222,7 +225,7 @@ def make_path(parameters: Parameters, prefix: str, *, turns: bool = True) -> Pat
 def _require_used(motion: str, field: Any, refuse: Any) -> None:
     """Refuse missing fields that a motion needs, and given fields that the motion ignores."""
     moves = any(field('linear')) or any(field('angular'))
-    if motion in ('hold', 'table') and moves:
+    if motion in ('hold', *_TABLES) and moves:
         name = 'linear' if any(field('linear')) else 'angular'
         refuse(name, f'must be zero for the motion {motion}, got {field(name)}')
     if motion == 'ramp' and not field('duration') > 0.0:
@@ -232,10 +235,10 @@ def _require_used(motion: str, field: Any, refuse: Any) -> None:
         refuse('frequency', 'must be above 0 Hz for the motion sine')
     if motion != 'sine' and field('frequency') > 0.0:
         refuse('frequency', f'must be 0 Hz for the motion {motion}: only sine has a frequency')
-    if (motion == 'table') != bool(field('file').strip()):
-        refuse('file', f'must {"name a CSV file" if motion == "table" else "be empty"} for the '
+    if (motion in _TABLES) != bool(field('file').strip()):
+        refuse('file', f'must {"name a CSV file" if motion in _TABLES else "be empty"} for the '
                        f'motion {motion}, got {field("file")!r}')
-    if motion in ('hold', 'table') and field('duration') > 0.0:
+    if motion in ('hold', *_TABLES) and field('duration') > 0.0:
         refuse('duration', f'must be 0 s for the motion {motion}, got {field("duration")!r} s')
 
 
@@ -255,21 +258,13 @@ def _table(
     from scipy.interpolate import CubicSpline
 
     name = f'{prefix}.file'
-    columns = {4: 'time [s] and displacement x, y, z [m]'}
-    if turns:
-        columns[7] = 'time [s], displacement x, y, z [m] and rotation vector x, y, z [rad]'
-    table = read_numeric_table(name, file, columns)
-    values = np.zeros((len(table), 6))
-    values[:, :table.shape[1] - 1] = table[:, 1:]
-    times = start + table[:, 0]
+    times, values = _read_table(
+        name, file, start, 'displacement x, y, z [m]',
+        'rotation vector x, y, z [rad]' if turns else '')
     if np.abs(values[0]).max() > _EQUAL_RATIO * np.abs(values).max():
         raise ParameterError(
             name, f'{name}: {file} begins with the displacement {values[0].tolist()}, but the '
             'motion starts at the initial position: make the first line zero')
-    if not (np.diff(times) > 0.0).all():
-        raise ParameterError(
-            name, f'{name}: steps of time in {file} are below the round-off of the start '
-            f'{start!r} s')
     with np.errstate(over='ignore', invalid='ignore'):
         spline = CubicSpline(times, values, bc_type='clamped')
     if not np.isfinite(spline.c).all():
@@ -281,3 +276,53 @@ def _table(
         pieces.append(PathPiece(time, cubic))
     last = tuple(values[-1].tolist())
     return [*pieces, PathPiece(float(times[-1]), (last, _ZERO6, _ZERO6, _ZERO6))]
+
+
+def _read_table(
+    name: str, file: str, start: float, places: str, turns: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return times [s] and values (m, 6) of a table of `places` and, unless '', optionally `turns`.
+    """
+    columns = {4: f'time [s] and {places}'}
+    if turns:
+        columns[7] = f'time [s], {places} and {turns}'
+    table = read_numeric_table(name, file, columns)
+    values = np.zeros((len(table), 6))
+    values[:, :table.shape[1] - 1] = table[:, 1:]
+    times = start + table[:, 0]
+    if not (np.diff(times) > 0.0).all():
+        raise ParameterError(
+            name, f'{name}: steps of time in {file} are below the round-off of the start '
+            f'{start!r} s')
+    return times, values
+
+
+def _velocity_table(
+    prefix: str, file: str, start: float, parameters: Parameters, *, turns: bool
+) -> list[PathPiece]:
+    """
+    Return the pieces of a path whose velocity is linear between the rows of a table.
+
+    The last velocity continues. A rotation vector is the integral of the angular velocity only
+    about a fixed axis.
+    """
+    name = f'{prefix}.file'
+    times, values = _read_table(
+        name, file, start, 'velocity x, y, z [m/s]',
+        'angular velocity x, y, z [rad/s]' if turns else '')
+    spins = values[:, 3:]
+    largest = spins[np.argmax(np.linalg.norm(spins, axis=1))]
+    if np.linalg.norm(np.cross(spins, largest), axis=1).max() > _EQUAL_RATIO * largest @ largest:
+        raise ParameterError(
+            name, f'{name}: the angular velocities in {file} have several axes; give one axis, or '
+            'rotation vectors by the motion table')
+    require_resolved(name, file, values, parameters)
+    pieces, place = [], np.zeros(6)
+    for time, before, after, length in zip(times, values, values[1:], np.diff(times)):
+        half = 0.5 * (after - before) / length
+        pieces.append(PathPiece(
+            float(time), (*(tuple(row.tolist()) for row in (place, before, half)), _ZERO6)))
+        place = place + length * (before + length * half)
+    last = tuple(place.tolist()), tuple(values[-1].tolist())
+    return [*pieces, PathPiece(float(times[-1]), (*last, _ZERO6, _ZERO6))]

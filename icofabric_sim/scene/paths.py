@@ -88,7 +88,14 @@ def require_followed(
 ) -> None:
     """Refuse a table whose path of 3 or 6 coordinates is faster than time steps can resolve."""
     times = spline.x
-    slopes = spline(np.append(times, 0.5 * (times[1:] + times[:-1])), 1)
+    require_resolved(
+        name, file, spline(np.append(times, 0.5 * (times[1:] + times[:-1])), 1), parameters)
+
+
+def require_resolved(
+    name: str, file: str, slopes: np.ndarray, parameters: Parameters
+) -> None:
+    """Refuse a table with velocities (m, 3) or (m, 6) that time steps cannot resolve."""
     a = 0.5 * parameters['shell.edge_length']
     for first, size, unit in ((0, a, 'm/s'), (3, 1.0, 'rad/s')):
         fastest = float(np.abs(slopes[:, first:first + 3]).max(initial=0.0))

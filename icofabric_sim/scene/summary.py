@@ -303,7 +303,7 @@ def _motion(scene: Scene, prefix: str, bodies: str = '') -> str:
             text += f', {vector(np.array(value), unit)}'
     if motion == 'sine':
         text += f', {scene.parameters[f"{prefix}.frequency"]:g} Hz'
-    if motion == 'table':
+    if motion.endswith('table'):
         text += f' {scene.parameters[f"{prefix}.file"]}'
     return f'{text}, from {start:g} s on' if start > 0.0 else text
 

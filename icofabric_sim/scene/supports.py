@@ -27,6 +27,12 @@ def fixed_freedoms(parameters: Parameters, name: str) -> set[str]:
 def named_freedoms(key: str, text: str) -> set[str]:
     """Return the degrees of freedom that the value `text` of the parameter `key` names."""
     words = text.split()
+    single = [word for word in words if word in ('rx', 'ry', 'rz')]
+    if single:
+        raise ParameterError(
+            key, f'{key} {text!r}: {single[0]} is not supported, because a single component of '
+            'the angular velocity is no coordinate: take rotation, which prescribes all three, '
+            'or leave it free')
     unknown = [word for word in words if word not in (*FREEDOMS, 'all')]
     if unknown or not words:
         raise ParameterError(

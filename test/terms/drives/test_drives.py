@@ -107,6 +107,34 @@ def test_ramp_and_sine_move_as_their_formulas():
             scene, amplitude * part, turn * part, amplitude * speed, turn * speed), rel=1e-11)
 
 
+def test_a_table_of_velocities_is_integrated(tmp_path):
+    times = np.array([0.0, 0.003, 0.004, 0.01])
+    speeds = np.array([
+        [0.0, 0.0, 0.0], [0.4, 0.0, -0.2], [0.4, 0.1, 0.0], [-0.2, 0.1, 0.3]])
+    axis, spins = np.array([0.6, 0.0, -0.8]), np.array([0.0, 30.0, -10.0, 5.0])
+    path = tmp_path / 'velocities.csv'
+    path.write_text(''.join(
+        ', '.join(map(repr, [float(value) for value in (time, *speed, *(spin * axis))])) + '\n'
+        for time, speed, spin in zip(times, speeds, spins)))
+    scene = driven('velocity_table', file=str(path), start=0.001)
+    simulation = ico.compile_scene(scene)
+    for time in (0.0005, 0.0035, 0.008, 0.015):
+        simulation.advance_to(time)
+        # The trapezoidal rule is exact between rows.
+        grid = np.unique(np.clip([*times, time - 0.001], 0.0, max(time - 0.001, 0.0)))
+        rates = np.column_stack([
+            np.interp(grid, times, column) for column in (*speeds.T, spins)])
+        place = (0.5 * (rates[1:] + rates[:-1]) * np.diff(grid)[:, None]).sum(axis=0)
+        compare(scene, simulation.snapshot(), *expected(
+            scene, place[:3], place[3] * axis, rates[-1, :3], rates[-1, 3] * axis), rel=1e-11)
+    for text, words in (
+            ('0, 0, 0, 0, 1, 0, 0\n1, 0, 0, 0, 0, 1, 0\n', 'have several axes'),
+            ('0, 1e12, 0, 0\n1, 0, 0, 0\n', 'time steps resolve')):
+        path.write_text(text)
+        with pytest.raises(ico.ParameterError, match=words):
+            driven('velocity_table', file=str(path))
+
+
 @pytest.fixture
 def table(tmp_path):
     path = tmp_path / 'path.csv'
@@ -320,6 +348,7 @@ def test_hold_is_a_support_and_bears_loads():
     ({'motion': 'hold'}, {'initial.i.group': 'all', 'initial.i.linear_velocity': [1.0, 0, 0]},
      'initial.i.linear_velocity', 'disagrees with drives.wall'),
     ({'motion': 'hold', 'group': 'nobody'}, {}, 'drives.wall.group', 'no group'),
+    ({'motion': 'hold', 'freedoms': 'tx rz'}, {}, 'drives.wall.freedoms', 'rz is not supported'),
 ])
 def test_contradictions_are_found_before_the_start(fields, changes, name, words):
     with pytest.raises(ico.ParameterError, match=name) as caught:
