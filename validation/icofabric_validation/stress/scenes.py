@@ -477,6 +477,8 @@ class _Draw:
             'anchors.tie.body': int(self.generator.integers(3)),
             'anchors.tie.edge': self.choice(*_EDGES),
             'anchors.tie.position': self.vector(2.0 * self.length)}
+        if self.chance(0.3):
+            self.values['anchors.tie.point'] = self.vector(self.a)
         if self.chance(0.5):
             self.values['anchors.tie.velocity'] = self.vector(
                 self.a * self.rate * self.log(-4.0, -1.5))
