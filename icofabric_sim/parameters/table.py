@@ -108,6 +108,9 @@ STATIC: tuple[Specification, ...] = (
        'CSV of two columns: distance from the centre [m] of a layer parallel to the faces, '
        'and its density [kg/m^3]; interpolated linearly; replaces shell.density',
        RESTARTS),
+    _s('shell.expression', '', '',
+       'density [kg/m^3] in place of shell.density, an expression of x, y, z [m] in body axes',
+       RESTARTS),
     _s('shell.mass', 0.0, 'kg',
        'mass of a shell; 0: from geometry and density; a given mass also scales the inertia',
        RESTARTS, minimum=0.0),
@@ -408,6 +411,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
            'moment of inertia of each body; 0: in proportion to the mass and the square of the '
            'edge',
            RESTARTS, minimum=0.0),
+        _s('expression', '', '', 'as shell.expression', RESTARTS),
         _s('principal_inertia', _ZERO3, 'kg m^2',
            'moments of inertia of each body about its axes x, y, z, if not isotropic; zeros: '
            'inertia',
@@ -598,6 +602,7 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
         _s('inertia', 0.0, 'kg m^2',
            'moment of inertia; 0: in proportion to the mass and the square of the edge',
            RESTARTS, minimum=0.0),
+        _s('expression', '', '', 'as shell.expression', RESTARTS),
         _s('principal_inertia', _ZERO3, 'kg m^2',
            'moments of inertia about the body axes x, y, z, if not isotropic; zeros: inertia',
            RESTARTS),

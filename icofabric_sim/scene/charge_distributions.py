@@ -10,15 +10,17 @@ from typing import NamedTuple
 from icofabric_sim.geometry.mass_distribution import integrate_density
 from icofabric_sim.geometry.shell import checked_layers, integrate_layers, Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
+from icofabric_sim.scene.densities import (
+    BODY_AXES,
+    density_values,
+    ERROR_RATIO,
+    EVALUATION_LIMIT,
+    MAX_ERROR_RATIO,
+)
 from icofabric_sim.scene.expressions import Expression, make_expression
 from icofabric_sim.scene.tables import read_numeric_table
 import numpy as np
 
-_BODY_AXES = ('x', 'y', 'z')
-# Required error of charge and dipole over a, relative to the integral of the magnitude, and the
-# largest that is accepted. An expression that jumps across rays from the centre converges slowly.
-_ERROR_RATIO, _MAX_ERROR_RATIO = 1e-6, 5e-3
-_EVALUATION_LIMIT = 4_000_000
 # Largest magnitude over the mean: above, the integrals cannot tell a peak from a pole.
 _MAX_PEAK_RATIO = 1e6
 # Largest difference of principal second moments, relative to the integral of the magnitude.
@@ -52,7 +54,7 @@ def check_distribution(
     if len(given) > 1:
         raise ParameterError(
             given[1], f'{given[0]} and {given[1]} both give charges or dipoles: leave one out')
-    return names[0], make_expression(parameters, f'{prefix}.expression', _BODY_AXES, (1,))
+    return names[0], make_expression(parameters, f'{prefix}.expression', BODY_AXES, (1,))
 
 
 def make_distribution(
@@ -94,25 +96,18 @@ def _integrate_expression(
 
     def density(points: np.ndarray, sign: float) -> np.ndarray:
         nonlocal largest
-        values = expression.values(**dict(zip(_BODY_AXES, points.T)))[0]
-        bad = ~np.isfinite(values)
-        if bad.any():
-            place = points[int(np.argmax(bad))].tolist()
-            raise ParameterError(
-                expression.name,
-                f'{expression.name} {text!r} is not finite at x, y, z = {place} m in the shell; '
-                'change the expression there')
+        values = density_values(expression, text, points)
         largest = max(largest, float(np.abs(values).max()))
         return np.maximum(sign * values, 0.0)
 
     positive, negative = (
         integrate_density(
-            partial(density, sign=sign), half_edge, thickness, tolerance=_ERROR_RATIO,
-            evaluation_limit=_EVALUATION_LIMIT, needs_symmetry=False) for sign in (1.0, -1.0))
+            partial(density, sign=sign), half_edge, thickness, tolerance=ERROR_RATIO,
+            evaluation_limit=EVALUATION_LIMIT, needs_symmetry=False) for sign in (1.0, -1.0))
     size = positive.mass + negative.mass
     error = (positive.mass * positive.relative_error + negative.mass * negative.relative_error) / (
         size or 1.0)
-    if not error <= _MAX_ERROR_RATIO or largest * volume > _MAX_PEAK_RATIO * size:
+    if not error <= MAX_ERROR_RATIO or largest * volume > _MAX_PEAK_RATIO * size:
         raise ParameterError(
             expression.name,
             f'{expression.name} {text!r}: the integral over the shell does not converge: its '

@@ -15,6 +15,7 @@ from icofabric_sim.geometry.icosahedron import TAU
 from icofabric_sim.geometry.shell import Shell
 from icofabric_sim.parameters.validation import ParameterError, Parameters
 from icofabric_sim.scene.body_sizes import half_edge_of
+from icofabric_sim.scene.densities import Density, make_density
 import numpy as np
 
 _AXES = 'xyz'
@@ -68,7 +69,8 @@ def _all_masses(
     parameters: Parameters, shell: Shell
 ) -> tuple[_MassProperties, dict[str, _MassProperties]]:
     """Return the masses of the shell and of each `masses.NAME` and `bodies.NAME` that sets any."""
-    moments = _principal(parameters, 'shell', float(shell.mass), shell.half_edge)
+    density = make_density(parameters, 'shell', shell)
+    moments = _principal(parameters, 'shell', float(shell.mass), shell.half_edge, density)
     common = _MassProperties(
         float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments)
     if moments is not None and parameters['shell.inertia']:
@@ -83,8 +85,9 @@ def _all_masses(
             mass, inertia = (parameters[f'{prefix}.{field}'] for field in ('mass', 'inertia'))
             half_edge = half_edge_of(parameters, prefix, shell)
             size = half_edge / shell.half_edge
-            heavy = mass or common.mass * size**3
-            moments = _principal(parameters, prefix, heavy, half_edge)
+            density = make_density(parameters, prefix, shell)
+            heavy = mass or (common.mass * size**3 if density is None else density.mass)
+            moments = _principal(parameters, prefix, heavy, half_edge, density)
             if mass == inertia == 0.0 and moments is None and size == 1.0:
                 continue
             if moments is not None and inertia:
@@ -112,9 +115,11 @@ def _refuse_inertia(prefix: str, inertia: float, mass: float, half_edge: float) 
 
 
 def _principal(
-    parameters: Parameters, prefix: str, mass: float, half_edge: float
+    parameters: Parameters, prefix: str, mass: float, half_edge: float, density: Density | None
 ) -> np.ndarray | None:
-    """Return the moments [kg m^2] about the body axes for a `mass` [kg]; None if isotropic."""
+    """Return the moments [kg m^2] about the body axes for a `mass` [kg]; None if not given."""
+    if density is not None:
+        return density.moments * (mass / density.mass)
     name = f'{prefix}.principal_inertia'
     moments = np.array(parameters[name])
     if not moments.any():
@@ -169,12 +174,11 @@ def make_moments(
 
 def moments_parameter_name(parameters: Parameters) -> str:
     """Return the name of the first parameter that gives principal moments, or ''."""
-    for prefix in ('shell', *(
-            f'{family}.{name}' for family in ('masses', 'bodies')
-            for name in parameters.names(family))):
-        if any(parameters[f'{prefix}.principal_inertia']):
-            return f'{prefix}.principal_inertia'
-    return ''
+    prefixes = ['shell'] + [
+        f'{family}.{name}' for family in ('masses', 'bodies') for name in parameters.names(family)]
+    names = [f'{prefix}.{field}' for field in ('principal_inertia', 'expression')
+             for prefix in prefixes]
+    return next((name for name in names if any(parameters[name])), '')
 
 
 def require_isotropic(parameters: Parameters, moments: np.ndarray | None, what: str) -> None:

@@ -5,7 +5,7 @@ Scene: complete description of a fabric and of everything that acts on it, from 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ from icofabric_sim.scene.connector_laws import (
     table_of_law,
 )
 from icofabric_sim.scene.custom_connectors import CustomConnectors, make_custom_connectors
+from icofabric_sim.scene.densities import make_density
 from icofabric_sim.scene.drives import Drive, make_drives, make_path, moved_freedoms
 from icofabric_sim.scene.electric import check_electric, Electric, make_electric
 from icofabric_sim.scene.expression_loads import (
@@ -586,6 +587,12 @@ def _estimate(parameters: Parameters, geometry: WeaveGeometry) -> int:
 
 def _shell(parameters: Parameters) -> Shell:
     shell = _uniform_shell(parameters)
+    density = make_density(parameters, 'shell', shell)
+    if density is not None:
+        mass = parameters['shell.mass'] or density.mass
+        return replace(
+            shell, density=mass / shell.volume, mass=mass, relative_error=density.error,
+            inertia=float(density.moments.min()) * (mass / density.mass))
     file = parameters['shell.layers'].strip()
     if not file:
         return shell

@@ -8,6 +8,7 @@ import math
 from icofabric_sim.checks import counted
 from icofabric_sim.parameters.named_files import use_recorded_files
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.densities import make_density
 from icofabric_sim.scene.expression_loads import SurfaceLoad
 from icofabric_sim.scene.masses import individual_masses
 from icofabric_sim.scene.region import make_region, sides_text
@@ -65,7 +66,7 @@ def describe_scene(scene: Scene) -> list[Row]:
     parameters = scene.parameters
     angle = geometry.connector_angle
     rows = [
-        ('shell', f'mass {shell.mass:.6g} kg, {_inertia(parameters, "shell", shell.inertia)}'),
+        ('shell', f'mass {shell.mass:.6g} kg, {_inertia(scene, "shell", shell.inertia)}'),
         (
             '',
             f'edge 2a = {shell.edge_length:.6g} m, inner edge 2b = '
@@ -236,7 +237,7 @@ def _own_masses(scene: Scene) -> str:
     own = individual_masses(scene.parameters, scene.shell)
     parts = [
         f'{prefix}: {_edge(scene.parameters, prefix)}{mass:.6g} kg, '
-        f'{_inertia(scene.parameters, prefix, inertia)}'
+        f'{_inertia(scene, prefix, inertia)}'
         for prefix, (mass, inertia) in own.items()]
     return f' ({"; ".join(parts)})' if parts else ''
 
@@ -246,9 +247,12 @@ def _edge(parameters: Parameters, prefix: str) -> str:
     return f'edge 2a = {edge:.6g} m, ' if edge else ''
 
 
-def _inertia(parameters: Parameters, prefix: str, inertia: float) -> str:
-    moments = parameters[f'{prefix}.principal_inertia']
-    if any(moments):
+def _inertia(scene: Scene, prefix: str, inertia: float) -> str:
+    moments = scene.parameters[f'{prefix}.principal_inertia']
+    density = make_density(scene.parameters, prefix, scene.shell)
+    if density is not None:
+        moments = density.moments * (inertia / density.moments.min())
+    if np.any(moments):
         return f'inertia {vector(moments, "kg m^2")} about the body axes'
     return f'inertia {inertia:.6g} kg m^2'
 
