@@ -3,7 +3,7 @@
 """
 Mass and principal moments of a density in the shell that an expression of x, y, z gives.
 
-The centre of mass must be the centre of the shell, and the body axes must be principal axes.
+The centre of mass must be the centre of the shell.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,8 @@ class Density(NamedTuple):
     """Integrals of a density."""
 
     mass: float  # [kg]
-    moments: np.ndarray  # (3,) [kg m^2] about the body axes
+    moments: np.ndarray  # (3,) [kg m^2] about the principal axes
+    axes: np.ndarray | None  # (3, 3) principal axes in body axes, by rows; None: the body axes
     error: float  # estimate, relative
 
 
@@ -100,13 +101,11 @@ def _integrate(
             'density')
     moments = np.diag(found.inertia).copy()
     mean = float(moments.mean())
-    products = found.inertia - np.diag(moments)
-    if np.abs(products).max() > _SYMMETRY_RATIO * mean:
-        yz, xz, xy = -products[1, 2], -products[0, 2], -products[0, 1]
-        raise ParameterError(
-            name, f'{name} {text!r}: the integrals of y z, x z and x y over the mass are '
-            f'{yz:.6g}, {xz:.6g} and {xy:.6g} kg m^2; they must be 0, so that the body axes are '
-            'principal axes: make the density symmetric about two of them')
-    if np.ptp(moments) <= _SYMMETRY_RATIO * mean:
+    axes = None
+    if np.abs(found.inertia - np.diag(moments)).max() > _SYMMETRY_RATIO * mean:
+        moments, vectors = np.linalg.eigh(found.inertia)
+        vectors[:, 2] *= np.sign(np.linalg.det(vectors))
+        axes = vectors.T
+    elif np.ptp(moments) <= _SYMMETRY_RATIO * mean:
         moments[:] = mean
-    return Density(found.mass, moments, found.relative_error)
+    return Density(found.mass, moments, axes, found.relative_error)

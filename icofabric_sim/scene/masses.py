@@ -44,10 +44,11 @@ class BodyMasses(NamedTuple):
 
 
 class _MassProperties(NamedTuple):
-    """Mass [kg] and moments of inertia [kg m^2] about the body axes, (3,)."""
+    """Mass [kg] and moments of inertia [kg m^2] about the principal axes, (3,)."""
 
     mass: float
     moments: np.ndarray
+    axes: np.ndarray | None  # (3, 3) in body axes, by rows; None: the body axes
 
     @property
     def inertia(self) -> float:
@@ -72,7 +73,8 @@ def _all_masses(
     density = make_density(parameters, 'shell', shell)
     moments = _principal(parameters, 'shell', float(shell.mass), shell.half_edge, density)
     common = _MassProperties(
-        float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments)
+        float(shell.mass), np.full(3, float(shell.inertia)) if moments is None else moments,
+        None if density is None else density.axes)
     if moments is not None and parameters['shell.inertia']:
         raise ParameterError(
             'shell.principal_inertia', 'shell.principal_inertia and shell.inertia are both given: '
@@ -96,10 +98,12 @@ def _all_masses(
                     f'{prefix}.principal_inertia and {prefix}.inertia are both given: set one of '
                     'them to zero')
             _refuse_inertia(prefix, inertia, heavy, half_edge)
-            if moments is None:
-                moments = np.full(3, inertia) if inertia else common.moments * (
-                    heavy / common.mass * size**2)
-            found[prefix] = _MassProperties(heavy, moments)
+            axes = None if density is None else density.axes
+            if moments is None and inertia:
+                moments = np.full(3, inertia)
+            elif moments is None:
+                moments, axes = common.moments * (heavy / common.mass * size**2), common.axes
+            found[prefix] = _MassProperties(heavy, moments, axes)
     return common, found
 
 
@@ -117,7 +121,7 @@ def _refuse_inertia(prefix: str, inertia: float, mass: float, half_edge: float) 
 def _principal(
     parameters: Parameters, prefix: str, mass: float, half_edge: float, density: Density | None
 ) -> np.ndarray | None:
-    """Return the moments [kg m^2] about the body axes for a `mass` [kg]; None if not given."""
+    """Return the principal moments [kg m^2] for a `mass` [kg]; None if not given."""
     if density is not None:
         return density.moments * (mass / density.mass)
     name = f'{prefix}.principal_inertia'
@@ -170,6 +174,29 @@ def make_moments(
     for prefix, each in own.items():
         moments[_members(parameters, groups, prefix, bodies)] = each.moments
     return moments
+
+
+def make_principal_axes(
+    parameters: Parameters, shell: Shell, groups: Mapping[str, np.ndarray], bodies: int
+) -> np.ndarray | None:
+    """
+    Return the principal axes of all bodies in body axes, by rows, (n, 3, 3).
+
+    None if they are the body axes of all.
+    """
+    common, own = _all_masses(parameters, shell)
+    if all(each.axes is None for each in (common, *own.values())):
+        return None
+    axes = np.tile(np.eye(3) if common.axes is None else common.axes, (bodies, 1, 1))
+    for prefix, each in own.items():
+        axes[_members(parameters, groups, prefix, bodies)] = (
+            np.eye(3) if each.axes is None else each.axes)
+    return axes
+
+
+def turned_axes(tilted: np.ndarray | None, axes: np.ndarray) -> np.ndarray:
+    """Return principal axes by rows, in world components, from body axes (n, 3, 3)."""
+    return axes if tilted is None else np.asarray(np.einsum('bki,bij->bkj', tilted, axes))
 
 
 def moments_parameter_name(parameters: Parameters) -> str:

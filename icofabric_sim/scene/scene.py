@@ -57,6 +57,7 @@ from icofabric_sim.scene.masses import (
     individual_masses,
     make_masses,
     make_moments,
+    make_principal_axes,
     require_isotropic,
 )
 from icofabric_sim.scene.maxwell import make_arms, MaxwellArms
@@ -195,7 +196,9 @@ class Scene:
     shell: Shell
     masses: BodyMasses
     half_edges: np.ndarray | None  # (n,) [m]; None: all equal the shell's
-    principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] about the body axes, if any differ
+    principal_inertia: np.ndarray | None  # (n, 3) [kg m^2], if any differ
+    # (n, 3, 3) axes of these in body axes, by rows; None: the body axes
+    principal_axes: np.ndarray | None
     geometry: WeaveGeometry
     weave: Weave
     position: np.ndarray  # (n, 3) [m] woven rest positions, loose bodies last
@@ -368,6 +371,7 @@ class Scene:
             masses=masses,
             half_edges=half_edges,
             principal_inertia=moments,
+            principal_axes=make_principal_axes(checked, shell, groups, len(position)),
             geometry=geometry,
             weave=weave,
             position=position,

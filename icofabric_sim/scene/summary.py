@@ -252,6 +252,8 @@ def _inertia(scene: Scene, prefix: str, inertia: float) -> str:
     density = make_density(scene.parameters, prefix, scene.shell)
     if density is not None:
         moments = density.moments * (inertia / density.moments.min())
+        if density.axes is not None:
+            return f'inertia {vector(moments, "kg m^2")} about tilted axes'
     if np.any(moments):
         return f'inertia {vector(moments, "kg m^2")} about the body axes'
     return f'inertia {inertia:.6g} kg m^2'

@@ -14,7 +14,7 @@ from typing import Any
 
 from icofabric_sim import checks
 from icofabric_sim.checks import renamed_attributes
-from icofabric_sim.scene.masses import require_isotropic
+from icofabric_sim.scene.masses import require_isotropic, turned_axes
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.body_force import as_body_force, BodyForce, Force
@@ -299,7 +299,8 @@ def _inertia_scaling(here: Configuration) -> sparse.csr_matrix | None:
         return None
     roots = np.sqrt(moments.min(axis=1, keepdims=True) / moments)
     blocks = np.tile(np.eye(6), (len(moments), 1, 1))
-    blocks[:, 3:, 3:] = np.einsum('bki,bk,bkj->bij', here.axes, roots, here.axes)
+    axes = turned_axes(fabric.scene.principal_axes, here.axes)
+    blocks[:, 3:, 3:] = np.einsum('bki,bk,bkj->bij', axes, roots, axes)
     free = fabric.free.ravel()
     return sparse.csr_matrix(sparse.block_diag(list(blocks), format='csr')[free][:, free])
 

@@ -21,6 +21,7 @@ from icofabric_sim.checks import renamed_attributes
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.scene.body_sizes import size_parameter_names
 from icofabric_sim.scene.connector_groups import differ_by_direction_only
+from icofabric_sim.scene.masses import turned_axes
 from icofabric_sim.scene.scene import require_scene, Scene
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.statics.directional import (
@@ -174,8 +175,8 @@ def _inverse_sqrt_mass(fabric: StaticFabric, here: Configuration, body: int) -> 
     inverse: np.ndarray = np.diag(1.0 / fabric.root)
     moments = fabric.scene.principal_inertia
     if moments is not None:
-        # Rows are the axes of the body.
-        axes = here.axes[body]
+        # Rows are the principal axes of the body.
+        axes = turned_axes(fabric.scene.principal_axes, here.axes)[body]
         inverse[3:, 3:] = np.einsum('ki,k,kj->ij', axes, moments[body] ** -0.5, axes)
     return inverse
 

@@ -3,10 +3,10 @@
 """
 Bodies whose inertia is not isotropic: Euler's equations, with the gyroscopic term of eq 45.
 
-I d(omega)/dt = N - omega x (I omega), where I has the principal moments I_k about the body axes.
+I d(omega)/dt = N - omega x (I omega), where I has the principal moments I_k.
 In other modules a body has one inertia Lambda, its smallest moment, and torques add N / Lambda to
-slopes of spins. This module converts these slopes to d(omega)/dt. With m_k = I_k / Lambda, on body
-axes:
+slopes of spins. This module converts these slopes to d(omega)/dt. With m_k = I_k / Lambda, on the
+principal axes:
 
     d(omega)_k / dt = ((N / Lambda)_k - (omega x (m omega))_k) / m_k.
 """
@@ -21,8 +21,35 @@ import numpy as np
 class Gyration(Record):
     """Anisotropic inertias, see terms/gyration.py."""
 
-    # (3, s) principal moments of inertia about the body axes, over the smallest of the body
+    # (3, s) principal moments of inertia over the smallest of the body
     moments: np.ndarray
+    axes: np.ndarray | None  # (9, s) principal axes in body axes, by rows; None: the body axes
+
+
+@compiled
+def principal_axes(tilted: np.ndarray | None, orientation: np.ndarray, s: int) -> Nine:
+    """Return the principal axes of the bodies of a block in world components."""
+    if tilted is None:
+        return axes_of_lanes(orientation, s)
+    else:
+        axes = axes_of_lanes(orientation, s)
+        a = on_axes(axes, load(tilted, 0, s), load(tilted, 1, s), load(tilted, 2, s))
+        b = on_axes(axes, load(tilted, 3, s), load(tilted, 4, s), load(tilted, 5, s))
+        c = on_axes(axes, load(tilted, 6, s), load(tilted, 7, s), load(tilted, 8, s))
+        return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]
+
+
+@compiled
+def principal_axis_at(
+    tilted: np.ndarray | None, orientation: np.ndarray, k: int, s: int
+) -> tuple[float, float, float]:
+    """Return a principal axis of one slot in world components."""
+    if tilted is None:
+        return to_world(
+            orientation, s, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+    else:
+        return to_world(
+            orientation, s, tilted[3 * k, s], tilted[3 * k + 1, s], tilted[3 * k + 2, s])
 
 
 @compiled
@@ -34,7 +61,7 @@ def turn_by_moments(
     if gyration is None:
         return
     else:
-        axes = axes_of_lanes(orientation, s)
+        axes = principal_axes(gyration.axes, orientation, s)
         nx, ny, nz = on_body_axes(
             axes, load(angular, 0, s), load(angular, 1, s), load(angular, 2, s))
         ox, oy, oz = on_body_axes(
@@ -62,7 +89,7 @@ def turning_square(
     if gyration is None:
         return square
     else:
-        axes = axes_of_lanes(orientation, s)
+        axes = principal_axes(gyration.axes, orientation, s)
         ox, oy, oz = on_body_axes(
             axes, load(velocity, 0, s), load(velocity, 1, s), load(velocity, 2, s))
         return fma(load(gyration.moments, 0, s) * ox, ox, fma(
@@ -78,9 +105,9 @@ def turning_square_at(
     if gyration is None:
         return float(x * x + y * y + z * z)
     else:
-        ex, ey, ez = to_world(orientation, s, 1.0, 0.0, 0.0)
-        nx, ny, nz = to_world(orientation, s, 0.0, 1.0, 0.0)
-        ux, uy, uz = to_world(orientation, s, 0.0, 0.0, 1.0)
+        ex, ey, ez = principal_axis_at(gyration.axes, orientation, 0, s)
+        nx, ny, nz = principal_axis_at(gyration.axes, orientation, 1, s)
+        ux, uy, uz = principal_axis_at(gyration.axes, orientation, 2, s)
         along, across, up = (
             ex * x + ey * y + ez * z, nx * x + ny * y + nz * z, ux * x + uy * y + uz * z)
         return float(

@@ -154,7 +154,7 @@ def window_of(
             charge=cut(magnet.charge), moment=cut(magnet.moment), second=cut(magnet.second))
     gyration = model.gyration
     if gyration is not None:
-        gyration = gyration._replace(moments=cut(gyration.moments))
+        gyration = gyration._replace(moments=cut(gyration.moments), axes=cut(gyration.axes))
     shells = model.shells
     if shells is not None:
         shells = shells._replace(deeper=cut(shells.deeper))

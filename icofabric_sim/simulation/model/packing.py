@@ -130,6 +130,7 @@ class PackedScene:
     anchors_damped: bool
     arms: MaxwellArms | None  # of connectors
     principal_inertia: np.ndarray | None  # (n, 3) [kg m^2] of bodies that are not isotropic
+    principal_axes: np.ndarray | None  # (n, 3, 3) in body axes, by rows; None: the body axes
     woven: slice  # numbers of the connectors of the weave
     custom: CustomConnectors | None  # the others
 
@@ -283,7 +284,7 @@ def pack_scene(
         velocity_rate(model) + _own_rate(scene, model), breakage, body_force, external,
         pack_contact(scene, fall), masses, scene.supports is not None, scene.anchors_damped,
         scene.connectors.arms,
-        scene.principal_inertia, slice(0, len(woven)), scene.custom)
+        scene.principal_inertia, scene.principal_axes, slice(0, len(woven)), scene.custom)
 
 
 def _spread_masses(values: np.ndarray, layout: Layout) -> np.ndarray:
@@ -294,8 +295,12 @@ def _spread_masses(values: np.ndarray, layout: Layout) -> np.ndarray:
 def _pack_gyration(scene: Scene, layout: Layout) -> Gyration | None:
     if scene.principal_inertia is None:
         return None
-    return Gyration(layout.spread(
-        scene.principal_inertia / scene.principal_inertia.min(axis=1, keepdims=True), empty=1.0))
+    tilted = scene.principal_axes
+    return Gyration(
+        layout.spread(
+            scene.principal_inertia / scene.principal_inertia.min(axis=1, keepdims=True),
+            empty=1.0),
+        None if tilted is None else layout.spread(tilted.reshape(-1, 9)))
 
 
 def pack_supports(

@@ -14,6 +14,7 @@ from icofabric_sim.kernels.moments import moment_energy
 from icofabric_sim.kernels.obstruction import find_obstructed
 from icofabric_sim.kernels.outlines import fill_lengths, fill_lines
 from icofabric_sim.scene.initial import InitialState
+from icofabric_sim.scene.masses import turned_axes
 from icofabric_sim.scene.notebook import html_of
 from icofabric_sim.simulation.model.as_table import AsTable
 from icofabric_sim.simulation.model.packing import PackedScene
@@ -203,9 +204,10 @@ class Snapshot(AsTable):
         moments = self.packed.principal_inertia
         if moments is None:
             return np.asarray(self.packed.masses.inertia[:, None] * self.angular_velocity)
+        axes = turned_axes(
+            self.packed.principal_axes, cosines_from_quaternions(self.orientation))
         return np.einsum(
-            'bi,bij->bj', moments * self.angular_velocity_body,
-            cosines_from_quaternions(self.orientation))
+            'bi,bij->bj', moments * np.einsum('bij,bj->bi', axes, self.angular_velocity), axes)
 
     @cached_property
     def without_geodesic(self) -> np.ndarray:

@@ -19,6 +19,7 @@ from icofabric_sim.kernels.records import Loads, State
 from icofabric_sim.kernels.rhs import find_slopes, place_blocks
 from icofabric_sim.kernels.runtime.lanes import LANES
 from icofabric_sim.parameters.validation import Parameters
+from icofabric_sim.scene.masses import turned_axes
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.supports import fixed_freedoms
@@ -317,7 +318,7 @@ class LoadCells:
         if moments is None:
             return self._masses * acceleration
         _, orientation, _, spin = self._packed.layout.unpack(state)
-        axes = cosines_from_quaternions(orientation)
+        axes = turned_axes(self._packed.principal_axes, cosines_from_quaternions(orientation))
         own, turning = (
             np.einsum('bij,bj->bi', axes, values) for values in (spin, acceleration[:, 3:]))
         torque = moments * turning + np.cross(own, moments * own)
