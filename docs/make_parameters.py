@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Write docs/parameters.md from the tables in the code; a test keeps both in agreement.
+Write docs/parameters.md, and the table at the end of docs/adding_a_force.md, from the code.
 
     .venv/bin/python docs/make_parameters.py
 """
@@ -15,6 +15,7 @@ from icofabric_sim.parameters.table import (
     STATIC,
 )
 from icofabric_sim.simulation.stepping.methods import IMPLICIT, Method, METHODS
+from icofabric_sim.terms.registry import support_rows
 
 # Words of the column `change`.
 _CHANGE_WORDS = {
@@ -98,5 +99,14 @@ def text() -> str:
     return ''.join(parts)
 
 
+def with_support(page: str) -> str:
+    """Return docs/adding_a_force.md with the table of what does not compute a term."""
+    head, mark, table = page.partition('## What does not compute a term\n\n')
+    return head + mark + '\n'.join([*table.splitlines()[:2], *support_rows(), ''])
+
+
 if __name__ == '__main__':
-    (Path(__file__).parent / 'parameters.md').write_text(text(), encoding='utf-8')
+    folder = Path(__file__).parent
+    (folder / 'parameters.md').write_text(text(), encoding='utf-8')
+    forces = folder / 'adding_a_force.md'
+    forces.write_text(with_support(forces.read_text(encoding='utf-8')), encoding='utf-8')

@@ -4,11 +4,16 @@
 
 from fabrics import make_scene
 from icofabric_sim.kernels.records import Model
+from icofabric_sim.kernels.runtime.record import Record
 from icofabric_sim.parameters.validation import ParameterError
 from icofabric_sim.simulation.devices import refusals
+from icofabric_sim.simulation.devices.division import divide
+from icofabric_sim.simulation.devices.window import slots_of, window_of
+from icofabric_sim.simulation.model.packing import pack_scene
 from icofabric_sim.simulation.stepping.method_needs import required_method
 from icofabric_sim.terms.interface import PLACES
 from icofabric_sim.terms.registry import LAWS, LOADS, TERMS
+import numpy as np
 import pytest
 
 # Fields of the model that are no terms: the kernels of a GPU read all but the last.
@@ -69,3 +74,29 @@ def test_a_term_is_refused_where_the_registry_says(part, tmp_path):
     {'gravity': [0.0, 0.0, -9.8]}, {'connector.law': 'exponential', 'connector.alpha': 50.0}])
 def test_other_terms_are_computed_everywhere(changes):
     assert not any(is_refused(place, changes) for place in PLACES)
+
+
+class Uncut(Record):
+    """A term with a number for each body."""
+
+    moment: np.ndarray
+
+
+def test_kernels_of_a_gpu_compute_all_terms_that_the_registry_does_not_exclude():
+    pytest.importorskip('warp')
+    from icofabric_sim.simulation.devices.gpu.arrays import COMPUTED, fabric_of
+    from icofabric_sim.simulation.devices.gpu.opening import open_device
+
+    assert {term.name for term in TERMS if 'GPU' not in term.lacks} == COMPUTED
+    packed = pack_scene(make_scene((2, 2, 1), {**NEVER, **WITH['maxwell']}))
+    with pytest.raises(NotImplementedError, match='the term maxwell'):
+        fabric_of(packed.model, packed.layout, open_device('warp_cpu'))
+
+
+def test_ranks_refuse_an_array_of_the_whole_fabric():
+    packed = pack_scene(make_scene((4, 4, 4), {**NEVER, **WITH['drag']}))
+    part = divide(packed.layout, packed.model.links, 2)[0]
+    slots = slots_of(packed.model, packed.layout, part)
+    uncut = packed.model._replace(drag=Uncut(np.ones((1, packed.layout.slot_count))))
+    with pytest.raises(NotImplementedError, match='moment of the term drag'):
+        window_of(uncut, packed.layout, part, slots, np.zeros(0, np.int32))

@@ -18,7 +18,7 @@ from icofabric_sim.simulation.devices.near_pairs import LOSING_EACH, TOUCHING_EA
 from icofabric_sim.simulation.model.layout import aligned_empty, aligned_zeros, Layout
 from icofabric_sim.terms.contacts.record import Watch
 from icofabric_sim.terms.laws import Laws
-from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.registry import LAWS, TERMS
 from icofabric_sim.terms.shared import Variety
 from icofabric_sim.terms.tractions.record import Tractions
 import numpy as np
@@ -160,13 +160,26 @@ def window_of(
         shells = shells._replace(deeper=cut(shells.deeper))
     numbers = np.zeros(len(layout.blocks.slot), np.int64)
     numbers[blocks] = np.arange(len(blocks))
+    own_model = model._replace(
+        blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
+        supports=supports, masses=masses, contacts=None, damping=damping, maxwell=maxwell,
+        magnet=magnet, gyration=gyration, shells=shells)
+    _require_cut(model, own_model, layout.slot_count)
     return Window(
-        model._replace(
-            blocks=Blocks(slot, alive, 0), links=links, bending=bending, twisting=twisting,
-            supports=supports, masses=masses, contacts=None, damping=damping, maxwell=maxwell,
-            magnet=magnet, gyration=gyration, shells=shells),
+        own_model,
         _exchange(part, numbers, slot, samples), slot_count, model.blocks.alive[blocks].copy(),
         group_size(len(layout.blocks.slot)))
+
+
+def _require_cut(whole: Model, own: Model, slot_count: int) -> None:
+    """Raise NotImplementedError if a term has an array of all `slot_count` slots as it was."""
+    for term in TERMS:
+        record = getattr(own, term.name, None)
+        for name, values in record._asdict().items() if record is not None else ():
+            if values is getattr(getattr(whole, term.name), name) and (
+                    isinstance(values, np.ndarray) and values.shape[-1:] == (slot_count,)):
+                raise NotImplementedError(
+                    f'ranks have no part of {name} of the term {term.name}; cut it in window_of')
 
 
 def _laws_of(laws: Laws | None, slots: Slots) -> Laws | None:

@@ -50,6 +50,7 @@ from icofabric_sim.terms.gravity.record import Gravity
 from icofabric_sim.terms.gyration import Gyration
 from icofabric_sim.terms.masses import Masses
 from icofabric_sim.terms.profiles import Varying
+from icofabric_sim.terms.registry import TERMS
 from icofabric_sim.terms.shared import Connectors, LINK_COUNT
 import numpy as np
 
@@ -60,6 +61,8 @@ _ZERO_VECTOR = np.zeros(3)
 # Stiffness on one side of the natural length over that on the other up to which a connector is
 # slack there: the period is 10 times as long or more.
 _SLACK_STIFFNESS_RATIO = 1e-2
+# Terms with a velocity-dependent force that takes no energy, or only in some scenes.
+_OFTEN_LOSSLESS = ('ties', 'wrapping', 'contacts', 'magnet')
 
 
 class WrenchRow(NamedTuple):
@@ -161,10 +164,11 @@ class PackedScene:
     def spends(self) -> bool:
         """True if forces dissipate energy."""
         model = self.model
-        return self.anchors_damped or model.damping is not None or (
-            model.maxwell is not None or model.drag is not None) or (
+        return self.anchors_damped or (
             model.ties is not None and model.ties.damping is not None) or (
-            self.contact is not None and self.contact.spends)
+            self.contact is not None and self.contact.spends) or any(
+            getattr(model, term.name) is not None for term in TERMS
+            if term.has('velocity_force') and term.name not in _OFTEN_LOSSLESS)
 
     def pack(self, initial: InitialState, rest: np.ndarray | None = None) -> State:
         """

@@ -9,15 +9,18 @@ Numba compiles a kernel for each type of its records, and the type encodes which
 from typing import Generic, TypeVar
 
 from icofabric_sim.kernels.records import Record
+from icofabric_sim.terms import registry as terms
 
 Kind = TypeVar('Kind', bound=Record)
 
 # Terms of a model that springs and moments of connectors do not depend on.
-BESIDE_CONNECTORS = (
-    'damping', 'drag', 'magnet', 'dipole', 'coulomb', 'shells', 'wrapping', 'contacts', 'masses',
-    'maxwell', 'gyration', 'ties')
+BESIDE_CONNECTORS = ('shells', 'masses', 'gyration', *(
+    term.name for term in terms.TERMS if term.has('record') and term.name != 'gravity'
+    and (term.energy == 'fields' or not term.has('tangent'))))
 # Terms of a model that accelerations do not depend on, apart from loads and losses.
-BESIDE_ACCELERATIONS = ('damping', 'drag', 'magnet', 'shells', 'masses')
+BESIDE_ACCELERATIONS = ('shells', 'masses', *(
+    term.name for term in terms.TERMS if term.has('record') and term.has('velocity_force')
+    and not term.has('force') and not term.has('bound')))
 # All terms of a model except gravity and supports, which never change its type.
 TERMS = ('links', 'bending', 'twisting', *BESIDE_CONNECTORS)
 # Loads other than the paths of drives.

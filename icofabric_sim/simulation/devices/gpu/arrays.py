@@ -13,7 +13,7 @@ from icofabric_sim.simulation.devices.gpu.opening import Device
 from icofabric_sim.simulation.devices.gpu.records import Fabric
 from icofabric_sim.simulation.model.layout import has_jumps, Layout
 from icofabric_sim.terms.bending.record import Bending
-from icofabric_sim.terms.registry import LAWS
+from icofabric_sim.terms.registry import LAWS, TERMS
 from icofabric_sim.terms.shared import LINK_COUNT
 from icofabric_sim.terms.twisting.record import Twisting
 import numpy as np
@@ -27,6 +27,9 @@ POSE, MOTION = 7, 6
 _START_ROWS, _FORCE_ROWS = 3 * LINK_COUNT, 4 * LINK_COUNT
 # Further doubles for contacts: pose at the last search, contact forces, displacement.
 _CONTACT_ROWS = POSE + MOTION + 1
+# Terms that kernels here and in contact.py compute.
+COMPUTED = frozenset({
+    'links', 'bending', 'twisting', 'dipole', 'damping', 'drag', 'gravity', 'contacts'})
 # Fields of paths, see records.py.
 _PATHS = 'start', 'cubic', 'wave', 'rate', 'phase', 'base', 'turn', 'arm', 'first'
 
@@ -139,7 +142,14 @@ def _law_row_count(links: Links | None) -> int:
 
 
 def fabric_of(model: Model, layout: Layout, device: Device) -> Any:
-    """Copy the constants of a scene to the device."""
+    """
+    Copy the constants of a scene to the device.
+
+    Raises NotImplementedError for a term that kernels of a GPU do not compute.
+    """
+    for term in TERMS:
+        if term.name not in COMPUTED and getattr(model, term.name, None) is not None:
+            raise NotImplementedError(f'kernels of a GPU do not compute the term {term.name}')
     terms, fabric = terms_of(model, loaded=False), Fabric()
     fabric.slot = _integers(model.blocks.slot, wp.int32, device)
     fabric.alive = _integers(model.blocks.alive, wp.uint8, device)
