@@ -91,11 +91,12 @@ def classify(
     Write the class of the strain of every connector: the number of `bounds` that it exceeds.
 
     `natural_length` (c,), or (1,) for all; `classes` (c,) uint8; `counts` of each class, one more
-    than the bounds. NaN exceeds all bounds.
+    than the bounds. NaN exceeds all bounds. Hinges, of natural length 0, have no strain.
     """
     counts[:] = 0
     for c in range(lengths.shape[0]):
-        strain = lengths[c] / natural_length[c if c < natural_length.shape[0] else 0] - 1.0
+        rest = natural_length[c if c < natural_length.shape[0] else 0]
+        strain = lengths[c] / rest - 1.0 if rest > 0.0 else 0.0
         number = 0
         for k in range(bounds.shape[0]):
             if not strain <= bounds[k]:

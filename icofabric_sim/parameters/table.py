@@ -527,6 +527,12 @@ FAMILIES: dict[str, tuple[Specification, ...]] = {
     'connectors': (
         _s('bodies', [0, 0], '', 'two bodies that a custom connector joins', minimum=0),
         _s('points', [0.0] * 6, 'm', 'attachment point on each, from its centre, its axes'),
+        _s('kind', 'spring', '',
+           'hinge: a point common to both at rest, held by a stiff spring of length 0; only the '
+           'first point is given',
+           choices=('spring', 'hinge')),
+        _s('axis', _ZERO3, '',
+           'hinge: axis of rotation, axes of the first body; zero: rotations are free'),
         _s('file', '', '', 'instead: CSV of body, body, x, y, z, x, y, z [m] for each connector'),
         _s('stiffness', -1.0, 'N/m',
            'k in extension and compression; negative: as in connector.*'),

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from icofabric_sim.geometry.icosahedron import vertices
 from icofabric_sim.geometry.rotations import cosines_from_quaternions
 from icofabric_sim.pictures.moment import Moment
+from icofabric_sim.scene.connector_laws import strain_of
 from icofabric_sim.scene.planes import make_planes
 from icofabric_sim.scene.scene import Scene
 from icofabric_sim.scene.shell_gaps import find_contacts
@@ -97,7 +98,7 @@ def connector_segments(
 
 def strains(scene: Scene, length: np.ndarray) -> np.ndarray:
     """Strain (l - D) / D of connectors of given lengths [m], (c,)."""
-    return np.asarray(length / scene.connectors.natural_length - 1.0)
+    return strain_of(length, scene.connectors.natural_length)
 
 
 def tensions(scene: Scene, length: np.ndarray) -> np.ndarray:

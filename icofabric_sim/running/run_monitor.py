@@ -8,6 +8,7 @@ from icofabric_sim.messages import topics
 from icofabric_sim.messages.topics import Topic
 from icofabric_sim.parameters.validation import Parameters
 from icofabric_sim.running.run_records import Status
+from icofabric_sim.scene.connector_laws import strain_of
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.reports.divergence import Companion
 from icofabric_sim.simulation.simulation import Simulation
@@ -73,7 +74,7 @@ class RunMonitor:
         self.count += 1
         if snapshot.connector_count and len(snapshot.connector_length):
             natural = self._simulation.scene.connectors.natural_length
-            strain = snapshot.connector_length / natural - 1.0
+            strain = strain_of(snapshot.connector_length, natural)
             if snapshot.broken_since is not None:
                 strain[~snapshot.intact] = 0.0
             high, low = int(np.argmax(strain)), int(np.argmin(strain))

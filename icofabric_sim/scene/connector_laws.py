@@ -116,6 +116,13 @@ class ConnectorCurves(NamedTuple):
 NO_CURVES = ConnectorCurves((), np.zeros(0, np.int64))
 
 
+def strain_of(length: np.ndarray, natural_length: np.ndarray | float) -> np.ndarray:
+    """Return the strains (l - D) / D of connectors, (c,); 0 for hinges, whose D is 0."""
+    rest = np.broadcast_to(natural_length, length.shape)
+    ratio: np.ndarray = np.divide(length, rest, out=np.ones(length.shape), where=rest > 0.0)
+    return ratio - 1.0
+
+
 def make_laws(
     parameters: Parameters, length: float | np.ndarray, members: Mapping[str, np.ndarray],
     count: int

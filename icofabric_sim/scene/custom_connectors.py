@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The icofabric_sim authors
 # SPDX-License-Identifier: Apache-2.0
-"""Custom connectors, `connectors.NAME`: springs between any points of any two bodies."""
+"""
+Custom connectors, `connectors.NAME`: springs and hinges between any points of any two bodies.
+
+A hinge is a penalty spring of natural length 0 between points that coincide at rest. With an axis
+it is two such springs of half the stiffness, at the distances a on either side of the point.
+"""
 
 from typing import NamedTuple
 
@@ -23,7 +28,7 @@ class CustomConnectors(NamedTuple):
     bodies: np.ndarray  # (m, 2) int32, the lower number first
     points: np.ndarray  # (m, 2, 3) [m] in the axes of each body
     length: np.ndarray  # (m,) [m] between bodies at rest
-    laws: np.ndarray  # (3, m) k_e [N/m], k_c [N/m], D [m]
+    laws: np.ndarray  # (3, m) k_e [N/m], k_c [N/m], D [m]; D of hinges is 0
     damping: np.ndarray  # (m,) [N s/m]
     limits: np.ndarray  # (2, m) L_e and L_c [m]; infinite and 0: never
 
@@ -47,18 +52,31 @@ def make_custom_connectors(
                 prefix, f'{prefix}: custom connectors are straight; take connector.obstruction '
                 'warn or stop, or leave them out')
         bodies, points = _ends(parameters, prefix, len(position))
-        arms = np.einsum('mei,meij->mej', points, axes[bodies])
-        ends = position[bodies] + arms
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        if not (length > _MIN_LENGTH_RATIO * geometry.pitch).all():
-            one, two = bodies[int(np.argmin(length))].tolist()
-            raise ParameterError(
-                f'{prefix}.points', f'{prefix}.points: the points on bodies {one} and {two} '
-                'coincide at rest, so the connector has no direction; move one of them')
-        laws = np.array([spring_law(parameters, prefix, own) for own in length.tolist()])
-        damping = parameters[f'{prefix}.damping']
-        limits = [_limits(parameters, prefix, rest, own)
-                  for rest, own in zip(laws[:, 2].tolist(), length.tolist())]
+        damping, hinged = parameters[f'{prefix}.damping'], parameters[f'{prefix}.kind'] == 'hinge'
+        if hinged:
+            bodies, points = _hinge_ends(
+                parameters, prefix, bodies, points, position, axes, geometry)
+            length = np.zeros(len(bodies))
+            stiffness = spring_law(parameters, prefix, geometry.connector_length)[0]
+            share = 0.5 if any(parameters[f'{prefix}.axis']) else 1.0
+            laws = np.tile([share * stiffness, share * stiffness, 0.0], (len(bodies), 1))
+            limits = [_hinge_limits(parameters, prefix)] * len(bodies)
+            damping = 0.0
+        else:
+            _refuse(parameters, prefix, ('axis',), 'only hinges have it; set kind to hinge')
+            ends = position[bodies] + np.einsum('mei,meij->mej', points, axes[bodies])
+            length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+            if not (length > _MIN_LENGTH_RATIO * geometry.pitch).all():
+                one, two = bodies[int(np.argmin(length))].tolist()
+                raise ParameterError(
+                    f'{prefix}.points', f'{prefix}.points: the points on bodies {one} and {two} '
+                    'coincide at rest, so the connector has no direction; move one of them, or '
+                    'set kind to hinge')
+            laws = np.array([spring_law(parameters, prefix, own) for own in length.tolist()])
+            limits = [_limits(parameters, prefix, rest, own)
+                      for rest, own in zip(laws[:, 2].tolist(), length.tolist())]
+        turned = bodies[:, 0] > bodies[:, 1]
+        bodies[turned], points[turned] = bodies[turned, ::-1], points[turned, ::-1]
         names += [name] * len(bodies)
         columns.append((
             bodies, points, length, laws,
@@ -87,10 +105,58 @@ def _limits(
     return limits
 
 
+def _refuse(
+    parameters: Parameters, prefix: str, fields: tuple[str, ...], why: str
+) -> None:
+    """Raise ParameterError for the first of these fields that is above 0."""
+    for field in fields:
+        value = parameters[f'{prefix}.{field}']
+        if any(np.atleast_1d(value) > 0.0) or (field == 'axis' and any(value)):
+            raise ParameterError(f'{prefix}.{field}', f'{prefix}.{field} {value!r}: {why}')
+
+
+def _hinge_limits(parameters: Parameters, prefix: str) -> AnchorLimits:
+    """Return the opening [m] at which a hinge breaks, without other properties of springs."""
+    _refuse(
+        parameters, prefix,
+        ('natural_length', 'damping', 'break_length_compression', 'stiffness_compression'),
+        'a hinge has none; leave it out')
+    longest = parameters[f'{prefix}.break_length_extension']
+    # Below the length 0 of a closed hinge.
+    return AnchorLimits(longest, -1.0) if longest > 0.0 else AnchorLimits()
+
+
+def _hinge_ends(
+    parameters: Parameters, prefix: str, bodies: np.ndarray, points: np.ndarray,
+    position: np.ndarray, axes: np.ndarray, geometry: WeaveGeometry
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return bodies and points of hinges, whose second point is the place of the first at rest."""
+    axis = np.array(parameters[f'{prefix}.axis'])
+    size = float(np.linalg.norm(axis))
+    if size > 0.0:
+        arm = geometry.half_edge / size * axis
+        bodies = np.repeat(bodies, 2, axis=0)
+        points = np.repeat(points, 2, axis=0)
+        points[0::2, 0] += arm
+        points[1::2, 0] -= arm
+    one, two = bodies.T
+    place = position[one] + np.einsum('mi,mij->mj', points[:, 0], axes[one])
+    second = np.einsum('mj,mij->mi', place - position[two], axes[two])
+    given = points[:, 1].any(axis=1)
+    if given.any() and not size > 0.0:
+        apart = np.linalg.norm(second - points[:, 1], axis=1)[given]
+        if (apart > _MIN_LENGTH_RATIO * geometry.pitch).any():
+            raise ParameterError(
+                f'{prefix}.points', f'{prefix}.points: the points are {apart.max():.6g} m apart '
+                'at rest, and a hinge joins one place; set the last three numbers to 0')
+    points[:, 1] = second
+    return bodies, points
+
+
 def _ends(
     parameters: Parameters, prefix: str, body_count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bodies (m, 2), the lower one first, and points (m, 2, 3) [m] of `connectors.NAME`."""
+    """Return bodies (m, 2) and points (m, 2, 3) [m] of `connectors.NAME`."""
     pair, points = parameters[f'{prefix}.bodies'], parameters[f'{prefix}.points']
     file, key = parameters[f'{prefix}.file'].strip(), f'{prefix}.bodies'
     rows = np.array([[*pair, *points]], float)
@@ -109,7 +175,4 @@ def _ends(
         raise ParameterError(
             key, f'{key} must name two different bodies, numbered 0 to {body_count - 1}, got '
             f'{bodies[int(np.argmax(bad))].tolist()}')
-    ends, places = bodies.astype(np.int32), rows[:, 2:].reshape(-1, 2, 3)
-    turned = ends[:, 0] > ends[:, 1]
-    ends[turned], places[turned] = ends[turned, ::-1], places[turned, ::-1]
-    return ends, places
+    return bodies.astype(np.int32), rows[:, 2:].reshape(-1, 2, 3).copy()

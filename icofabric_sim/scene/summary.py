@@ -174,8 +174,8 @@ def _custom(scene: Scene) -> str:
 
 
 def _springs(scene: Scene) -> str:
-    laws, length = scene.connectors.laws, scene.connectors.woven_length
-    curves = scene.connectors.curves.curves
+    laws, length = scene.woven.laws, scene.woven.woven_length
+    curves = scene.woven.curves.curves
     if curves:
         text = f'by {", ".join(curve.text for curve in curves)}'
     elif laws.is_single_linear_spring:
@@ -189,14 +189,14 @@ def _springs(scene: Scene) -> str:
     if strain.any():
         text += f' (woven at a strain of {_range(100.0 * strain)} %)'
     for name in ('bending', 'twisting'):
-        stiffness = getattr(scene.connectors, f'{name}_stiffness')
+        stiffness = getattr(scene.woven, f'{name}_stiffness')
         if stiffness.any():
             text += f', {name} stiffness {_range(stiffness)} N m/rad'
-    arms = scene.connectors.arms
+    arms = scene.woven.arms
     if arms is not None:
         text += (f', Maxwell arms of {_range(arms.stiffness)} N/m that relax in '
                  f'{_range(arms.time[arms.time > 0.0])} s')
-    limits = scene.connectors.limits
+    limits = scene.woven.limits
     for word, values in () if limits is None else (
             ('longer', limits.longest), ('shorter', limits.shortest)):
         given = values[np.isfinite(values) & (values > 0.0)]

@@ -13,7 +13,7 @@ eliminated, so that the soft block keeps its accuracy.
 """
 
 from icofabric_sim.statics.fabric import Configuration
-from icofabric_sim.statics.mechanisms import count_mechanisms, sparse_compatibility
+from icofabric_sim.statics.mechanisms import count_mechanisms, rows_of, sparse_compatibility
 from icofabric_sim.statics.sides import rounding_of
 import numpy as np
 from scipy import sparse
@@ -114,8 +114,7 @@ def without_slopes(here: Configuration) -> Configuration:
 
 def _slopes(here: Configuration) -> np.ndarray:
     """Return the stiffnesses [N/m] of the rows of the compatibility matrix."""
-    slope = here.slope[(here.slope != 0.0) & here.snapshot.intact]
-    return np.concatenate([slope, here.anchor_slope])
+    return np.concatenate([here.slope[rows_of(here)], here.anchor_slope])
 
 
 def _squares(matrix: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:

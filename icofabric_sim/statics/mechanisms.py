@@ -13,7 +13,7 @@ from the rank of A.
 from typing import NamedTuple
 
 from icofabric_sim.statics.fabric import Configuration
-from icofabric_sim.statics.wrapped import length_gradients
+from icofabric_sim.statics.wrapped import directions_of, length_gradients
 import numpy as np
 from scipy import sparse
 
@@ -45,18 +45,20 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
     Return changes of length of connectors and anchors by motions of free degrees of freedom.
 
     (c, f), scaled by the square roots of masses and inertias [1/sqrt(kg)]. Broken connectors and
-    connectors without stiffness have no row.
+    connectors without stiffness have no row; a hinge has three, one for each direction.
     """
-    fabric, snapshot = here.fabric, here.snapshot
+    fabric = here.fabric
     scene, ends = fabric.scene, here.free_ends
     bodies = scene.connectors.bodies if len(ends) else np.zeros((0, 2), int)
-    chosen = np.flatnonzero((here.slope != 0.0) & snapshot.intact)
+    chosen = rows_of(here)
     bodies, ends = bodies[chosen], ends[chosen]
+    direction, hinged = directions_of(ends), here.fabric.laws.natural_length[chosen] == 0.0
+    direction[hinged] = np.tile(np.eye(3), (int(hinged.sum()) // 3, 1))
     anchors = fabric.anchors.directions(here.position, here.axes)
     # For each row the numbers of the bodies, and the derivatives of the length by their motions.
     joined = [*bodies.T, np.array([body for body, _, _ in anchors], int)]
     changes = [
-        *length_gradients(ends, here.position[bodies]),
+        *length_gradients(ends, here.position[bodies], direction),
         np.array([-np.hstack([along, np.cross(arm, along)])
                   for _, arm, along in anchors]).reshape(-1, 6)]
     number = np.arange(len(chosen))
@@ -68,6 +70,12 @@ def sparse_compatibility(here: Configuration) -> sparse.csr_matrix:
          (np.repeat(rows, 6), columns.ravel())),
         shape=(len(chosen) + len(anchors), 6 * scene.body_count))
     return matrix[:, np.flatnonzero(fabric.free.ravel())]
+
+
+def rows_of(here: Configuration) -> np.ndarray:
+    """Return the numbers of the connectors in the rows of the compatibility matrix."""
+    chosen = np.flatnonzero((here.slope != 0.0) & here.snapshot.intact)
+    return np.repeat(chosen, np.where(here.fabric.laws.natural_length[chosen] == 0.0, 3, 1))
 
 
 def compatibility_matrix(here: Configuration) -> np.ndarray:

@@ -28,18 +28,28 @@ class Wrapped(NamedTuple):
     second: np.ndarray
 
 
-def length_gradients(ends: np.ndarray, position: np.ndarray) -> np.ndarray:
+def length_gradients(
+    ends: np.ndarray, position: np.ndarray, direction: np.ndarray | None = None
+) -> np.ndarray:
     """
     Return first derivatives (2, w, 6) of distances by motions of the bodies at either end.
 
-    The `ends` (w, 2, 3) move with the bodies at `position` (w, 2, 3); all world [m].
+    The `ends` (w, 2, 3) move with the bodies at `position` (w, 2, 3); all world [m]. With a
+    `direction` (w, 3), the derivatives are those of the component of the distance along it.
     """
-    reach = ends[:, 1] - ends[:, 0]
-    direction = reach / np.linalg.norm(reach, axis=1, keepdims=True)
+    if direction is None:
+        direction = directions_of(ends)
     arms = ends - position
     return np.stack([
         sign * np.hstack([direction, np.cross(arms[:, end], direction)])
         for end, sign in ((0, -1.0), (1, 1.0))])
+
+
+def directions_of(ends: np.ndarray) -> np.ndarray:
+    """Return unit vectors (w, 3) from first to second `ends` (w, 2, 3); 0 if these coincide."""
+    reach = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(reach, axis=1, keepdims=True)
+    return np.divide(reach, length, out=np.zeros_like(reach), where=length > 0.0)
 
 
 def find_wrapped(

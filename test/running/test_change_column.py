@@ -94,6 +94,7 @@ NEEDED = {
     'anchors.': {'anchors.it.position': [0.0, 0.0, 0.2]},
     'connectors.': {'connectors.it.bodies': [0, 3]},
     'connectors.it.file': {'connectors.it.bodies': [0, 0], 'connectors.it.file': 'ties.csv'},
+    'connectors.it.axis': {'connectors.it.kind': 'hinge'},
     'connectors.it.damping': _DISSIPATIVE,
     'connectors.it.break_length_extension': _DISSIPATIVE,
     'connectors.it.break_length_compression': _DISSIPATIVE,

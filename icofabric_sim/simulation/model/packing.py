@@ -648,7 +648,7 @@ def expected_strain(scene: Scene, liveliness: float, frequency: float) -> float:
     `liveliness` [1/s] is the speed over a. The result is 0 for a fabric that is too large for
     Runge-Kutta methods.
     """
-    lengths = scene.connectors.laws.natural_length
+    lengths = scene.woven.laws.natural_length
     # Tabulated laws have one length for each connector: none without connectors.
     if not (frequency > 0.0 and 0 < scene.body_count <= _MAX_RUNGE_KUTTA_BODIES and len(lengths)):
         return 0.0

@@ -72,7 +72,8 @@ def tie_blocks(
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-150)
     n = along / length[:, None]
     outer = n[:, :, None] * n[:, None, :]
-    across = (tension / length)[:, None, None]
+    # A hinge, of natural length 0, is as stiff in all directions.
+    across = np.where(custom.laws[2] > 0.0, tension / length, slope)[:, None, None]
     stiff = slope[:, None, None] * outer + across * (np.eye(3) - outer)
     moves = np.zeros((len(n), 3, 12))
     turned = np.zeros((len(n), 12, 12))

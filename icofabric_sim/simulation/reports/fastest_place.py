@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Location of the fastest motion of a run: a connector, a contact, or a spinning body."""
 
+from icofabric_sim.scene.connector_laws import strain_of
 from icofabric_sim.simulation.model.snapshot import Snapshot
 from icofabric_sim.simulation.stepping.driver import Driver
 from icofabric_sim.simulation.stepping.motion_rates import Term
@@ -48,6 +49,6 @@ def _stiffest_connector(driver: Driver) -> str:
     ends[~snapshot.intact] = 0
     if not ends.any():
         return text
-    strain = np.abs(snapshot.connector_length / connectors.natural_length - 1.0)
+    strain = np.abs(strain_of(snapshot.connector_length, connectors.natural_length))
     number = int(np.argmax(np.where(ends == ends.max(), strain, -1.0)))
     return f'{text}, at connector {number} between bodies {first[number]} and {second[number]}'
